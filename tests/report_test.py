@@ -361,7 +361,7 @@ class Input(InTemporaryFolder):
 
     def test_a_haptic_study_has_its_histograms(self):
         def drawn(result):
-            made = report(self.write("a.json", result), "--out", self.out)
+            made = report(self.write("a.json", result), "--out", self.out, "--figures", self.folder / "figures")
             self.assertEqual(made.returncode, 0, made.stderr)
             return figures_of(self.out)
 

@@ -181,7 +181,8 @@ def template():
         return re.sub(r"\s*\n\s*", " ", re.sub(r"(?<=[>}])\s*\n\s*|\s*\n\s*(?=[<{])", "", text_of(name).strip()))
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, loader=jinja2.FunctionLoader(source))
     shared = (figures.engineering, figures.error_text, figures.fastest_within, figures.groups, figures.listed, figures.percent,
-              figures.time_text, reading.family, result_files.spread_of, math.log, amount, captions, each_at_its_best, exact_enough, key, remarks_of, shown_by)
+              figures.time_text, figures.colour_of, reading.family, result_files.spread_of, math.log, amount, captions, each_at_its_best,
+              exact_enough, key, remarks_of, shown_by)
     environment.globals |= {function.__name__: function for function in shared} | {
         "base64": lambda data: base64.b64encode(data).decode(), "outlines": OUTLINES,
         "shapes": figures.SHAPES, "quantities": QUANTITIES, "small_error": SMALL_ERROR, "min_spread": result_files.MIN_SPREAD,
@@ -204,10 +205,11 @@ def page(results, pictures, left_out):
     for result in results:
         weight[result.machine] += len(result.lists["benchmarks"])
     results = sorted(results, key=lambda result: -weight[result.machine])
-    charts, drawn = figures.all_figures(results)
+    backends, drawn = figures.all_figures(results)
     runs, found = figures.latest_runs(results), figures.outcomes(results, reading.measured(results))
     machine, title, lead = headline(found, runs, drawn)
-    answers = {name: answer([result for result in results if result.machine == name], found.get(name), [row for row in runs if row["machine"] == name])
+    answers = {name: answer([result for result in results if result.machine == name], found.get(name),
+                            [row for row in runs if row["machine"] == name])
                for name in dict.fromkeys(list(found) + figures.distinct(runs, "machine"))}
     papers = {(result.machine, block["scene"], reading.contender(block)): block["paper"]["ratio"]
               for result in results for block in result.lists["fastest"]
@@ -215,7 +217,7 @@ def page(results, pictures, left_out):
     data = json.dumps({"config": figures.CONFIG, "figures": [compact(figure) for figure in drawn]}, ensure_ascii=False, separators=(",", ":"))
     errors = [pair[1].about for pair in pictures.values()]
     return template().render(
-        charts=charts, results=results, machine=machine, title=title, lead=lead, answers=answers, papers=papers, drawn=drawn,
+        backends=backends, results=results, machine=machine, title=title, lead=lead, answers=answers, papers=papers, drawn=drawn,
         pictures=pictures, left_out=left_out, worst=max(errors, key=lambda about: about["largest"], default=None),
         renderers=figures.listed(dict.fromkeys(picture.about["renderer"] for pair in pictures.values() for picture in pair)),
         scenes=sorted({row["scene"] for result in results for name in reading.MEASURED for row in result.lists[name]}, key=reading.natural),

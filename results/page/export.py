@@ -26,10 +26,12 @@ def with_legends(spec, rows):
     if not isinstance(spec, dict):
         return spec
     spec = {key: with_legends(value, rows) for key, value in spec.items() if not (key == "legend" and value is None)}
-    domain, values = (spec.get("scale") or {}).get("domain"), {row.get(spec.get("field")) for row in rows}
-    if "range" in (spec.get("scale") or {}) and isinstance(domain, list) and all(isinstance(name, str) for name in domain):
-        kept = [(name, shown) for name, shown in zip(domain, spec["scale"]["range"]) if name in values]
-        spec["scale"] = spec["scale"] | {"domain": [name for name, _ in kept], "range": [shown for _, shown in kept]}
+    scale = spec.get("scale") or {}
+    domain = scale.get("domain")
+    if "range" in scale and isinstance(domain, list) and all(isinstance(name, str) for name in domain):
+        values = {row.get(spec.get("field")) for row in rows}
+        kept = [(name, shown) for name, shown in zip(domain, scale["range"]) if name in values]
+        spec["scale"] = scale | {"domain": [name for name, _ in kept], "range": [shown for _, shown in kept]}
     return spec
 
 

@@ -55,28 +55,6 @@ class Panel:
     step: tuple = None  # (key, pixels): the chart is that high for each value of key among the rows shown
 
 
-@dataclass
-class Figure:
-    name: str
-    findings: list  # of (machine, a line, more of it or nothing)
-    columns: list  # of (key, label, digits or None for text)
-    rows: list
-    panels: list
-    results: list
-    legend: str = "backend"
-
-    @property
-    def title(self):
-        """One line: what was found on the machine that comes first."""
-        return sentence(self.findings[0][1])
-
-    @property
-    def detail(self):
-        """All of it, machine by machine."""
-        told = [(machine, more or line) for machine, line, more in self.findings]
-        return by_machine(told) + "." if len(told) > 1 or self.findings[0][2] else ""
-
-
 def engineering(value, unit):
     """1234567 and "springs/s" as 1.23 M springs/s."""
     for factor, prefix in ((1e12, "T"), (1e9, "G"), (1e6, "M"), (1e3, "k")):
@@ -263,33 +241,44 @@ def scale(values, **options):
     return alt.Scale(type="log" if wide else "linear", nice=False if wide else True, **options)
 
 
-class Charts:
-    """Encodings that every figure shares, above all one colour per backend."""
+class Figure:
+    """A figure as it is drawn: the rows of its table, its panels, and what was found; a backend has one colour in all of them."""
 
-    def __init__(self, backends):
-        self.backends = backend_order(backends)
-        self.colours = {name: colour_of(name) for name in self.backends}
+    def __init__(self, name, told, rows, results, having, legend, backends):
+        self.name, self.columns, self.rows, self.legend, self.backends = name, told, rows, legend, backends
+        self.all_results = results
+        self.results = [result for result in results if (result.lists[having] if having in result.lists else result.study == having)]
+        self.panels, self.findings = [], []  # findings of (machine, a line, more of it or nothing)
+
+    @property
+    def title(self):
+        """One line: what was found on the machine that comes first."""
+        return sentence(self.findings[0][1])
+
+    @property
+    def detail(self):
+        """All of it, machine by machine."""
+        told = [(machine, more or line) for machine, line, more in self.findings]
+        return by_machine(told) + "." if len(told) > 1 or self.findings[0][2] else ""
+
+    def tell(self, machine, line, more=""):
+        self.findings.append((machine, line, more))
 
     def colour(self):
-        return alt.Color("backend:N", legend=None,
-                         scale=alt.Scale(domain=self.backends, range=[self.colours[name] for name in self.backends]))
+        return alt.Color("backend:N", legend=None, scale=alt.Scale(domain=self.backends, range=list(map(colour_of, self.backends))))
 
     @staticmethod
     def shape(key, shapes):
         return alt.Shape(f"{key}:N", legend=None, scale=alt.Scale(domain=list(shapes), range=list(shapes.values())))
 
-    def family_shape(self):
-        return self.shape("family", SHAPES)
-
-    @staticmethod
-    def tooltip(columns):
+    def tooltip(self, told=None):
         return [alt.Tooltip(f"{key}:{'N' if digits is None else 'Q'}", title=text,
-                            format=alt.Undefined if digits is None else f".{digits}~g") for key, text, digits in columns]
+                            format=alt.Undefined if digits is None else f".{digits}~g") for key, text, digits in told or self.columns]
 
-    def points(self, told, base=None, shape=None, **mark):
-        """A mark for each row, in the colour of its backend and the shape of its family, which tells columns of the table."""
+    def points(self, base=None, shape=None, **mark):
+        """A mark for each row, in the colour of its backend and the shape of its family unless another is given."""
         return (base or source()).mark_point(filled=True, **mark).encode(
-            color=self.colour(), shape=shape or self.family_shape(), tooltip=self.tooltip(told))
+            color=self.colour(), shape=shape or self.shape("family", SHAPES), tooltip=self.tooltip())
 
     def panel(self, match, chart, alternative, height=None, step=None, heading=None):
         """A chart as Vega-Lite, as wide as its panel and filtered; its height is fixed or follows its rows."""
@@ -298,7 +287,7 @@ class Charts:
         chart = filtered(chart, "indexof(shown, datum.backend) >= 0 && (scene == '' || datum.scene == scene)")
         chart = chart.properties(width="container", height=height or step[1], description=alternative,
                                  autosize=alt.AutoSizeParams(type="fit-x", contains="padding"))
-        return Panel(heading, match, chart.to_dict(), step)
+        self.panels.append(Panel(heading, match, chart.to_dict(), step))
 
 
 def source():
@@ -346,22 +335,38 @@ def columns(keys, **others):
 
 SUBJECT = "machine scene backend contender"
 REST = "microseconds least most spring_rate of_limit limited_by rounding rounding_max error_steps study commit"
-STEP = columns(f"{SUBJECT} {REST}")
+STEP = f"{SUBJECT} {REST}"
+# What draws the figures, in the order of the page.
+DRAWN = []
 
 
-def used(results, study=None, having=None):
-    return [result for result in results
-            if (study is None or result.study == study) and (having is None or result.lists[having])]
+def figure_of(name, told, rows, having="benchmarks", legend="backend"):
+    """Registers what draws a figure: a function of the Figure and of its rows. They are what `rows` makes of the results and of the
+    measured rows, and without any there is no figure; `told` are columns, and captions name the results with a list, or of a study, `having`."""
+    def register(draw):
+        DRAWN.append((draw, name, columns(told) if isinstance(told, str) else told, rows, having, legend))
+        return draw
+    return register
 
 
-def datasets(charts, results, rows):
+def latest_of(list_name, *keys):
+    """The latest rows of a list of the results that differ in a key, as figures label them."""
+    return lambda results, _: labelled(reading.latest(getattr(reading, list_name)(results), "machine", *keys))
+
+
+def of_study(name):
+    return lambda _, rows: labelled(reading.latest([row for row in rows if row["study"] == name], "machine", "scene", "contender"))
+
+
+def latest_runs(results, _=None):
+    return reading.latest(reading.pareto(results), "machine", "scene", "contender", "fraction")
+
+
+@figure_of("datasets", STEP, lambda _, rows: [row for row in rows if not row["edits"]])
+def datasets(figure, rows):
     """Every backend at its best on every dataset."""
-    rows = [row for row in rows if not row["edits"]]
-    best = [fastest(group) for group in groups(reading.strategies(rows), "machine", "scene", "backend").values()]
-    if not best:
-        return None
-    findings = []
-    for machine, entries in outcomes(results, rows).items():
+    figure.rows = best = [fastest(group) for group in groups(reading.strategies(rows), "machine", "scene", "backend").values()]
+    for machine, entries in outcomes(figure.all_results, rows).items():
         winners = collections.Counter(entry.best["backend"] for entry in entries if entry.won)
         ordered = sorted(winners, key=lambda name: (-winners[name], name))
         shares = [f"{name} wins {winners[name]}" for name in ordered]
@@ -372,76 +377,67 @@ def datasets(charts, results, rows):
             more += f"; on {untold} the fastest cannot be told"
         if absent := [entry.best["scene"] for entry in entries if entry.absent and not entry.equals]:
             more += f"; nobody wins {listed(absent)}, where what wins smaller and larger ones was not measured"
-        findings.append((machine, line + of, f"of {len(entries)} datasets {more}"))
-    panels = []
-    for machine in distinct(best, "machine"):
-        of_machine = [row for row in best if row["machine"] == machine]
+        figure.tell(machine, line + of, f"of {len(entries)} datasets {more}")
+    for (machine,), of_machine in groups(best, "machine").items():
         sizes = {row["scene"]: row["particles"] for row in of_machine}
         order = sorted(sizes, key=lambda scene: (sizes[scene], reading.natural(scene)))
         x = alt.X("microseconds:Q", title="time per step (µs)", scale=scale([row["microseconds"] for row in of_machine]))
-        points = charts.points(STEP, size=75).encode(x=x, y=alt.Y("scene:N", sort=order, title=None, axis=alt.Axis(grid=True)))
+        points = figure.points(size=75).encode(x=x, y=alt.Y("scene:N", sort=order, title=None, axis=alt.Axis(grid=True)))
         alternative = (f"Dot plot for {machine}: time per step in microseconds of the best row of each of "
                        f"{len(distinct(of_machine, 'backend'))} backends on {len(order)} datasets.")
-        panels.append(charts.panel({"machine": machine}, points, alternative, step=("scene", 30)))
-    return Figure("datasets", findings, STEP, best, panels, used(results, having="benchmarks"))
+        figure.panel({"machine": machine}, points, alternative, step=("scene", 30))
 
 
-def figure7(charts, results, rows):
-    rows = labelled(reading.latest([row for row in rows if row["study"] == "figure7"], "machine", "scene", "contender"))
-    if not rows:
-        return None
-    findings, leaders, panels = [], {}, []
+@figure_of("figure7", STEP, of_study("figure7"), "figure7")
+def figure7(figure, rows):
+    leaders, told = {}, {}
     for (machine, scene), group in groups(rows, "machine", "scene").items():
         group = sorted(group, key=lambda row: row["microseconds"])
         first, last = group[0], group[-1]
         leaders.setdefault(machine, {}).setdefault(first["backend"], []).append(scene)
-        findings.append((machine, f"{first['label']} leads on {scene} with {time_text(first['microseconds'])} per step, "
-                         f"{last['microseconds'] / first['microseconds']:.1f} times as fast as {last['label']}"))
+        told.setdefault(machine, []).append(
+            f"{first['label']} leads on {scene} with {time_text(first['microseconds'])} per step, "
+            f"{last['microseconds'] / first['microseconds']:.1f} times as fast as {last['label']}")
         y = alt.Y("label:N", sort=alt.EncodingSortField("microseconds", op="min"), title=None,
                   axis=alt.Axis(labels=False, ticks=False, domain=False, grid=False))
         x = alt.X("microseconds:Q", title="time per step (µs)", scale=alt.Scale(zero=True))
-        base = source().encode(y=y, tooltip=charts.tooltip(STEP))
-        bars = base.mark_bar(height=11, yOffset=7).encode(x=x, color=charts.colour())
+        base = source().encode(y=y, tooltip=figure.tooltip())
+        bars = base.mark_bar(height=11, yOffset=7).encode(x=x, color=figure.colour())
         spread = base.mark_rule(yOffset=7, strokeWidth=1.5, color="var(--ink)").encode(x="least:Q", x2="most:Q")
         names = base.mark_text(align="left", baseline="bottom", dy=-1, fontSize=12, color="var(--ink)").encode(
             x=alt.datum(0), text="label:N")
         alternative = (f"Bars for {scene} on {machine}: time per step of {len(group)} strategies, from "
                        f"{first['label']} with {time_text(first['microseconds'])} to {last['label']} with "
                        f"{time_text(last['microseconds'])}.")
-        panels.append(charts.panel({"machine": machine, "scene": scene}, alt.layer(bars, spread, names), alternative,
-                                   step=("label", 36)))
-    findings = [(machine, listed(f"{name} leads on {listed(scenes)}" for name, scenes in of_machine.items()),
-                 "; ".join(text for where, text in findings if where == machine)) for machine, of_machine in leaders.items()]
-    return Figure("figure7", findings, STEP, rows, panels, used(results, "figure7"))
+        figure.panel({"machine": machine, "scene": scene}, alt.layer(bars, spread, names), alternative, step=("label", 36))
+    for machine, of_machine in leaders.items():
+        figure.tell(machine, listed(f"{name} leads on {listed(scenes)}" for name, scenes in of_machine.items()), "; ".join(told[machine]))
 
 
 FIGURE8_HEIGHT = 480
 
 
-def figure8(charts, results, rows):
-    rows = labelled(reading.latest([row for row in rows if row["study"] == "figure8"], "machine", "scene", "contender"))
-    if not rows:
-        return None
-    findings, panels, ended = [], [], []
+@figure_of("figure8", STEP, of_study("figure8"), "figure8")
+def figure8(figure, rows):
+    figure.rows = []
     for (machine,), group in groups(rows, "machine").items():
         sizes = sorted({row["particles"] for row in group})
         small, large = (fastest(row for row in group if row["particles"] == size) for size in (sizes[0], sizes[-1]))
         text = (f"{large['label']} leads at {engineering(sizes[-1], 'particles')} with "
                 f"{time_text(large['microseconds'])} per step")
-        findings.append((machine, text, f"{text}; {sizes[-1] / sizes[0]:,.0f} times fewer take "
-                         f"{large['microseconds'] / small['microseconds']:.0f} times less, "
-                         f"{time_text(small['microseconds'])} with {small['label']}"))
-        ended += with_end_labels(group, "label", "particles", "microseconds", FIGURE8_HEIGHT)
+        figure.tell(machine, text, f"{text}; {sizes[-1] / sizes[0]:,.0f} times fewer take "
+                    f"{large['microseconds'] / small['microseconds']:.0f} times less, "
+                    f"{time_text(small['microseconds'])} with {small['label']}")
+        figure.rows += with_end_labels(group, "label", "particles", "microseconds", FIGURE8_HEIGHT)
         times = [row["microseconds"] for row in group]
         lines = source().encode(
             x=alt.X("particles:Q", title="particles", scale=scale(sizes), axis=alt.Axis(format="~s")),
             y=alt.Y("microseconds:Q", title="time per step (µs)", scale=exact_scale(times)),
-            color=charts.colour(), detail="label:N")
-        chart = alt.layer(lines.mark_line(strokeWidth=1.6), charts.points(STEP, lines, size=45), *end_labels("particles", "microseconds"))
+            color=figure.colour(), detail="label:N")
+        chart = alt.layer(lines.mark_line(strokeWidth=1.6), figure.points(lines, size=45), *end_labels("particles", "microseconds"))
         alternative = (f"Lines for {machine}: time per step of {len(distinct(group, 'label'))} strategies over "
                        f"{len(sizes)} box sizes from {sizes[0]} to {sizes[-1]} particles, both logarithmic.")
-        panels.append(charts.panel({"machine": machine}, chart, alternative, FIGURE8_HEIGHT))
-    return Figure("figure8", findings, STEP, ended, panels, used(results, "figure8"))
+        figure.panel({"machine": machine}, chart, alternative, FIGURE8_HEIGHT)
 
 
 def fastest_within(rows, target):
@@ -449,19 +445,18 @@ def fastest_within(rows, target):
     return min((row for row in rows if row["total"] <= target), key=lambda row: row["seconds"], default=None)
 
 
-RUN = columns(f"{SUBJECT} fraction steps seconds total rounding device front")
+RUN = f"{SUBJECT} fraction steps seconds total rounding device front"
 
 
-def front(charts, results, runs):
-    if not runs:
-        return None
-    costs, on_front, panels = [], [], []
+@figure_of("front", RUN, latest_runs, "pareto", "backend formulation")
+def front(figure, runs):
+    costs, on_front = [], []
     for (machine, scene), group in groups(runs, "machine", "scene").items():
         coarse, fine = fastest_within(group, 1e-4), fastest_within(group, 1e-6)
         if coarse and fine:
             costs.append(fine["seconds"] / coarse["seconds"])
         on_front += [row["formulation"] for row in group if row["front"]]
-        points = charts.points(RUN, shape=charts.shape("formulation", FORMULATIONS), size=55).encode(
+        points = figure.points(shape=figure.shape("formulation", FORMULATIONS), size=55).encode(
             x=alt.X("seconds:Q", title=f"run time to t = {group[0]['end_time']:.3g} (s)",
                     scale=scale([row["seconds"] for row in group])),
             y=alt.Y("total:Q", title="total error (relative L2)", axis=alt.Axis(format="~e"),
@@ -473,20 +468,15 @@ def front(charts, results, runs):
                 strokeDash=alt.StrokeDash("device:N", legend=None, sort=distinct(group, "device")))
         alternative = (f"Scatter plot for {scene} on {machine}: {len(group)} runs, run time against total error, both "
                        f"logarithmic, with the Pareto front of each device as a line.")
-        panels.append(charts.panel({"machine": machine, "scene": scene}, alt.layer(steps, points), alternative, 340))
+        figure.panel({"machine": machine, "scene": scene}, alt.layer(steps, points), alternative, 340)
     most = statistics.mode(on_front) if on_front else ""
     title = f"{most} is most often on a Pareto front, in {percent(on_front.count(most) / len(on_front))} of its runs" if most else "no run is on a Pareto front"
     cost = f"an error of 1e-6 takes {between(costs, lambda c: f'{c:.2g}')} times as long as one of 1e-4" if costs else ""
-    findings = [(listed(distinct(runs, "machine")), cost or title, f"{cost}; {title}" if cost else "")]
-    return Figure("front", findings, RUN, runs, panels, used(results, having="pareto"), legend="backend formulation")
+    figure.tell(listed(distinct(runs, "machine")), cost or title, f"{cost}; {title}" if cost else "")
 
 
-CURVE = columns("scene formulation precision fraction middle count")
-
-
-def curves(charts, results, runs):
-    if not runs:
-        return None
+@figure_of("curves", RUN, latest_runs, "pareto", "formulation precision")
+def curves(figure, runs):
     turns = {}
     for (_, _, formulation, precision), group in groups(runs, "machine", "scene", "formulation", "precision").items():
         if precision == "float32":
@@ -509,8 +499,7 @@ def curves(charts, results, runs):
         title += ("; " if title else "in float32 ") + f"{listed(pays)} gain{'s' * (len(pays) == 1)} down to {step(finest)}"
     line = (f"finer steps pay off in float32 for {listed(pays)} alone, down to {step(finest)}" if pays and grows else
             f"finer steps pay off in float32 down to {step(finest)}" if pays else "finer steps do not always pay off in float32")
-    findings = [(listed(distinct(runs, "machine")), line, title)]
-    panels = []
+    figure.tell(listed(distinct(runs, "machine")), line, title)
     for (machine, scene), group in groups(runs, "machine", "scene").items():
         fractions = sorted({row["fraction"] for row in group})
         base = source().transform_aggregate(
@@ -525,90 +514,15 @@ def curves(charts, results, runs):
                 domain=list(FORMULATIONS), range=[f"var(--{name})" for name in FORMULATIONS])))
         lines = base.mark_line(strokeWidth=1.6).encode(strokeDash=alt.StrokeDash(
             "precision:N", legend=None, scale=alt.Scale(domain=["float32", "float64"], range=[[1, 0], [2, 3]])))
-        points = base.mark_point(filled=True, size=45).encode(shape=charts.shape("formulation", FORMULATIONS),
-                                                              tooltip=charts.tooltip(CURVE))
+        points = base.mark_point(filled=True, size=45).encode(shape=figure.shape("formulation", FORMULATIONS), tooltip=figure.tooltip(
+            columns("scene formulation precision fraction middle count")))
         alternative = (f"Lines for {scene} on {machine}: total error against the time step from {step(max(fractions))} to "
                        f"{step(min(fractions))} of the stable one, a line for each formulation and precision.")
-        panels.append(charts.panel({"machine": machine, "scene": scene}, alt.layer(lines, points), alternative, 320))
-    return Figure("curves", findings, RUN, runs, panels, used(results, having="pareto"), legend="formulation precision")
+        figure.panel({"machine": machine, "scene": scene}, alt.layer(lines, points), alternative, 320)
 
 
-MAP = columns("machine scene backend damping fraction region", fraction=("of the limit", 4))
-
-
-def stability_map(charts, results):
-    rows, panels, findings = [], [], []
-    for result in results:
-        for row in result.lists["stability_map"]:
-            cells = [{"machine": result.machine, "scene": row["scene"], "backend": row["backend"], "damping": damping,
-                      "fraction": fraction, "region": region, "letter": region[0], "file": result.path.name,
-                      "date": result.date}
-                     for damping, line in zip(row["damping"], row["region"])
-                     for fraction, region in zip(row["fraction"], line)]
-            rows = [cell for cell in rows if (cell["machine"], cell["scene"]) != (result.machine, row["scene"])] + cells
-            # How far each damping stays bounded, without a gap below.
-            reach = {}
-            for damping, line in zip(row["damping"], row["region"]):
-                below = [fraction for fraction, region in zip(row["fraction"], line) if region != "bounded"]
-                reach[damping] = max((fraction for fraction in row["fraction"] if not below or fraction < min(below)),
-                                     default=0)
-            least, most = min(reach), max(reach.values())
-            enough = min(damping for damping in reach if reach[damping] == most)
-            findings.append((result.machine, f"damping {enough:g} keeps a random start bounded up to {most:g} of the limit",
-                             f"a random start of ±{row['amplitude']:g} spacings stays bounded up to "
-                             f"{reach[least]:g} of the limit at damping {least:g}, and up to {most:g} at {enough:g}"))
-            base = source().encode(
-                x=alt.X("fraction:O", title="time step / limit at that damping",
-                        axis=alt.Axis(labelAngle=0, labelOverlap="greedy")),
-                y=alt.Y("damping:O", title="damping", sort="descending"), tooltip=charts.tooltip(MAP))
-            colours = alt.Scale(domain=list(reading.REGIONS), range=[f"var(--{name})" for name in reading.REGIONS])
-            cells_of = base.mark_rect(stroke="var(--page)").encode(
-                color=alt.Color("region:N", legend=None, scale=colours))
-            letters = base.mark_text(fontSize=11, color="#111").encode(text="letter:N")
-            alternative = (f"Map for {row['scene']} on {result.machine}: outcome after {row['steps']} steps for "
-                           f"{len(row['damping'])} dampings and {len(row['fraction'])} time steps.")
-            panels = [panel for panel in panels if panel.match != {"machine": result.machine, "scene": row["scene"]}]
-            panels.append(charts.panel({"machine": result.machine, "scene": row["scene"]}, alt.layer(cells_of, letters), alternative,
-                                       step=("damping", 24)))
-    if not rows:
-        return None
-    return Figure("map", findings, MAP, rows, panels, used(results, having="stability_map"), legend="region")
-
-
-RATIO = columns(f"{SUBJECT} start damping ratio passed")
-
-
-def stability(charts, results):
-    rows = [row | {"start": f"±{row['start']['amplitude']:g}" if row["start"]["kind"] != "stretched" else "stretched",
-                   "held": row.get("tolerance") is not None, "passed": "yes" if row["passed"] else "no"}
-            for row in reading.rows_of(results, "stability")]
-    rows = [row | {"kind": f"{row['start']}, λ = {row['damping']:g}"} for row in rows]
-    if not rows:
-        return None
-    rows = reading.latest(rows, "machine", "scene", "contender", "kind")
-    small = [abs(row["ratio"] - 1) for row in rows if row["held"]]
-    lowest = min(rows, key=lambda row: row["ratio"])
-    ends = f"a start of {lowest['start']} spacings ends at {lowest['ratio']:.2f} of it"
-    line = f"where theory holds, measured limits differ from it by at most {100 * max(small):.2g}{SPACE}%" if small else ""
-    findings = [(listed(distinct(rows, "machine")), line or ends.replace(" of it", " of the limit of theory"), f"{line}; {ends}" if line else "")]
-    panels = []
-    for (machine,), group in groups(rows, "machine").items():
-        chart = charts.points(RATIO, size=40, opacity=0.75).encode(
-            x=alt.X("ratio:Q", title="measured limit / theory", scale=alt.Scale(zero=False),
-                    axis=alt.Axis(tickCount=6)),
-            y=alt.Y("kind:N", title="start in spacings, damping λ", sort=distinct(group, "kind")),
-            yOffset=alt.YOffset("backend:N", sort=charts.backends))
-        alternative = (f"Dot plot for {machine}: measured over theoretical limit of the time step, {len(group)} rows by "
-                       f"{len(distinct(group, 'kind'))} starts.")
-        panels.append(charts.panel({"machine": machine}, chart, alternative, step=("kind", 44)))
-    return Figure("stability", findings, RATIO, rows, panels, used(results, having="stability"))
-
-
-def roofline(charts, results, rows):
-    rows = [row for row in reading.strategies(rows) if row["limit_microseconds"] and row["of_limit"]]
-    if not rows:
-        return None
-    findings, panels = [], []
+@figure_of("roofline", STEP, lambda _, rows: [row for row in reading.strategies(rows) if row["limit_microseconds"] and row["of_limit"]])
+def roofline(figure, rows):
     for (machine,), group in groups(rows, "machine").items():
         within = [row for row in group if row["of_limit"] <= 1]
         best = max(within or group, key=lambda row: row["of_limit"])
@@ -616,11 +530,11 @@ def roofline(charts, results, rows):
         bound = statistics.mode(row["limited_by"] for row in group)
         share = sum(row["limited_by"] == bound for row in group) / len(group)
         text = f"{best['backend']} comes closest to its limit, {percent(best['of_limit'])} on {best['scene']}"
-        findings.append((machine, text, f"{text}; the median row reaches {percent(middle)}, and {bound} binds {percent(share)} of "
-                         "them"))
+        figure.tell(machine, text, f"{text}; the median row reaches {percent(middle)}, and {bound} binds {percent(share)} of "
+                    "them")
         ends = {key: (min(row[key] for row in group), max(row[key] for row in group))
                 for key in ("limit_microseconds", "microseconds")}
-        points = charts.points(STEP, size=50, opacity=0.85).encode(
+        points = figure.points(size=50, opacity=0.85).encode(
             x=alt.X("limit_microseconds:Q", title="least time per step by the device's limits (µs)",
                     scale=scale(ends["limit_microseconds"], domain=ends["limit_microseconds"])),
             y=alt.Y("microseconds:Q", title="measured time per step (µs)",
@@ -638,11 +552,9 @@ def roofline(charts, results, rows):
                 x="x:Q", y="y:Q", text="text:N"))
         alternative = (f"Scatter plot for {machine}: least time per step by the device's measured limits against the "
                        f"measured time, {len(group)} rows, both logarithmic, with lines at the limit and ten times it.")
-        panels.append(charts.panel({"machine": machine}, alt.layer(*lines, points), alternative, 420))
-    return Figure("roofline", findings, STEP, rows, panels, used(results, having="benchmarks"))
+        figure.panel({"machine": machine}, alt.layer(*lines, points), alternative, 420)
 
 
-INTENSITY = columns(f"{SUBJECT} operations_a_byte operation_rate footprint {REST}")
 # The datasets of a panel each: one that lies in a card's cache, and one far beyond it. Without them the smallest and the largest.
 INTENSITY_SCENES = ("box@32", "box@256")
 ROOF_DASHES = {"memory": [1, 0], "memory, half written": [4, 4], "cache": [1, 3]}
@@ -664,15 +576,13 @@ def on_chip_strip(edge):
     return [strip, name]
 
 
-def intensity(charts, results, rows):
-    rows = sorted((row for row in reading.strategies(rows) if row["precision"] == "float32" and row["operation_rate"]),
-                  key=lambda row: row["particles"])
-    if not rows:
-        return None
+@figure_of("intensity", f"{SUBJECT} operations_a_byte operation_rate footprint {REST}", lambda _, rows: sorted(
+    (row for row in reading.strategies(rows) if row["precision"] == "float32" and row["operation_rate"]), key=lambda row: row["particles"]))
+def intensity(figure, rows):
     scenes = set(INTENSITY_SCENES) & set(distinct(rows, "scene")) or {rows[0]["scene"], rows[-1]["scene"]}
     rows = [row for row in rows if row["scene"] in scenes]
-    limits = {result.machine: result.limits for result in results if result.limits}
-    found, panels, placed = {}, [], []
+    limits = {result.machine: result.limits for result in figure.all_results if result.limits}
+    found, figure.rows = {}, []
     for (machine, scene), group in groups(sorted(rows, key=lambda row: reading.natural(row["scene"])), "machine",
                                           "scene").items():
         best = max(group, key=lambda row: row["operation_rate"])
@@ -683,11 +593,11 @@ def intensity(charts, results, rows):
         # From the left of all rows and of where the roofs meet to the right of both.
         bends = [operations / rate for bandwidths, operations in roofs.values() for rate in bandwidths.values()]
         start, edge = min([*known, *bends]) / 2, 2 * max([*known, *bends])
-        placed += [{**row, "place": row["operations_a_byte"] or edge * ON_CHIP} for row in group]
+        figure.rows += [{**row, "place": row["operations_a_byte"] or edge * ON_CHIP} for row in group]
         still = any(not row["operations_a_byte"] for row in group)
         x = alt.X("place:Q", title="operations per byte", axis=alt.Axis(labelExpr=f"datum.value > {edge} ? '' : datum.label"),
                   scale=alt.Scale(type="log", nice=False, domain=[start, edge * ON_CHIP**1.5 if still else edge]))
-        points = charts.points(INTENSITY, size=50, opacity=0.85).encode(
+        points = figure.points(size=50, opacity=0.85).encode(
             x=x, y=alt.Y("operation_rate:Q", title="operations per second (Gop/s)", scale=alt.Scale(type="log", nice=False)))
         lines = on_chip_strip(edge) if still else []
         for family, (bandwidths, operations) in roofs.items():
@@ -703,24 +613,82 @@ def intensity(charts, results, rows):
                                    dy=-3, baseline="bottom"))
         alternative = (f"Roofline of {machine} on {scene}: operations per byte against operations per second, both logarithmic, "
                        f"{len(group)} rows below the roofs of memory, cache and arithmetic.")
-        panels.append(charts.panel({"machine": machine, "scene": scene}, alt.layer(*lines, points), alternative, 420,
-                                   heading=f"{machine}, {scene}"))
-    findings = []
+        figure.panel({"machine": machine, "scene": scene}, alt.layer(*lines, points), alternative, 420,
+                     heading=f"{machine}, {scene}")
     for machine, bests in found.items():
         told = [f"{best['backend']} computes most on {best['scene']}, {engineering(best['operation_rate'] * 1e9, 'op/s')}" for best, _ in bests]
-        findings.append((machine, told[-1], listed(f"{text} {where}" for text, (_, where) in zip(told, bests))))
-    return Figure("intensity", findings, INTENSITY, placed, panels, used(results, having="benchmarks"))
+        figure.tell(machine, told[-1], listed(f"{text} {where}" for text, (_, where) in zip(told, bests)))
 
 
-EDIT = columns(f"{SUBJECT} edits steps slower edit_microseconds microseconds base study "
-               "commit", microseconds=("a step with edits (µs)", 4))
+@figure_of("map", columns("machine scene backend damping fraction region", fraction=("of the limit", 4)), lambda results, _: [
+    (result, row) for result in results for row in result.lists["stability_map"]], "stability_map", "region")
+def stability_map(figure, rows):
+    # The last map of a machine and scene stands.
+    figure.rows, last = [], {(result.machine, row["scene"]): row for result, row in rows}
+    for result, row in rows:
+        cells = [{"machine": result.machine, "scene": row["scene"], "backend": row["backend"], "damping": damping,
+                  "fraction": fraction, "region": region, "letter": region[0], "file": result.path.name,
+                  "date": result.date}
+                 for damping, line in zip(row["damping"], row["region"])
+                 for fraction, region in zip(row["fraction"], line)]
+        # How far each damping stays bounded, without a gap below.
+        reach = {}
+        for damping, line in zip(row["damping"], row["region"]):
+            below = [fraction for fraction, region in zip(row["fraction"], line) if region != "bounded"]
+            reach[damping] = max((fraction for fraction in row["fraction"] if not below or fraction < min(below)),
+                                 default=0)
+        least, most = min(reach), max(reach.values())
+        enough = min(damping for damping in reach if reach[damping] == most)
+        figure.tell(result.machine, f"damping {enough:g} keeps a random start bounded up to {most:g} of the limit",
+                    f"a random start of ±{row['amplitude']:g} spacings stays bounded up to "
+                    f"{reach[least]:g} of the limit at damping {least:g}, and up to {most:g} at {enough:g}")
+        base = source().encode(
+            x=alt.X("fraction:O", title="time step / limit at that damping",
+                    axis=alt.Axis(labelAngle=0, labelOverlap="greedy")),
+            y=alt.Y("damping:O", title="damping", sort="descending"), tooltip=figure.tooltip())
+        colours = alt.Scale(domain=list(reading.REGIONS), range=[f"var(--{name})" for name in reading.REGIONS])
+        cells_of = base.mark_rect(stroke="var(--page)").encode(
+            color=alt.Color("region:N", legend=None, scale=colours))
+        letters = base.mark_text(fontSize=11, color="#111").encode(text="letter:N")
+        alternative = (f"Map for {row['scene']} on {result.machine}: outcome after {row['steps']} steps for "
+                       f"{len(row['damping'])} dampings and {len(row['fraction'])} time steps.")
+        if row is last[result.machine, row["scene"]]:
+            figure.rows += cells
+            figure.panel({"machine": result.machine, "scene": row["scene"]}, alt.layer(cells_of, letters), alternative,
+                         step=("damping", 24))
+
+
+def starts(results, _):
+    rows = [row | {"start": f"±{row['start']['amplitude']:g}" if row["start"]["kind"] != "stretched" else "stretched",
+                   "held": row.get("tolerance") is not None, "passed": "yes" if row["passed"] else "no"}
+            for row in reading.rows_of(results, "stability")]
+    rows = [row | {"kind": f"{row['start']}, λ = {row['damping']:g}"} for row in rows]
+    return reading.latest(rows, "machine", "scene", "contender", "kind")
+
+
+@figure_of("stability", f"{SUBJECT} start damping ratio passed", starts, "stability")
+def stability(figure, rows):
+    small = [abs(row["ratio"] - 1) for row in rows if row["held"]]
+    lowest = min(rows, key=lambda row: row["ratio"])
+    ends = f"a start of {lowest['start']} spacings ends at {lowest['ratio']:.2f} of it"
+    line = f"where theory holds, measured limits differ from it by at most {100 * max(small):.2g}{SPACE}%" if small else ""
+    figure.tell(listed(distinct(rows, "machine")), line or ends.replace(" of it", " of the limit of theory"), f"{line}; {ends}" if line else "")
+    for (machine,), group in groups(rows, "machine").items():
+        chart = figure.points(size=40, opacity=0.75).encode(
+            x=alt.X("ratio:Q", title="measured limit / theory", scale=alt.Scale(zero=False),
+                    axis=alt.Axis(tickCount=6)),
+            y=alt.Y("kind:N", title="start in spacings, damping λ", sort=distinct(group, "kind")),
+            yOffset=alt.YOffset("backend:N", sort=figure.backends))
+        alternative = (f"Dot plot for {machine}: measured over theoretical limit of the time step, {len(group)} rows by "
+                       f"{len(distinct(group, 'kind'))} starts.")
+        figure.panel({"machine": machine}, chart, alternative, step=("kind", 44))
 
 
 EDITS_HEIGHT = 300
 
 
-def edit_panels(charts, machine, formulation, steps, group):
-    """(rows, panel) of each quantity: over the count of edits where there are several, otherwise a row for each strategy."""
+def edit_panels(figure, machine, formulation, steps, group):
+    """Draws each quantity: over the count of edits where there are several, otherwise a row for each strategy."""
     group, counts = labelled(group), sorted({row["edits"] for row in group})
     for key, heading, title in (("slower", "slow-down", "slower by (%)"),
                                 ("edit_microseconds", "latency of an edit", "an edit by itself (µs)")):
@@ -733,27 +701,28 @@ def edit_panels(charts, machine, formulation, steps, group):
         among = f", {counts[0]} in {steps} steps" * (len(counts) == 1)
         name = f"{sentence(heading)}{among}, {formulation}, {machine}"
         if len(counts) == 1:
-            chart = charts.points(EDIT, size=45).encode(x=alt.X(f"{key}:Q", title=title, scale=scale(values)), y=label_axis(key))
+            chart = figure.points(size=45).encode(x=alt.X(f"{key}:Q", title=title, scale=scale(values)), y=label_axis(key))
             form = {"step": ("label", 18)}
         else:
             rows = with_end_labels(rows, "label", "edits", key, EDITS_HEIGHT)
             lines = source().encode(
                 x=alt.X("edits:Q", title=f"edits in {steps} steps", scale=scale(counts), axis=alt.Axis(values=counts)),
-                y=alt.Y(f"{key}:Q", title=title, scale=exact_scale(values)), color=charts.colour(), detail="label:N")
-            chart = alt.layer(lines.mark_line(strokeWidth=1.4), charts.points(EDIT, lines, size=45), *end_labels("edits", key))
+                y=alt.Y(f"{key}:Q", title=title, scale=exact_scale(values)), color=figure.colour(), detail="label:N")
+            chart = alt.layer(lines.mark_line(strokeWidth=1.4), figure.points(lines, size=45), *end_labels("edits", key))
             form = {"height": EDITS_HEIGHT}
         alternative = (f"{sentence(heading)} for {machine}, {formulation}, over {listed(map(str, counts))} edits in {steps} steps for "
                        f"{len(distinct(group, 'backend'))} backends.")
-        yield rows, charts.panel(match, chart, alternative, heading=name, **form)
+        figure.rows += rows
+        figure.panel(match, chart, alternative, heading=name, **form)
 
 
-def edits(charts, results, rows):
-    rows = [row for row in reading.strategies(rows) if row["edits"] and row["without_edits"]]
-    if not rows:
-        return None
+@figure_of("edits", columns(f"{SUBJECT} edits steps slower edit_microseconds microseconds base study commit",
+                            microseconds=("a step with edits (µs)", 4)),
+           lambda _, rows: [row for row in reading.strategies(rows) if row["edits"] and row["without_edits"]])
+def edits(figure, rows):
     rows = [{**row, "base": row["without_edits"] * 1e6, "end_label": None, "label_at": None,
              "slower": 100 * (row["microseconds"] / (row["without_edits"] * 1e6) - 1)} for row in rows]
-    findings, panels, drawn = [], [], []
+    figure.rows, figure.results = [], [result for result in figure.results if any(row.get("edits") for row in result.lists["benchmarks"])]
     for (machine,), of_machine in groups(rows, "machine").items():
         told = []
         # Edits are dear or cheap beside the steps between them: each number of steps by itself, that with most rows first.
@@ -765,71 +734,49 @@ def edits(charts, results, rows):
                          f"{steps} steps by " + ", ".join(f"{text} ({count} edit{'s' * (count != 1)})" for count, text in middles)))
             for formulation in distinct(group, "formulation"):
                 of_formulation = [row for row in group if row["formulation"] == formulation]
-                for its_rows, panel in edit_panels(charts, machine, formulation, steps, of_formulation):
-                    drawn += its_rows
-                    panels.append(panel)
-        findings.append((machine, told[0][0], "edits slow, in the median of all strategies, " + listed(text for _, text in told)))
-    files = [result for result in results if any(row.get("edits") for row in result.lists["benchmarks"])]
-    return Figure("edits", findings, EDIT, drawn, panels, files)
+                edit_panels(figure, machine, formulation, steps, of_formulation)
+        figure.tell(machine, told[0][0], "edits slow, in the median of all strategies, " + listed(text for _, text in told))
 
 
-OVERHEAD = columns(f"{SUBJECT} handed_over steps microseconds host")
 HANDED_OVER = {"at once": "circle", "one by one": "diamond"}
 
 
-def overhead(charts, results):
-    rows = reading.latest(reading.overhead(results), "machine", "scene", "contender", "handed_over")
-    if not rows:
-        return None
-    rows = labelled(rows)
-    findings, panels = [], []
+@figure_of("overhead", f"{SUBJECT} handed_over steps microseconds host", latest_of("overhead", "scene", "contender", "handed_over"),
+           "overhead", "backend handed_over")
+def overhead(figure, rows):
     for (machine,), group in groups(rows, "machine").items():
         least = min(row["particles"] for row in group)
         small = [fastest(row for row in group if row["particles"] == least and row["handed_over"] == how) for how in HANDED_OVER]
         told = [(time_text(row["microseconds"]), row["handed_over"], row["label"]) for row in small if row]
         line = f"a step of {least} particles takes at least "
-        findings.append((machine, line + listed(f"{time} {how}" for time, how, _ in told),
-                         line + listed(f"{time} with {label} where steps are handed over {how}" for time, how, label in told)))
+        figure.tell(machine, line + listed(f"{time} {how}" for time, how, _ in told),
+                    line + listed(f"{time} with {label} where steps are handed over {how}" for time, how, label in told))
     for (machine, scene), group in groups(rows, "machine", "scene").items():
         times = [row["microseconds"] for row in group]
-        points = charts.points(OVERHEAD, shape=charts.shape("handed_over", HANDED_OVER), size=55).encode(
+        points = figure.points(shape=figure.shape("handed_over", HANDED_OVER), size=55).encode(
             x=alt.X("microseconds:Q", title="time per step (µs)", scale=scale(times)), y=label_axis("microseconds"))
         alternative = (f"Dot plot for {scene} on {machine}: time per step of {len(distinct(group, 'label'))} strategies, handed over one by "
                        "one and at once.")
-        panels.append(charts.panel({"machine": machine, "scene": scene}, points, alternative, step=("label", 18),
-                                   heading=f"{scene}, {engineering(group[0]['particles'], 'particles')}, {machine}"))
-    return Figure("overhead", findings, OVERHEAD, rows, panels, used(results, having="overhead"),
-                  legend="backend handed_over")
+        figure.panel({"machine": machine, "scene": scene}, points, alternative, step=("label", 18),
+                     heading=f"{scene}, {engineering(group[0]['particles'], 'particles')}, {machine}")
 
 
-ENERGY = columns(f"{SUBJECT} millijoules springs_per_joule watts idle_watts microseconds "
-                 "throttled meter")
-
-
-def energy(charts, results):
-    rows = reading.latest(reading.energy(results), "machine", "scene", "contender")
-    if not rows:
-        return None
-    rows = labelled(rows)
-    findings, panels = [], []
+@figure_of("energy", f"{SUBJECT} millijoules springs_per_joule watts idle_watts microseconds throttled meter",
+           latest_of("energy", "scene", "contender"), "energy")
+def energy(figure, rows):
     for (machine,), group in groups(rows, "machine").items():
         told = []
         for (scene,), of_scene in sorted(groups(group, "scene").items(), key=lambda item: item[1][0]["particles"]):
             least = min(of_scene, key=lambda row: row["millijoules"])
             told.append(f"a step of {scene} takes {least['millijoules']:.3g}{SPACE}mJ with {least['label']}"
                         + f", the least of {len(of_scene)} strategies" * (len(of_scene) > 1))
-        findings.append((machine, told[-1], "; ".join(told) if len(told) > 1 else ""))
+        figure.tell(machine, told[-1], "; ".join(told) if len(told) > 1 else "")
     for (machine, scene), group in groups(rows, "machine", "scene").items():
         bars = source().mark_bar(height=11).encode(
             x=alt.X("millijoules:Q", title="energy per step (mJ)", scale=alt.Scale(zero=True)), y=label_axis("millijoules"),
-            color=charts.colour(), tooltip=charts.tooltip(ENERGY))
+            color=figure.colour(), tooltip=figure.tooltip())
         alternative = f"Bars for {scene} on {machine}: energy per step of {len(group)} strategies, in millijoules."
-        panels.append(charts.panel({"machine": machine, "scene": scene}, bars, alternative, step=("label", 24)))
-    return Figure("energy", findings, ENERGY, rows, panels, used(results, having="energy"))
-
-
-RANKS = columns("machine compared scaling scene contender ranks cut parts way microseconds compute exchange "
-                "waiting efficiency predicted noisy", scene=("scene", None))
+        figure.panel({"machine": machine, "scene": scene}, bars, alternative, step=("label", 24))
 
 
 WAYS = {"none": "circle", "memory": "triangle-up", "mpi": "square", "peer": "diamond", "peer_overlap": "triangle-left",
@@ -839,66 +786,58 @@ WAYS = {"none": "circle", "memory": "triangle-up", "mpi": "square", "peer": "dia
 BRICKS_ARE_LARGER = alt.condition("datum.parts === 'bricks'", alt.value(120), alt.value(45))
 
 
-def scaling(charts, results):
-    rows = reading.latest(reading.scaling(results), "machine", "compared", "contender", "ranks", "cut", "way")
+@figure_of("scaling", columns("machine compared scaling scene contender ranks cut parts way microseconds compute exchange waiting efficiency predicted "
+                              "noisy", scene=("scene", None)),
+           latest_of("scaling", "compared", "contender", "ranks", "cut", "way"), "scaling")
+def scaling(figure, rows):
     several = [row for row in rows if row["ranks"] > 1]
     if not several:
-        return None
-    findings, panels = [], []
+        figure.rows = []
     for (machine,), group in groups(several, "machine").items():
         told = [row for row in group if not row["noisy"]] or group
         most = max(row["ranks"] for row in told)
         reached = [row["efficiency"] for row in told if row["ranks"] == most]
-        findings.append((machine, f"{most} ranks have {between(reached, percent)} of the efficiency of one", ""))
+        figure.tell(machine, f"{most} ranks have {between(reached, percent)} of the efficiency of one", "")
     for (machine, compared), group in groups(rows, "machine", "compared").items():
         ranks = sorted(distinct(group, "ranks"))
         lines = source().encode(
             x=alt.X("ranks:Q", title="ranks", scale=scale(ranks), axis=alt.Axis(values=ranks, format="d")),
-            color=charts.colour(), detail=["contender:N", "way:N", "parts:N"])
+            color=figure.colour(), detail=["contender:N", "way:N", "parts:N"])
         y = alt.Y("efficiency:Q", title="efficiency", axis=alt.Axis(format="%"), scale=alt.Scale(domainMin=0))
         predicted = lines.transform_filter("datum.ranks > 1").mark_line(strokeWidth=1.1, strokeDash=[2, 3]).encode(y="predicted:Q")
-        chart = alt.layer(predicted, lines.mark_line(strokeWidth=1.4).encode(y=y), charts.points(
-            RANKS, lines, charts.shape("way", WAYS)).encode(y=y, size=BRICKS_ARE_LARGER))
+        chart = alt.layer(predicted, lines.mark_line(strokeWidth=1.4).encode(y=y), figure.points(
+            lines, figure.shape("way", WAYS)).encode(y=y, size=BRICKS_ARE_LARGER))
         alternative = (f"Lines for {compared} on {machine}: efficiency against one rank over {len(ranks)} numbers of ranks, and "
                        "dotted what the model predicts.")
-        panels.append(charts.panel({"machine": machine, "compared": compared}, chart, alternative, 300,
-                                   heading=f"{compared}, {group[0]['scaling']} scaling, {machine}"))
-    return Figure("scaling", findings, RANKS, rows, panels, used(results, having="scaling"))
+        figure.panel({"machine": machine, "compared": compared}, chart, alternative, 300,
+                     heading=f"{compared}, {group[0]['scaling']} scaling, {machine}")
 
 
-FORECAST = columns("machine compared scaling contender parts way measured_ranks ranks microseconds efficiency "
-                                  "half", microseconds=("time per step, predicted (µs)", 3), efficiency=("efficiency, predicted", 3))
-
-
-def scaling_forecast(charts, results):
-    rows = reading.latest(reading.scaling_forecast(results), "machine", "compared", "contender", "parts", "way", "ranks")
-    if not rows:
-        return None
-    findings, panels = [], []
+@figure_of("forecast", columns("machine compared scaling contender parts way measured_ranks ranks microseconds efficiency half",
+                               microseconds=("time per step, predicted (µs)", 3), efficiency=("efficiency, predicted", 3)),
+           latest_of("scaling_forecast", "compared", "contender", "parts", "way", "ranks"), "scaling")
+def scaling_forecast(figure, rows):
     for (machine,), group in groups(rows, "machine").items():
         halves = [row["half"] for row in group if row["half"]]
         most = max(row["ranks"] for row in group)
         reached = [row["efficiency"] for row in group if row["ranks"] == most]
         finding = f"a model predicts {between(reached, percent)} of the efficiency of one for {most} ranks"
         half = f"{finding}, and half of it at {between(halves, lambda value: f'{value:.0f}')}" if halves else ""
-        findings.append((machine, finding, half))
+        figure.tell(machine, finding, half)
     for (machine, compared), group in groups(rows, "machine", "compared").items():
         ranks = sorted(distinct(group, "ranks"))
         lines = source().encode(
             x=alt.X("ranks:Q", title="ranks, none of them measured", scale=scale(ranks), axis=alt.Axis(values=ranks, format="d")),
             y=alt.Y("efficiency:Q", title="efficiency, predicted", axis=alt.Axis(format="%"), scale=alt.Scale(domainMin=0)),
-            color=charts.colour(), detail=["contender:N", "way:N", "parts:N"])
+            color=figure.colour(), detail=["contender:N", "way:N", "parts:N"])
         chart = alt.layer(lines.mark_line(strokeWidth=1.1, strokeDash=[2, 3]), lines.mark_point(filled=False).encode(
-            size=BRICKS_ARE_LARGER, shape=charts.shape("way", WAYS), tooltip=charts.tooltip(FORECAST)))
+            size=BRICKS_ARE_LARGER, shape=figure.shape("way", WAYS), tooltip=figure.tooltip()))
         alternative = (f"Dotted lines for {compared} on {machine}: the efficiency that a model predicts for {listed(map(str, ranks))} ranks. "
                        "Nothing of it was measured.")
-        panels.append(charts.panel({"machine": machine, "compared": compared}, chart, alternative, 300,
-                                   heading=f"Prediction: {compared}, {group[0]['scaling']} scaling, {machine}"))
-    return Figure("forecast", findings, FORECAST, rows, panels, used(results, having="scaling"))
+        figure.panel({"machine": machine, "compared": compared}, chart, alternative, 300,
+                     heading=f"Prediction: {compared}, {group[0]['scaling']} scaling, {machine}")
 
 
-TICK = columns(f"{SUBJECT} hertz edited drawn pictures median p99 p999 worst missed ticks "
-               "steps_that_fit")
 def rate_text(hertz):
     return f"{hertz / 1e3:.3g}{SPACE}kHz" if hertz >= 1e3 else f"{hertz:.3g}{SPACE}Hz"
 
@@ -910,11 +849,10 @@ def drawing_costs(rows):
     return [1 - pair["yes"] / pair["no"] for pair in fitting if pair.get("no") and "yes" in pair]
 
 
-def latencies(charts, results):
-    rows = reading.latest(reading.haptic(results), "machine", "scene", "contender", "hertz", "edited", "drawn")
-    if not rows:
-        return None
-    findings, panels, drawn_rows = [], [], []
+@figure_of("latency", f"{SUBJECT} hertz edited drawn pictures median p99 p999 worst missed ticks steps_that_fit",
+           latest_of("haptic", "scene", "contender", "hertz", "edited", "drawn"), "haptic")
+def latencies(figure, rows):
+    figure.rows = []
     for (machine,), group in groups(rows, "machine").items():
         highest = max(row["hertz"] for row in group)
         plain = [row for row in group if row["hertz"] == highest and (row["edited"], row["drawn"]) == ("no", "no")]
@@ -927,14 +865,14 @@ def latencies(charts, results):
                         f"rows, soonest with {first['contender']} on {first['scene']}: within {time_text(first['p999'])}")
         if costs := drawing_costs(group):
             more.append(f"drawing costs {percent(max(0, statistics.median(costs)))} of the steps that fit into a tick at the median")
-        findings.append((machine, line, "; ".join(more)))
-    for (machine, scene, hertz, edited), group in groups(labelled(rows), "machine", "scene", "hertz", "edited").items():
+        figure.tell(machine, line, "; ".join(more))
+    for (machine, scene, hertz, edited), group in groups(rows, "machine", "scene", "hertz", "edited").items():
         for row in group:
             edges = [(reading.bin_begin(number), reading.bin_begin(number + 1), share) for number, share in sorted(row["bins"].items())]
             begins, ends, shares = ([reading.significant(value, 4) for value in values] for values in zip(*edges))
-            drawn_rows.append({**{key: row[key] for key in row if key != "bins"}, "begin": begins, "end": ends, "share": shares,
+            figure.rows.append({**{key: row[key] for key in row if key != "bins"}, "begin": begins, "end": ends, "share": shares,
                                "label": row["label"] + ", drawn" * (row["drawn"] == "yes")})
-        shown = drawn_rows[-len(group):]
+        shown = figure.rows[-len(group):]
         period = group[0]["period"]
         domain = [min(period, *(row["begin"][0] for row in shown)) / 1.2, max(period, *(row["end"][-1] for row in shown)) * 1.2]
         x = alt.X("begin:Q", title="time to the force (µs)", axis=alt.Axis(format="~g"),
@@ -947,24 +885,21 @@ def latencies(charts, results):
         y = alt.Y("label:N", title=None, sort=order, axis=LABEL_AXIS)
         floor = min(min(row["share"]) for row in shown)
         bins = source().transform_flatten(["begin", "end", "share"]).mark_rect(height=11).encode(
-            x=x, x2="end:Q", y=y, color=charts.colour(), opacity=alt.Opacity("share:Q", legend=None, scale=alt.Scale(
+            x=x, x2="end:Q", y=y, color=figure.colour(), opacity=alt.Opacity("share:Q", legend=None, scale=alt.Scale(
                 type="log", domain=[floor, 1], range=[0.15, 1])))
         marks = source().mark_point(filled=True, size=42, color="var(--ink)").encode(
-            x="p999:Q", y=y, shape=charts.family_shape(), tooltip=charts.tooltip(TICK))
+            x="p999:Q", y=y, shape=figure.shape("family", SHAPES), tooltip=figure.tooltip())
         at_period = alt.Chart(alt.InlineData(values=[{"x": period, "text": "period"}]))
         rule = at_period.mark_rule(color="var(--ink)", strokeDash=[4, 4]).encode(x="x:Q")
         name = at_period.mark_text(dy=-3, baseline="bottom", color="var(--soft)").encode(x="x:Q", y=alt.value(0), text="text:N")
         alternative = (f"Histograms for {scene} at {rate_text(hertz)} on {machine}: a strip for each of {len(order)} rows, the darker "
                        "the more ticks took that time, with a line at the period of a tick.")
         with_edits = ", with edits" if edited == "yes" else ""
-        panels.append(charts.panel({"machine": machine, "scene": scene, "hertz": hertz, "edited": edited},
-                                   alt.layer(bins, rule, name, marks), alternative, step=("label", 16),
-                                   heading=f"{scene}, {rate_text(hertz)}{with_edits}, {machine}"))
-    return Figure("latency", findings, TICK, drawn_rows, panels, used(results, having="haptic"))
+        figure.panel({"machine": machine, "scene": scene, "hertz": hertz, "edited": edited},
+                     alt.layer(bins, rule, name, marks), alternative, step=("label", 16),
+                     heading=f"{scene}, {rate_text(hertz)}{with_edits}, {machine}")
 
 
-HISTORY = columns("machine study scene backend contender commit day microseconds least most rounding verdict "
-                  "ratio interval", ratio=("ratio of times", 4))
 # What diff.py takes unless it is told otherwise.
 RULE = comparison.Rule()
 
@@ -997,15 +932,17 @@ def changes(rows, first, last):
             f"({time['interval'][0]:.2f} to {time['interval'][1]:.2f}); of {len(rows)} times {verdicts}")
 
 
-def history(charts, results, rows):
+@figure_of("history", columns("machine study scene backend contender commit day microseconds least most rounding verdict ratio interval",
+                              ratio=("ratio of times", 4)), lambda _, rows: rows)
+def history(figure, rows):
     """Studies of which one machine has several files; strategies that more than one of them has."""
-    findings, panels, kept, verdicts = [], [], [], {}
-    for (machine, study), files in by_study(results).items():
+    figure.rows, verdicts = [], {}
+    for (machine, study), files in by_study(figure.all_results).items():
         verdicts[machine, study], refused = judged(files[0], files[-1])
         found = list(verdicts[machine, study].values())
         nothing = f"nothing can be told of {study}"
-        findings.append((machine, *(changes(found, files[0], files[-1]) if found else
-                                    (nothing, f"{nothing}: " + (refused or "its runs share no time")))))
+        figure.tell(machine, *(changes(found, files[0], files[-1]) if found else
+                               (nothing, f"{nothing}: " + (refused or "its runs share no time"))))
     for (machine, study, scene), group in groups(rows, "machine", "study", "scene").items():
         runs = sorted({(row["date"], row["commit"]) for row in group})
         of_contender = [sorted(found, key=lambda row: row["date"]) for found in groups(group, "contender").values()]
@@ -1016,7 +953,7 @@ def history(charts, results, rows):
         for row in sum(of_contender, []):
             found = verdicts.get((machine, study), {}).get((scene, row["contender"]))
             low, high = found["time"]["interval"] if found else (None, None)
-            kept.append({**row, "run": ticks[row["date"]], "day": row["date"][:16].replace("T", " "),
+            figure.rows.append({**row, "run": ticks[row["date"]], "day": row["date"][:16].replace("T", " "),
                          "verdict": found["verdict"] if found else "not compared",
                          "ratio": found["time"]["ratio"] if found else None,
                          "interval": "" if low is None else f"{low:.3f} to {high:.3f}"})
@@ -1026,38 +963,29 @@ def history(charts, results, rows):
             x=alt.X("run:N", title="commit and date", sort=list(ticks.values()), axis=alt.Axis(
                 labelAngle=0, labelOverlap="greedy", labelExpr="[slice(datum.value, 0, 7), slice(datum.value, 8)]")),
             y=alt.Y("microseconds:Q", title="time per step (µs)", scale=scale(ends, domain=ends)),
-            color=charts.colour(), detail="contender:N")
+            color=figure.colour(), detail="contender:N")
         chart = alt.layer(lines.mark_line(strokeWidth=1.4), lines.mark_rule(strokeWidth=1.2).encode(
-            y="least:Q", y2="most:Q"), charts.points(HISTORY, lines, size=45))
+            y="least:Q", y2="most:Q"), figure.points(lines, size=45))
         alternative = (f"Lines for {scene}, study {study} on {machine}: time per step of {len(of_contender)} strategies in "
                        f"{len(runs)} runs.")
-        panels.append(charts.panel({"machine": machine, "study": study, "scene": scene}, chart, alternative, 300,
-                                   heading=f"{scene}, study {study}, {machine}"))
-    if not panels:
-        return None
-    several = [result for result in results if any((row["machine"], row["study"], row["date"]) ==
-                                                   (result.machine, result.study, result.date) for row in kept)]
-    return Figure("history", findings, HISTORY, kept, panels, several)
+        figure.panel({"machine": machine, "study": study, "scene": scene}, chart, alternative, 300,
+                     heading=f"{scene}, study {study}, {machine}")
+    runs = {(row["machine"], row["study"], row["date"]) for row in figure.rows}
+    figure.results = [result for result in figure.results if (result.machine, result.study, result.date) in runs]
 
 
-GATE = columns(f"{SUBJECT} measurement steps measured gate_is gate unit detail passed")
 MIN_SHARE = 1e-6
 
 
 def by_study(results):
     """Files with times of one study on one machine, by date, where there are several."""
-    found = {}
-    for result in results:
-        if result.lists["benchmarks"]:
-            found.setdefault((result.machine, result.study), []).append(result)
+    found = groups((result for result in results if result.lists["benchmarks"]), lambda one: one.machine, lambda one: one.study)
     return {key: sorted(files, key=lambda file: file.date) for key, files in found.items() if len(files) > 1}
 
 
-def stress(charts, results):
-    # A machine's latest suite stands for it, whole.
-    results = list({result.machine: result for result in results if result.lists["stress"]}.values())
+def gates(results, _):
     rows = []
-    for row in reading.rows_of(results, "stress"):
+    for row in reading.rows_of(latest_suites(results), "stress"):
         value, gate = row.get("measured"), row.get("gate")
         numbers = (value, gate) if row["gate_is"] == "at most" else (gate, value)
         # Zero has no place on a logarithmic axis.
@@ -1065,40 +993,44 @@ def stress(charts, results):
         if gate is not None:
             rows.append(row | {"measured": value, "unit": row.get("unit", ""), "detail": row.get("detail", ""), "share": share,
                                "passed": "yes" if row["passed"] else "no"})
-    if not rows:
-        return None
+    return rows
+
+
+def latest_suites(results):
+    """A machine's latest suite stands for it, whole."""
+    return list({result.machine: result for result in results if result.lists["stress"]}.values())
+
+
+@figure_of("stress", f"{SUBJECT} measurement steps measured gate_is gate unit detail passed", gates, "stress")
+def stress(figure, rows):
+    figure.results = latest_suites(figure.results)
     missed = [row for row in rows if row["passed"] == "no"]
     title = f"{len(rows) - len(missed)} of {len(rows)} gates of the stress suite hold"
     others = f"{title}; the others are of {listed(backend_order(set(distinct(missed, 'backend'))))}" if missed else ""
-    findings = [(listed(distinct(rows, "machine")), title, others)]
-    panels = []
+    figure.tell(listed(distinct(rows, "machine")), title, others)
     for (machine,), group in groups(rows, "machine").items():
         drawn = [row for row in group if row["share"]]
         if not drawn:
             continue
-        chart = charts.points(GATE, source().transform_filter("isValid(datum.share)"), size=40, opacity=0.8).encode(
+        chart = figure.points(source().transform_filter("isValid(datum.share)"), size=40, opacity=0.8).encode(
             x=alt.X("share:Q", title="measured, as a share of the gate", axis=alt.Axis(format="~e"),
                     scale=scale([row["share"] for row in drawn] + [1])),
             y=alt.Y("measurement:N", title=None, sort=distinct(group, "measurement"), axis=alt.Axis(labelLimit=130)))
         gate = alt.Chart(alt.InlineData(values=[{"share": 1}])).mark_rule(color="var(--ink)").encode(x="share:Q")
         alternative = (f"Dot plot for {machine}: {len(drawn)} measurements over their gates, with a line where a gate is "
                        "reached.")
-        panels.append(charts.panel({"machine": machine}, alt.layer(gate, chart), alternative,
-                                   step=("measurement", 24)))
-    return Figure("stress", findings, GATE, rows, panels, results)
-
-
-def latest_runs(results):
-    return reading.latest(reading.pareto(results), "machine", "scene", "contender", "fraction")
+        figure.panel({"machine": machine}, alt.layer(gate, chart), alternative,
+                     step=("measurement", 24))
 
 
 def all_figures(results):
-    """The colours of the page, and the figures that these results have something for in its order."""
-    rows, runs = reading.measured(results), latest_runs(results)
-    charts = Charts({row["backend"] for result in results for name in (*reading.MEASURED, "failed") for row in result.lists[name]})
-    figures = [datasets(charts, results, rows), figure7(charts, results, rows), figure8(charts, results, rows),
-               front(charts, results, runs), curves(charts, results, runs), roofline(charts, results, rows), intensity(charts, results, rows),
-               stability_map(charts, results), stability(charts, results), edits(charts, results, rows), overhead(charts, results),
-               energy(charts, results), scaling(charts, results), scaling_forecast(charts, results), latencies(charts, results),
-               history(charts, results, rows), stress(charts, results)]
-    return charts, [figure for figure in figures if figure]
+    """The backends of the page, and the figures that these results have something for in its order."""
+    measured = reading.measured(results)
+    backends = backend_order({row["backend"] for result in results for name in (*reading.MEASURED, "failed") for row in result.lists[name]})
+    found = []
+    for draw, name, told, make_rows, having, legend in DRAWN:
+        if rows := make_rows(results, measured):
+            figure = Figure(name, told, rows, results, having, legend, backends)
+            draw(figure, rows)
+            found += [figure] if figure.rows else []
+    return backends, found
