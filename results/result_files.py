@@ -54,29 +54,17 @@ def load(path, parse_constant=None):
         raise BadInput(f"{path}: is nested too deeply; {expected}") from None
     except (EOFError, zlib.error, ValueError) as error:
         raise BadInput(f"{path}: {error}; {expected}") from None
-    if half := half_character(text, result):
-        raise BadInput(f"{path}: {json.dumps(half)}: is half a character (a lone surrogate); expected Unicode text")
+    try:
+        if re.search(r"\\u[dD][89a-fA-F]", text):
+            json.dumps(result, ensure_ascii=False).encode()
+    except UnicodeEncodeError as error:
+        half = json.dumps(error.object[max(0, error.start - 20):error.start + 1].rpartition('"')[2])
+        raise BadInput(f"{path}: {half}: is half a character (a lone surrogate); expected Unicode text") from None
     if not isinstance(result, dict):
         raise BadInput(f"{path}: the document: {shown(result)}: expected an object, the result of a study")
     if reason := versions.unread(result):
         raise BadInput(f"{path}: {reason}")
     return result
-
-
-def half_character(text, result):
-    """A string of the result that no file and no terminal takes, or nothing."""
-    if not re.search(r"\\u[dD][89a-fA-F]", text):
-        return None
-    waiting = [result]
-    while waiting:
-        value = waiting.pop()
-        if isinstance(value, dict):
-            waiting += [*value, *value.values()]
-        elif isinstance(value, list):
-            waiting += value
-        elif isinstance(value, str) and any("\ud800" <= character <= "\udfff" for character in value):
-            return value
-    return None
 
 
 def study_of(path):

@@ -15,11 +15,6 @@ import result_files
 
 from . import figures, reading
 
-OUTLINES = {"circle": '<circle cx="5" cy="5" r="4.5"/>', "square": '<rect x="1" y="1" width="8" height="8"/>',
-            "triangle-up": '<path d="M5 .5 9.7 9H.3z"/>', "triangle-right": '<path d="M9.5 5 1 9.7V.3z"/>',
-            "triangle-down": '<path d="M5 9.5 9.7 1H.3z"/>',
-            "diamond": '<path d="M5 0 9 5 5 10 1 5z"/>',
-            "cross": '<path d="M3.5 0h3v3.5H10v3H6.5V10h-3V6.5H0v-3h3.5z"/>'}
 # What a rounding error is small beside: the time step's own error on the datasets here is above it.
 SMALL_ERROR = 1e-5
 
@@ -59,10 +54,6 @@ def amount(quantity, value):
     if quantity.endswith("_per_second"):
         return figures.engineering(value, quantity.removesuffix("_per_second").replace("_updates", "s") + "/s")
     return figures.percent(value) if quantity.startswith("fraction_of") else f"{value:.3g}"
-
-
-QUANTITIES = {"seconds_per_step": "time per step", "ready_seconds": "time to first step", "fraction_of_limit": "of limit",
-              "speed_ratio": "speed", "spring_updates_per_second": "springs per second", "particle_updates_per_second": "particles per second"}
 
 
 def by_size(entries):
@@ -184,8 +175,7 @@ def template():
               figures.time_text, figures.colour_of, reading.family, result_files.spread_of, math.log, amount, captions, each_at_its_best,
               exact_enough, key, remarks_of, shown_by)
     environment.globals |= {function.__name__: function for function in shared} | {
-        "base64": lambda data: base64.b64encode(data).decode(), "outlines": OUTLINES,
-        "shapes": figures.SHAPES, "quantities": QUANTITIES, "small_error": SMALL_ERROR, "min_spread": result_files.MIN_SPREAD,
+        "base64": lambda data: base64.b64encode(data).decode(), "shapes": figures.SHAPES, "small_error": SMALL_ERROR, "min_spread": result_files.MIN_SPREAD,
         "min_share": figures.MIN_SHARE, "error_columns": {error: f"Error of {figures.error_text(error)}" for error in figures.TARGETS}}
     return environment.get_template("page.html")
 

@@ -349,9 +349,15 @@ def figure_of(name, told, rows, having="benchmarks", legend="backend"):
     return register
 
 
-def latest_of(list_name, *keys):
-    """The latest rows of a list of the results that differ in a key, as figures label them."""
-    return lambda results, _: labelled(reading.latest(getattr(reading, list_name)(results), "machine", *keys))
+def latest_of(rows_of, *keys):
+    """The latest of the rows that a function makes of the results, of those that differ in a key, as figures label them."""
+    return lambda results, _: labelled(reading.latest(rows_of(results), "machine", *keys))
+
+
+def in_units(list_name, **factors):
+    """Makes rows of a list of the results, with keys that are others times a factor: name=(key, factor)."""
+    return lambda results: [row | {name: row[key] * factor for name, (key, factor) in factors.items()}
+                            for row in reading.rows_of(results, list_name)]
 
 
 def of_study(name):
@@ -741,7 +747,8 @@ def edits(figure, rows):
 HANDED_OVER = {"at once": "circle", "one by one": "diamond"}
 
 
-@figure_of("overhead", f"{SUBJECT} handed_over steps microseconds host", latest_of("overhead", "scene", "contender", "handed_over"),
+@figure_of("overhead", f"{SUBJECT} handed_over steps microseconds host", latest_of(
+    in_units("overhead", microseconds=("seconds_per_step", 1e6), host=("host_seconds_per_step", 1e6)), "scene", "contender", "handed_over"),
            "overhead", "backend handed_over")
 def overhead(figure, rows):
     for (machine,), group in groups(rows, "machine").items():
@@ -762,7 +769,8 @@ def overhead(figure, rows):
 
 
 @figure_of("energy", f"{SUBJECT} millijoules springs_per_joule watts idle_watts microseconds throttled meter",
-           latest_of("energy", "scene", "contender"), "energy")
+           latest_of(in_units("energy", millijoules=("joules_per_step", 1e3), microseconds=("seconds_per_step", 1e6)), "scene", "contender"),
+           "energy")
 def energy(figure, rows):
     for (machine,), group in groups(rows, "machine").items():
         told = []
@@ -788,7 +796,7 @@ BRICKS_ARE_LARGER = alt.condition("datum.parts === 'bricks'", alt.value(120), al
 
 @figure_of("scaling", columns("machine compared scaling scene contender ranks cut parts way microseconds compute exchange waiting efficiency predicted "
                               "noisy", scene=("scene", None)),
-           latest_of("scaling", "compared", "contender", "ranks", "cut", "way"), "scaling")
+           latest_of(reading.scaling, "compared", "contender", "ranks", "cut", "way"), "scaling")
 def scaling(figure, rows):
     several = [row for row in rows if row["ranks"] > 1]
     if not several:
@@ -815,7 +823,7 @@ def scaling(figure, rows):
 
 @figure_of("forecast", columns("machine compared scaling contender parts way measured_ranks ranks microseconds efficiency half",
                                microseconds=("time per step, predicted (µs)", 3), efficiency=("efficiency, predicted", 3)),
-           latest_of("scaling_forecast", "compared", "contender", "parts", "way", "ranks"), "scaling")
+           latest_of(reading.scaling_forecast, "compared", "contender", "parts", "way", "ranks"), "scaling")
 def scaling_forecast(figure, rows):
     for (machine,), group in groups(rows, "machine").items():
         halves = [row["half"] for row in group if row["half"]]
@@ -850,7 +858,7 @@ def drawing_costs(rows):
 
 
 @figure_of("latency", f"{SUBJECT} hertz edited drawn pictures median p99 p999 worst missed ticks steps_that_fit",
-           latest_of("haptic", "scene", "contender", "hertz", "edited", "drawn"), "haptic")
+           latest_of(reading.haptic, "scene", "contender", "hertz", "edited", "drawn"), "haptic")
 def latencies(figure, rows):
     figure.rows = []
     for (machine,), group in groups(rows, "machine").items():

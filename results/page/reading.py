@@ -360,18 +360,6 @@ def haptic(results):
             for row in rows_of(results, "haptic") if row.get("histogram")]
 
 
-def overhead(results):
-    """A row for each way of handing over steps; times in microseconds."""
-    return [row | {"microseconds": row["seconds_per_step"] * 1e6, "host": row["host_seconds_per_step"] * 1e6}
-            for row in rows_of(results, "overhead")]
-
-
-def energy(results):
-    """A row for each strategy and scene."""
-    return [row | {"millijoules": row["joules_per_step"] * 1e3, "microseconds": row["seconds_per_step"] * 1e6}
-            for row in rows_of(results, "energy")]
-
-
 def natural(text):
     """Sorts box@8 before box@16."""
     return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", text)]

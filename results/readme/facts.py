@@ -326,12 +326,6 @@ def joules(scene, case):
     return row("energy", scene, case, rows=result("energy")["energy"])["joules_per_step"]
 
 
-def noisy(study, machine=GPU):
-    """How many rows of a study its run marked, of how many."""
-    rows = medians(study, machine)
-    return f"{sum(bool(one.get('noisy')) for one in rows)} of {len(rows)}"
-
-
 def best_of(study, scene, backend, formulation="position"):
     """Microseconds of a backend with the tuning that suits it best."""
     rows = groups(medians(study), "scene", "backend", "formulation", "precision").get((scene, backend, formulation, "float32"))
