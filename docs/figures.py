@@ -26,7 +26,7 @@ SHOWN = ["cuda_resident", "cuda_explicit_delta", "cuda_explicit_cached_grid", "c
          "vulkan_implicit", "gl_fragment_implicit", "cpu_parallel"]
 
 # Who steps while a body is drawn.
-DRAWN = {"cuda": "CUDA, a launch a tick", "a launch for all ticks": "CUDA, a launch for all ticks", "gl": "OpenGL", "vulkan": "Vulkan",
+DRAWN = {"cuda": "CUDA, one launch per tick", "a launch for all ticks": "CUDA, one launch for all ticks", "gl": "OpenGL", "vulkan": "Vulkan",
          "cpu": "the processor"}
 
 
@@ -51,7 +51,7 @@ def heart():
               results.giga(row["particle_updates_per_second"]), results.percent(row["fraction_of_limit"]),
               f"{row['error_max']:.1e}", str(len(tried[row["backend"],]))] for row in rows]
     about = (f"{rows[0]['particles']:,} particles, {rows[0]['formulation']} in {rows[0]['precision']}, {rows[0]['error_steps']} steps, on ")
-    return (results.table(["backend", "us a step", "x fastest", "G particles/s", "% of roofline", "error", "best of"], lines) +
+    return (results.table(["backend", "us per step", "x fastest", "G particles/s", "% of roofline", "error", "best of"], lines) +
             origin(found, about, f" and {found['context']['voxspring']['cpu']}") + ".")
 
 
@@ -166,7 +166,7 @@ def tick_rows(rows):
 
 def late_ticks():
     """Of motions of many ticks, what the pauses of the host's thread explain of late ones."""
-    header = ["scene", "backend", "ticks", "median", "99.9 %", "pauses of 10 us a second (ticks that meet one)", "of 20 us", "missed",
+    header = ["scene", "backend", "ticks", "median", "99.9 %", "pauses of 10 us per second (ticks that meet one)", "of 20 us", "missed",
               "pauses of a whole tick, between ticks"]
     parts = []
     for found in results.machines("haptic"):

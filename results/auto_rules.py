@@ -108,8 +108,8 @@ def min_steps_between_edits():
 
 
 def several_devices(results):
-    """Of each CUDA backend and number of ranks, each on a device of its own: the particles from which on they are faster than one
-    rank, for every body that was measured. Nothing where one of so many particles was slower."""
+    """For each CUDA backend and number of ranks, one per device: from how many particles on they are faster than one rank, for every
+    body that was measured. Nothing where a body of so many particles was slower."""
     fastest = {}
     for result in results:
         for row in result["scaling"]:

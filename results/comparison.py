@@ -39,7 +39,7 @@ PLACES = {"benchmarks": (), "pareto": ("fraction_of_stable",), "stability": ("da
           "overhead": ("handed_over",), "scaling": ("ranks", "cut", "way"), "haptic": ("hertz", "edited", "drawn")}
 # What is so in files that do not say.
 UNSAID = {"drawn": False}
-# What a row's time is called, in units of its own: to an end time, or a step.
+# What a row's time is called; it is the time to an end time, or that of a step.
 CLOCKS = {"energy": "seconds_per_step", "overhead": "seconds_per_step", "scaling": "seconds_per_step",
           "haptic": "median_seconds"}
 # Errors, and the field that says how well float64 knows what they are taken against.
@@ -366,7 +366,7 @@ def judge_repetitions(row, threshold):
 
 
 def is_clearly_slower(times, other, marked, threshold=Rule.threshold):
-    """Whether `other` takes longer than `times`, of one machine and of runs of their own: as the rule has it of two results,
+    """Whether `other` takes longer than `times`, of one machine and of different runs: as the rule has it of two results,
     but for U, which answers whether a row changed and asks for more repetitions than a choice among rows does."""
     if min(len(times), len(other)) < 3:
         return False

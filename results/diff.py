@@ -101,7 +101,7 @@ def times_line(row, unit):
 
 
 def terminal(found, shown):
-    """A row is its name, its times and its notes, each on lines of its own, so that none of them is cut."""
+    """A row is its name, its times and its notes, each on separate lines, so that none of them is cut."""
     on_terminal = sys.stdout.isatty()
     width = max(shutil.get_terminal_size((WIDTH, 0)).columns, LEAST_WIDTH) if on_terminal else WIDTH
     coloured = on_terminal and "NO_COLOR" not in os.environ

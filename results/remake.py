@@ -12,7 +12,7 @@ was built from a tree with changes, since no commit has what it would measure.
 
 A study that ends before its result is whole ends the run, and keeps its journal.
 
-Exit code: 0 done; 1 a study failed, or with --check a file is stale; 2 bad input; 130 interrupted.
+Exit code: 0 done; 1 if a study failed, or with --check a file is stale; 2 bad input; 130 interrupted.
 """
 
 import argparse
@@ -31,11 +31,11 @@ HERE = pathlib.Path(__file__).resolve().parent
 # Headline tables first, so that a run that is cut short has them. haptic plays in real time, for some four minutes.
 GPU_STUDIES = ("table1", "fastest", "figure8", "figure7", "edits", "skips", "formulations", "tuning", "pareto", "stability",
                "stress", "overhead", "energy", "haptic")
-# Of a GPU server these leave out the processor, which has a folder of its own: it took nearly half of the time of pareto, and a
+# On a GPU server these leave out the processor, which has another folder: it took nearly half of the time of pareto, and a
 # quarter of that of stress.
 WITHOUT_PROCESSOR = ("pareto", "stability", "stress", "energy")
 CPU_STUDIES = ("fastest", "pareto", "stability", "stress", "haptic")
-# Of a processor this leaves out graphics in software: its threads wait for each other and for a processor, so that a quarter of
+# On a processor this leaves out graphics in software: its threads wait for each other and for a processor, so that a quarter of
 # its rows are noisy, and it takes sixteen of seventeen minutes.
 WITHOUT_SOFTWARE = ("fastest",)
 # What all of a GPU server's studies may take together; a longer run says so.

@@ -40,7 +40,7 @@ def main():
         writer.writerows({key: cell(value) for key, value in row.items()} for row in rows)
         sys.stdout.flush()
     except BrokenPipeError:
-        # Whoever read has enough; nothing is left to flush at exit.
+        # The reader has enough; nothing is left to flush at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 

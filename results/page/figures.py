@@ -698,7 +698,7 @@ def edit_panels(figure, machine, formulation, steps, group):
     group, counts = labelled(group), sorted({row["edits"] for row in group})
     for key, heading, title in (("slower", "slow-down", "slower by (%)"),
                                 ("edit_microseconds", "latency of an edit", "an edit by itself (µs)")):
-        # Each quantity labels lines of its own.
+        # Each quantity has its lines, and labels them.
         rows = [{**row, "quantity": key} for row in group if row[key] is not None]
         if not rows:
             continue

@@ -22,7 +22,7 @@ SIZE = "560x420"
 # Particle updates of a run, which float64 on one core takes about two seconds for, and the most steps.
 UPDATES = 30_000_000
 MAX_STEPS = 2000
-# Of several sizes the largest up to this one is drawn, which leaves it some hundred steps to move; without one the smallest.
+# The largest of several sizes up to this one is drawn, which leaves it some hundred steps to move; without one the smallest is.
 FAMILIAR = 100_000
 # Beyond this not even a few steps are drawn.
 MAX_PARTICLES = 4_000_000
@@ -101,7 +101,7 @@ def choose(results):
         left_out.append((others, "no built-in scene has such a name"))
     if large:
         left_out.append((large, f"more than {MAX_PARTICLES // 1_000_000} million particles"))
-    # A body with a shape of its own is what one remembers.
+    # A reader remembers a heart sooner than a box.
     chosen.sort(key=lambda wanted: (not wanted.scene.startswith("heart"), reading.natural(wanted.scene)))
     return chosen, left_out
 

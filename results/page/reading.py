@@ -148,8 +148,8 @@ def read(path):
 
 
 def tell_apart(results):
-    """Gives machines that are not one and are called alike names of their own. A card is known by its identity. What has none, a
-    processor, is the same one where cores and host are; files do not always name the host, and then it is that of their folder."""
+    """Gives different names to different machines that are called alike. A card is known by its identity. A processor has none: it is
+    the same one where cores and host are the same, and the folder stands for a host that a file does not name."""
     def traits(result):
         at = result.host or (result.path.resolve().parent if not result.cards else "")
         return {"cores": f"{result.cores} cores" if result.cores else "", "card": ", ".join(card[:12] for card in result.cards),

@@ -37,7 +37,7 @@ def name_of(row):
 
 
 def medians_of(one):
-    """The median row of each case of a result, in the order of the file, with its `times` (us a step) and their `spread`."""
+    """The median row of each case of a result, in the order of the file, with its `times` (us per step) and their `spread`."""
     return [row | {"times": times, "spread": result_files.spread_of(times)} for row, times in result_files.medians(one["benchmarks"])]
 
 

@@ -60,7 +60,7 @@ def steps(study):
 def scaling():
     rows = medians("figure8")
     particles = {row["scene"]: row["particles"] for row in rows}
-    return matrix("us a step (ns a particle)", rows, lambda scene: [f"{scene[4:]}^3: {particles[scene]}"],
+    return matrix("us per step (ns per particle)", rows, lambda scene: [f"{scene[4:]}^3: {particles[scene]}"],
                   lambda row: [f"{time_of(row)} ({three_digits(row['real_time'] * 1e3 / row['particles'])})"])
 
 
@@ -109,7 +109,7 @@ def formulations():
             cells = [marked(row, f"{row['real_time'] / base:.2f}{spread_text(row)} ({row['error_relative_l2']:.1e})") if row else "-"
                      for row in map(known.get, FORMULATIONS)]
             lines.append([f"{name}, {scene}, {count} steps", time_of(known["position"])] + cells)
-    return table(["case", "position (us a step)"] + FORMULATIONS, lines)
+    return table(["case", "position (us per step)"] + FORMULATIONS, lines)
 
 
 def stress():
@@ -207,7 +207,7 @@ def fastest():
                           limit_of(row), f"{row['error_max']:.1e}",
                           f"{paper['ratio']:.2f} ({contender(paper)}, of {sum(other['backend'] in PAPER for other in tried)})"
                           if paper else "-", f"{times:.2f}" if times else "not measured", *starts_of(row)])
-        header = ["dataset", "fastest", "of so many", "us a step", "G particles/s", "G springs/s", "of limit", "error",
+        header = ["dataset", "fastest", "of so many", "us per step", "G particles/s", "G springs/s", "of limit", "error",
                   "x the paper's best", "x auto", "cold start (compiling) (ms)", "warm start (ms)"]
         parts.append(titled(one, table(header, lines)))
     return "\n\n".join(parts)
@@ -227,7 +227,7 @@ def resting():
         share = work[name]["tiles_stepped"] / work[name]["tiles"]
         cells = lines.setdefault((backend, formulation, way), {})
         cells[scene] = f"{time_of(times[plain])} / {time_of(skipping)} ({percent(share)})"
-    return table(["us a step of all / of what moves (tiles stepped)"] + scenes,
+    return table(["us per step of all / of what moves (tiles stepped)"] + scenes,
                  [[f"`{backend}` {formulation}" + ", flush" * (way == "flush")] + [cells.get(scene, "-") for scene in scenes]
                   for (backend, formulation, way), cells in sorted(lines.items())])
 
