@@ -27,11 +27,13 @@ import collections
 import dataclasses
 import json
 import math
+import pathlib
 import statistics
 
 import result_files
 from result_files import BadInput
 
+HERE = pathlib.Path(__file__).resolve().parent
 IDENTITY = ("scene", "backend", "formulation", "precision", "tuning")
 # What tells the rows of one identity apart, by the list they are in.
 PLACES = {"benchmarks": (), "pareto": ("fraction_of_stable",), "stability": ("damping", "start"),
@@ -92,92 +94,59 @@ class Row:
     failure: str = ""
 
 
+def identity_of(row):
+    return tuple(row.get(key, "") for key in IDENTITY)
+
+
 class Result:
     """A result file: rows by (identity, place), failed and skipped with their reasons by identity."""
 
     def __init__(self, path, across):
         self.path = path
         self.json = result_files.load(path)
-        self.context = self.get(self.get(self.json, "", "context", dict), "context.", "voxspring", dict)
-        self.backends = self.get(self.context, "context.voxspring.", "backends", dict, {})
-        for name in self.backends:
-            at = f"context.voxspring.backends.{name}."
-            on = self.get(self.backends, at.removesuffix(f"{name}."), name, dict)
-            for key in ("device", "uuid"):
-                self.get(on, at, key, str, "")
-        self.study = self.get(self.get(self.context, "context.voxspring.", "study", dict, {}), "context.voxspring.study.",
-                              "name", str, None)
+        result_files.check(path, self.json, HERE / "comparison.schema.json")
+        self.context = self.json["context"]["voxspring"]
+        self.backends = self.context.get("backends", {})
+        self.study = self.context.get("study", {}).get("name")
         self.rows = collections.defaultdict(list)
-        self.unmeasured = {"failed": {}, "skipped": {}}
-        for list_name in (*PLACES, *self.unmeasured):
-            for index, row in enumerate(self.get(self.json, "", list_name, list, [])):
-                at = f"{list_name}[{index}]."
-                if not isinstance(row, dict):
-                    self.refuse(at[:-1], row, "an object")
-                identity = tuple(self.get(row, at, key, str, *([""] if key not in ("scene", "backend") else []))
-                                 for key in IDENTITY)
-                if list_name in self.unmeasured:
-                    self.unmeasured[list_name][identity] = self.get(row, at, "reason", str, "no reason given")
-                else:
-                    self.add(list_name, identity, row, at, across)
+        self.unmeasured = {name: {identity_of(row): row.get("reason", "no reason given") for row in self.json.get(name, [])}
+                           for name in ("failed", "skipped")}
+        for list_name in PLACES:
+            for index, row in enumerate(self.json.get(list_name, [])):
+                if list_name != "benchmarks" or row.get("run_type", "iteration") == "iteration":
+                    self.add(list_name, row, f"{list_name}[{index}].", across)
         if not self.rows and not any(self.unmeasured.values()):
             self.refuse("the document", sorted(self.json), f"rows in any of {', '.join((*PLACES, *self.unmeasured))}")
 
-    def add_errors_by_chance(self, entry, row, at, backend):
+    def add_errors_by_chance(self, entry, row):
         """Raises the errors against float64 of a backend whose runs differ, both alike, to where one of them is its spread."""
-        one, spread = entry.errors.get("error_relative_l2"), self.get(row, at, "spread", float, None)
-        at = f"context.voxspring.backends.{backend}."
-        if not one or not spread or self.get(self.backends.get(backend, {}), at, "deterministic", bool, True):
-            return
-        for key in ("error_relative_l2", "error_max"):
-            if entry.errors.get(key) is not None:
-                entry.by_chance[key] = entry.errors[key] * spread / one
+        one, spread = entry.errors.get("error_relative_l2"), row.get("spread")
+        if one and spread and not self.backends.get(row["backend"], {}).get("deterministic", True):
+            for key in ("error_relative_l2", "error_max"):
+                if entry.errors.get(key) is not None:
+                    entry.by_chance[key] = entry.errors[key] * spread / one
 
     def refuse(self, key, value, accepted):
         raise BadInput(f"{self.path}: {key}: {result_files.shown(value)}: expected {accepted}")
 
-    def get(self, holder, at, key, kind, *default):
-        """holder[key], of a kind: dict, list, str, bool or float (any finite number that is not negative, or null)."""
-        if key not in holder and default:
-            return default[0]
-        value = holder.get(key)
-        if kind is float:
-            good = value is None or (result_files.is_finite(value) and value >= 0)
-        else:
-            good = isinstance(value, kind)
-        if not good:
-            accepted = {dict: "an object", list: "an array", str: "a string", bool: "true or false",
-                        float: "a number that is not negative, or null"}[kind]
-            self.refuse(at + key, value if key in holder else "(missing)", accepted)
-        return value
-
-    def add(self, list_name, identity, row, at, across):
-        if list_name == "benchmarks" and row.get("run_type", "iteration") != "iteration":
-            return
+    def add(self, list_name, row, at, across):
+        identity = identity_of(row)
         place = tuple((key, json.dumps(row.get(key, UNSAID.get(key)), sort_keys=True)) for key in PLACES[list_name])
-        name = self.get(row, at, "name", str, "/".join(identity[:4])).split("/iterations:")[0]
-        entry = Row(name[len(identity[0]) + 1:].replace("/", " "))
+        name = row.get("name", "/".join(identity[:4])).split("/iterations:")[0]
+        entry = Row(name[len(identity[0]) + 1:].replace("/", " "), chaotic=row.get("chaotic", False), noisy=list(row.get("noisy", [])))
         entry.measure = tuple((key, row[key]) for key in ("particles", "springs", "steps", "error_steps", "end_time")
                               if key in row)
-        entry.chaotic = self.get(row, at, "chaotic", bool, False)
-        entry.noisy = self.get(row, at, "noisy", list, [])
-        if not all(isinstance(reason, str) for reason in entry.noisy):
-            self.refuse(at + "noisy", entry.noisy, "texts")
-        if row.get("time_unit", "us") != "us":
-            self.refuse(at + "time_unit", row["time_unit"], '"us", which the times of a result are in')
         if list_name == "stress":
             if row.get("gate_is") == "at most" and row.get("unit") in STRESS_ERRORS:
-                entry.errors["measured"] = self.get(row, at, "measured", float)
+                entry.errors["measured"] = row["measured"]
         else:
-            for key, floor in ERRORS.items():
-                if key in row:
-                    entry.errors[key] = self.get(row, at, key, float)
-                    entry.floors[key] = self.get(row, at, floor, float, None) if floor else None
-            self.add_errors_by_chance(entry, row, at, identity[1])
-        if not self.get(row, at, "passed", bool, True) or self.get(row, at, "diverged", bool, False):
-            entry.failure = self.get(row, at, "reason", str, "beyond its gate")
+            entry.errors = {key: row[key] for key in ERRORS if key in row}
+            entry.floors = {key: row.get(ERRORS[key]) for key in entry.errors}
+            self.add_errors_by_chance(entry, row)
+        if not row.get("passed", True) or row.get("diverged", False):
+            entry.failure = row.get("reason", "beyond its gate")
         key = "fraction_of_limit" if across else CLOCK if list_name == "benchmarks" else CLOCKS.get(list_name, "seconds")
-        time = self.get(row, at, key, float, None)
+        time = row.get(key)
         if list_name == "benchmarks":
             if not across and not time:
                 self.refuse(at + key, time, "a number of microseconds above zero")

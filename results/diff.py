@@ -162,7 +162,7 @@ def main():
     except result_files.BadInput as error:
         refuse(error)
     except ImportError as absent:
-        refuse(f"{absent}: install Debian's python3-scipy, or with pip scipy")
+        refuse(f"{absent}: install Debian's python3-scipy and python3-fastjsonschema, or with pip scipy and fastjsonschema")
     shown = [row for row in found["rows"] if options.all or row["verdict"] != "same"]
     if options.json:
         print(json.dumps(found, indent=2))

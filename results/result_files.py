@@ -1,8 +1,8 @@
 """Results as files: JSON as the program writes it, or that compressed by gzip, as compact.py keeps it here."""
 
+import functools
 import gzip
 import json
-import math
 import pathlib
 import re
 import statistics
@@ -31,15 +31,7 @@ def shown(value, longest=60):
     return text if len(text) <= longest else text[:longest - 3] + "..."
 
 
-def is_finite(value):
-    """Whether a value is a number that float64 holds."""
-    try:
-        return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
-    except OverflowError:
-        return False
-
-
-def load(path, parse_constant=None):
+def load(path):
     """The result in a file, whatever its name; refuses what is no JSON object of a version that is read."""
     expected = "expected a result that `voxspring study` wrote"
     try:
@@ -47,7 +39,8 @@ def load(path, parse_constant=None):
         if data.startswith(GZIP):
             data = gzip.decompress(data)
         text = data.decode("utf-8")
-        result = json.loads(text, parse_constant=parse_constant)
+        # NaN and Infinity, which JSON does not have, become texts, and no number is one.
+        result = json.loads(text, parse_constant=str)
     except OSError as error:
         raise BadInput(f"{path}: {error.strerror or error}; {expected}") from None
     except RecursionError:
@@ -65,6 +58,29 @@ def load(path, parse_constant=None):
     if reason := versions.unread(result):
         raise BadInput(f"{path}: {reason}")
     return result
+
+
+@functools.cache
+def validator(schema, name):
+    """What a file with a schema, or with parts by name, checks with, and the schema."""
+    import fastjsonschema  # pylint: disable=import-outside-toplevel  # remake.py does without
+    rules = json.loads(schema.read_text(encoding="utf-8"))
+    return fastjsonschema.compile(rules | {"$ref": f"#/$defs/{name}"} if name else rules), rules["$defs"]
+
+
+def check(path, data, schema, name="", at=""):
+    """Refuses what is not as the file schema, or its part of a name, says: by the file, the key, the value and what is expected."""
+    rules, parts = validator(schema, name)
+    try:
+        rules(data)
+    except ValueError as error:
+        place, said, wanted = at + error.name.removeprefix("data").removeprefix("." * (not at)), shown(error.value), error.definition
+        if error.rule == "required":
+            key = next(key for key in wanted["required"] if key not in error.value)
+            place, said = f"{place}.{key}".removeprefix("."), "is missing"
+            wanted = (wanted.get("properties", {}) | parts["row"]["properties"]).get(key, wanted)
+            wanted = parts[wanted["$ref"].removeprefix("#/$defs/")] if "$ref" in wanted else wanted
+        raise BadInput(f"{path}: {place or 'the document'}: {said}: expected {wanted.get('description', 'another value')}") from None
 
 
 def study_of(path):

@@ -327,16 +327,21 @@ class Diff(unittest.TestCase):
         for words, key, value in ((["benchmarks", "{}", "an array"], "benchmarks", {}),
                                   (["context", "null", "an object"], "context", None),
                                   (["failed[0]", "3", "an object"], "failed", [3]),
-                                  (["skipped[0].scene", "(missing)", "a string"], "skipped", [{"backend": "a"}])):
+                                  (["skipped[0].scene", "is missing", "a string"], "skipped", [{"backend": "a"}])):
             self.assert_refused(["new.json", *words], good, good | {key: value})
         self.assert_refused(["expected rows in any of"], good, result())
         for key, value in (("real_time", 0), ("real_time", -1), ("real_time", "1"), ("real_time", True), ("backend", 3),
-                           ("real_time", float("nan")), ("error_max", -1), ("chaotic", 1), ("divergence", []),
-                           ("noisy", None), ("noisy", [1]), ("time_unit", "ns")):
+                           ("real_time", "NaN"), ("error_max", -1), ("chaotic", 1), ("divergence", []),
+                           ("noisy", None), ("time_unit", "ns")):
             new = copy.deepcopy(good)
             new["benchmarks"][3][key] = value
-            self.assert_refused([f"new.json: benchmarks[3].{key}: {json.dumps(value)}: expected"], good, new)
-        self.assert_refused(["new.json: context.voxspring: \"(missing)\": expected an object"], good, {"context": {}})
+            for unquoted in (False, True) if value == "NaN" else (False,):
+                text = json.dumps(new).replace('"NaN"', "NaN") if unquoted else json.dumps(new)
+                self.assert_refused([f"new.json: benchmarks[3].{key}: {json.dumps(value)}: expected"], good, text)
+        new = copy.deepcopy(good)
+        new["benchmarks"][3]["noisy"] = [1]
+        self.assert_refused(["new.json: benchmarks[3].noisy[0]: 1: expected a string"], good, new)
+        self.assert_refused(["new.json: context.voxspring: is missing: expected an object"], good, {"context": {}})
         self.assert_refused(["new.json: context: 1: expected an object"], good, {"context": 1})
         self.assert_refused(["new.json", "is nested too deeply"], good, "[" * 100_000)
         half = json.dumps(good).replace('"scene": "box@8"', '"scene": "\\ud800"')
@@ -463,7 +468,7 @@ class Diff(unittest.TestCase):
         environment = os.environ | {"PYTHONPATH": str(self.folder)}
         said = subprocess.run(command, env=environment, capture_output=True, text=True)
         self.assertEqual(said.returncode, 2, said.stderr)
-        self.assertIn("install Debian's python3-scipy, or with pip scipy", said.stderr)
+        self.assertIn("install Debian's python3-scipy and python3-fastjsonschema, or with pip scipy and fastjsonschema", said.stderr)
 
     def test_help_needs_no_package(self):
         for script in ("diff", "report"):

@@ -46,8 +46,9 @@ struct Script {
 const std::map<std::string, Script>& all_scripts() {
     static const std::map<std::string, Script> all = {
         {"diff",
-         {"Compare two results: what got slower, or less accurate (needs Python 3 with scipy)", "scipy.stats",
-          "python3-scipy"}},
+         {"Compare two results: what got slower, or less accurate (needs Python 3 with scipy and "
+          "fastjsonschema)",
+          "scipy.stats, fastjsonschema", "python3-scipy python3-fastjsonschema"}},
         {"report",
          {"A page of results as one HTML file (needs Python 3 with altair, scipy and vl-convert-python)",
           "altair, fastjsonschema, PIL, scipy.stats, vl_convert", ""}},

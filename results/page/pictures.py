@@ -119,7 +119,7 @@ def read(path):
         if not data.endswith(END):
             raise SyntaxError
     except (KeyError, OSError, SyntaxError):
-        raise reading.BadInput(f"{path}: begins with {data[:8]!r}, is cut off or has no text voxspring; expected a PNG file that "
+        raise reading.BadInput(f"{path}: begins with {data[:8]!r}, is cut off or has no text voxspring: expected a PNG file that "
                                "voxspring run --out drew") from None
     try:
         about = json.loads(text)

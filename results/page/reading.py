@@ -4,7 +4,6 @@ A file that is not as reading.schema.json says is refused with its path, the key
 looked at, so that files of older versions, which lack newer keys, are read as well.
 """
 
-import functools
 import importlib.resources
 import json
 import math
@@ -12,7 +11,6 @@ import pathlib
 import re
 from dataclasses import dataclass, field
 
-import fastjsonschema
 import scipy.optimize
 
 import result_files
@@ -53,42 +51,25 @@ class Result:
         return f"{self.machine}{driver}, commit {self.commit}, {self.date[:10]}"
 
 
-@functools.cache
-def validator(name):
-    return fastjsonschema.compile(SCHEMA | {"$ref": f"#/$defs/{name}"} if name else SCHEMA)
-
-
-def resolved(schema):
-    return SCHEMA["$defs"][schema["$ref"].removeprefix("#/$defs/")] if "$ref" in schema else schema
-
-
 def check(path, data, name="", at=""):
-    """Refuses what is not as reading.schema.json, or its part of a name, says: by the file, the key, the value and what is expected."""
-    try:
-        validator(name)(data)
-    except fastjsonschema.JsonSchemaValueException as error:
-        place, said, wanted = at + error.name.removeprefix("data").removeprefix("." * (not at)), shown(error.value), error.definition
-        if error.rule == "required":
-            key = next(key for key in wanted["required"] if key not in error.value)
-            place, said = f"{place}.{key}".removeprefix("."), "is missing"
-            wanted = resolved((wanted.get("properties", {}) | SCHEMA["$defs"]["row"]["properties"]).get(key, wanted))
-        raise BadInput(f"{path}: {place}: {said}; expected {wanted.get('description', 'another value')}") from None
+    """Refuses what is not as reading.schema.json, or its part of a name, says."""
+    result_files.check(path, data, importlib.resources.files(__package__) / "reading.schema.json", name, at)
 
 
 def check_map(path, where, row):
     if len(row["region"]) != len(row["damping"]):
-        raise BadInput(f"{path}: {where}.region: {len(row['region'])} rows; expected one for each of the "
+        raise BadInput(f"{path}: {where}.region: {len(row['region'])} rows: expected one for each of the "
                        f"{len(row['damping'])} values of damping")
     for line in row["region"]:
         if len(line) != len(row["fraction"]):
-            raise BadInput(f"{path}: {where}.region: {shown(line)}; expected {len(row['fraction'])} of {', '.join(REGIONS)}")
+            raise BadInput(f"{path}: {where}.region: {shown(line)}: expected {len(row['fraction'])} of {', '.join(REGIONS)}")
 
 
 def check_histogram(path, where, row):
     begins = [begin for begin, _ in row.get("histogram") or []]
     for index, (before, begin) in enumerate(zip(begins, begins[1:]), start=1):
         if begin <= before:
-            raise BadInput(f"{path}: {where}.histogram[{index}]: {shown(row['histogram'][index])}; expected where a bin begins, beyond "
+            raise BadInput(f"{path}: {where}.histogram[{index}]: {shown(row['histogram'][index])}: expected where a bin begins, beyond "
                            "the one before, and a count above 0")
 
 
@@ -130,8 +111,7 @@ def rooflines(limits, rows):
 
 def read(path):
     """The result in a file."""
-    # NaN and Infinity, which JSON does not have, become texts, and no number is one.
-    data = result_files.load(path, parse_constant=str)
+    data = result_files.load(path)
     check(path, data)
     lists = {name: data.get(name, []) for name in LISTS}
     for name, check_row in (("stability_map", check_map), ("haptic", check_histogram)):
@@ -175,7 +155,7 @@ def read_all(paths):
         if path.is_dir():
             found = result_files.within(path)
             if not found:
-                raise BadInput(f"{path}: holds no .json or .json.gz file; expected results of studies")
+                raise BadInput(f"{path}: holds no .json or .json.gz file: expected results of studies")
             files += found
         else:
             files.append(path)
