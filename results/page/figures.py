@@ -294,6 +294,11 @@ def source():
     return alt.Chart(alt.NamedData("rows"))
 
 
+def inline(*values):
+    """A chart of a few points that no row of the figure has."""
+    return alt.Chart(alt.InlineData(values=list(values)))
+
+
 def filtered(chart, condition):
     """A chart of those rows that fulfil a condition. What lies over lines of other data has its rows by itself: a filter of
     the whole would not reach them."""
@@ -548,14 +553,11 @@ def roofline(figure, rows):
         lines = []
         for factor, text in ((1, "the limit"), (10, "ten times as long")):
             low, high = ends["limit_microseconds"]
-            line = alt.Chart(alt.InlineData(values=[{"x": end, "y": end * factor} for end in (low, high)]))
-            lines.append(line.mark_line(color="var(--soft)", strokeWidth=1, strokeDash=[1, 0] if factor == 1 else [4, 4],
-                                        clip=True).encode(x="x:Q", y="y:Q"))
+            lines.append(inline(*({"x": end, "y": end * factor} for end in (low, high))).mark_line(
+                color="var(--soft)", strokeWidth=1, strokeDash=[1, 0] if factor == 1 else [4, 4], clip=True).encode(x="x:Q", y="y:Q"))
             # Named where the line leaves the chart, below it, where no point is.
             top = min(high, ends["microseconds"][1] / factor)
-            name = alt.Chart(alt.InlineData(values=[{"x": top, "y": top * factor, "text": text}]))
-            lines.append(name.mark_text(align="right", dx=-6, dy=5, baseline="top", color="var(--soft)").encode(
-                x="x:Q", y="y:Q", text="text:N"))
+            lines.append(roof_name({"x": top, "y": top * factor}, text, align="right", dx=-6, dy=5, baseline="top"))
         alternative = (f"Scatter plot for {machine}: least time per step by the device's measured limits against the "
                        f"measured time, {len(group)} rows, both logarithmic, with lines at the limit and ten times it.")
         figure.panel({"machine": machine}, alt.layer(*lines, points), alternative, 420)
@@ -569,15 +571,15 @@ ON_CHIP = 1.9
 
 
 def roof_name(at, text, **style):
-    return alt.Chart(alt.InlineData(values=[{**at, "text": text}])).mark_text(color="var(--soft)", **style).encode(
+    return inline({**at, "text": text}).mark_text(color="var(--soft)", **style).encode(
         x="x:Q", y="y:Q", text="text:N")
 
 
 def on_chip_strip(edge):
     """Beyond the roofs, where no number of operations per byte stands."""
     ends = {"x": edge * ON_CHIP**0.5, "x2": edge * ON_CHIP**1.5}
-    strip = alt.Chart(alt.InlineData(values=[ends])).mark_rect(color="var(--raised)").encode(x="x:Q", x2="x2:Q")
-    name = alt.Chart(alt.InlineData(values=[{"x": edge * ON_CHIP, "text": "on chip"}])).mark_text(
+    strip = inline(ends).mark_rect(color="var(--raised)").encode(x="x:Q", x2="x2:Q")
+    name = inline({"x": edge * ON_CHIP, "text": "on chip"}).mark_text(
         color="var(--soft)", baseline="bottom", dy=-4).encode(x="x:Q", y=alt.value("height"), text="text:N")
     return [strip, name]
 
@@ -610,7 +612,7 @@ def intensity(figure, rows):
             at = sorted({start, *(operations / rate for rate in bandwidths.values()), edge})
             for name, rate in bandwidths.items():
                 values = [{"x": x, "y": 1e-9 * min(operations, rate * x)} for x in at]
-                lines.append(alt.Chart(alt.InlineData(values=values)).mark_line(
+                lines.append(inline(*values).mark_line(
                     color="var(--soft)", strokeWidth=1, strokeDash=ROOF_DASHES[name]).encode(x="x:Q", y="y:Q"))
                 if name in reading.ROOF_LABELS:
                     lines.append(roof_name(values[0], f"{family}: {reading.ROOF_LABELS[name]}", align="left", dx=6, dy=4,
@@ -789,9 +791,14 @@ def energy(figure, rows):
 
 WAYS = {"none": "circle", "memory": "triangle-up", "mpi": "square", "peer": "diamond", "peer_overlap": "triangle-left",
         "stores": "cross", "stores_overlap": "triangle-right", "nccl": "triangle-down", "nccl_overlap": "wedge"}
-
-
 BRICKS_ARE_LARGER = alt.condition("datum.parts === 'bricks'", alt.value(120), alt.value(45))
+
+
+def over_ranks(figure, ranks, ranks_title, title):
+    """What lines and points of efficiency over numbers of ranks share."""
+    return source().encode(x=alt.X("ranks:Q", title=ranks_title, scale=scale(ranks), axis=alt.Axis(values=ranks, format="d")),
+                           y=alt.Y("efficiency:Q", title=title, axis=alt.Axis(format="%"), scale=alt.Scale(domainMin=0)),
+                           color=figure.colour(), detail=["contender:N", "way:N", "parts:N"])
 
 
 @figure_of("scaling", columns("machine compared scaling scene contender ranks cut parts way microseconds compute exchange waiting efficiency predicted "
@@ -808,13 +815,10 @@ def scaling(figure, rows):
         figure.tell(machine, f"{most} ranks have {between(reached, percent)} of the efficiency of one", "")
     for (machine, compared), group in groups(rows, "machine", "compared").items():
         ranks = sorted(distinct(group, "ranks"))
-        lines = source().encode(
-            x=alt.X("ranks:Q", title="ranks", scale=scale(ranks), axis=alt.Axis(values=ranks, format="d")),
-            color=figure.colour(), detail=["contender:N", "way:N", "parts:N"])
-        y = alt.Y("efficiency:Q", title="efficiency", axis=alt.Axis(format="%"), scale=alt.Scale(domainMin=0))
+        lines = over_ranks(figure, ranks, "ranks", "efficiency")
         predicted = lines.transform_filter("datum.ranks > 1").mark_line(strokeWidth=1.1, strokeDash=[2, 3]).encode(y="predicted:Q")
-        chart = alt.layer(predicted, lines.mark_line(strokeWidth=1.4).encode(y=y), figure.points(
-            lines, figure.shape("way", WAYS)).encode(y=y, size=BRICKS_ARE_LARGER))
+        chart = alt.layer(predicted, lines.mark_line(strokeWidth=1.4), figure.points(
+            lines, figure.shape("way", WAYS)).encode(size=BRICKS_ARE_LARGER))
         alternative = (f"Lines for {compared} on {machine}: efficiency against one rank over {len(ranks)} numbers of ranks, and "
                        "dotted what the model predicts.")
         figure.panel({"machine": machine, "compared": compared}, chart, alternative, 300,
@@ -834,10 +838,7 @@ def scaling_forecast(figure, rows):
         figure.tell(machine, finding, half)
     for (machine, compared), group in groups(rows, "machine", "compared").items():
         ranks = sorted(distinct(group, "ranks"))
-        lines = source().encode(
-            x=alt.X("ranks:Q", title="ranks, none of them measured", scale=scale(ranks), axis=alt.Axis(values=ranks, format="d")),
-            y=alt.Y("efficiency:Q", title="efficiency, predicted", axis=alt.Axis(format="%"), scale=alt.Scale(domainMin=0)),
-            color=figure.colour(), detail=["contender:N", "way:N", "parts:N"])
+        lines = over_ranks(figure, ranks, "ranks, none of them measured", "efficiency, predicted")
         chart = alt.layer(lines.mark_line(strokeWidth=1.1, strokeDash=[2, 3]), lines.mark_point(filled=False).encode(
             size=BRICKS_ARE_LARGER, shape=figure.shape("way", WAYS), tooltip=figure.tooltip()))
         alternative = (f"Dotted lines for {compared} on {machine}: the efficiency that a model predicts for {listed(map(str, ranks))} ranks. "
@@ -886,9 +887,7 @@ def latencies(figure, rows):
         x = alt.X("begin:Q", title="time to the force (µs)", axis=alt.Axis(format="~g"),
                   scale=alt.Scale(type="log", nice=False, domain=domain))
         # In the order of medians, what is drawn below the same that is not.
-        by_median = {}
-        for row in sorted(shown, key=lambda row: row["median"]):
-            by_median.setdefault(row["contender"], []).append(row)
+        by_median = groups(sorted(shown, key=lambda row: row["median"]), "contender")
         order = [row["label"] for rows_of in by_median.values() for row in sorted(rows_of, key=lambda row: row["drawn"])]
         y = alt.Y("label:N", title=None, sort=order, axis=LABEL_AXIS)
         floor = min(min(row["share"]) for row in shown)
@@ -897,7 +896,7 @@ def latencies(figure, rows):
                 type="log", domain=[floor, 1], range=[0.15, 1])))
         marks = source().mark_point(filled=True, size=42, color="var(--ink)").encode(
             x="p999:Q", y=y, shape=figure.shape("family", SHAPES), tooltip=figure.tooltip())
-        at_period = alt.Chart(alt.InlineData(values=[{"x": period, "text": "period"}]))
+        at_period = inline({"x": period, "text": "period"})
         rule = at_period.mark_rule(color="var(--ink)", strokeDash=[4, 4]).encode(x="x:Q")
         name = at_period.mark_text(dy=-3, baseline="bottom", color="var(--soft)").encode(x="x:Q", y=alt.value(0), text="text:N")
         alternative = (f"Histograms for {scene} at {rate_text(hertz)} on {machine}: a strip for each of {len(order)} rows, the darker "
@@ -962,9 +961,8 @@ def history(figure, rows):
             found = verdicts.get((machine, study), {}).get((scene, row["contender"]))
             low, high = found["time"]["interval"] if found else (None, None)
             figure.rows.append({**row, "run": ticks[row["date"]], "day": row["date"][:16].replace("T", " "),
-                         "verdict": found["verdict"] if found else "not compared",
-                         "ratio": found["time"]["ratio"] if found else None,
-                         "interval": "" if low is None else f"{low:.3f} to {high:.3f}"})
+                                "verdict": found["verdict"] if found else "not compared", "ratio": found["time"]["ratio"] if found else None,
+                                "interval": "" if low is None else f"{low:.3f} to {high:.3f}"})
         ends = (min(row["least"] for found in of_contender for row in found),
                 max(row["most"] for found in of_contender for row in found))
         lines = source().encode(
@@ -1024,7 +1022,7 @@ def stress(figure, rows):
             x=alt.X("share:Q", title="measured, as a share of the gate", axis=alt.Axis(format="~e"),
                     scale=scale([row["share"] for row in drawn] + [1])),
             y=alt.Y("measurement:N", title=None, sort=distinct(group, "measurement"), axis=alt.Axis(labelLimit=130)))
-        gate = alt.Chart(alt.InlineData(values=[{"share": 1}])).mark_rule(color="var(--ink)").encode(x="share:Q")
+        gate = inline({"share": 1}).mark_rule(color="var(--ink)").encode(x="share:Q")
         alternative = (f"Dot plot for {machine}: {len(drawn)} measurements over their gates, with a line where a gate is "
                        "reached.")
         figure.panel({"machine": machine}, alt.layer(gate, chart), alternative,
