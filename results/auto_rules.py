@@ -20,6 +20,7 @@ import sys
 
 import result_files
 from readme import rows
+from result_files import groups
 
 FILE = pathlib.Path(__file__).resolve().parent.parent / "harness/study/auto_rules.json"
 # Families of backends that rank among themselves: name, first letters of its backends, the machine they were measured on.
@@ -41,13 +42,11 @@ def bodies(prefixes, machine, occupancy):
     for study in ("fastest", "figure8"):
         if not result_files.named(rows.RESULTS / machine, study).exists():  # of the processor there is no figure8
             continue
-        cases = {}
-        for row in rows.medians(study, machine):
-            share = row["particles"] / row["voxels"]
-            if (row["backend"].startswith(prefixes) and row["scene"].split("@")[0] in DATASETS and row["precision"] == "float32"
-                    and low <= share < (high or math.inf)):
-                cases.setdefault((row["particles"], row["formulation"]), {})[contender(row)] = row["real_time"]
-        for (particles, _), times in cases.items():
+        of_bodies = [row for row in rows.medians(study, machine)
+                     if row["backend"].startswith(prefixes) and row["scene"].split("@")[0] in DATASETS and row["precision"] == "float32"
+                     and low <= row["particles"] / row["voxels"] < (high or math.inf)]
+        for (particles, _), own in groups(of_bodies, "particles", "formulation").items():
+            times = {contender(row): row["real_time"] for row in own}
             fastest = min(times.values())
             worst = found.setdefault(particles, {})
             for one, time in times.items():
@@ -110,19 +109,15 @@ def min_steps_between_edits():
 def several_devices(results):
     """For each CUDA backend and number of ranks, one per device: from how many particles on they are faster than one rank, for every
     body that was measured. Nothing where a body of so many particles was slower."""
-    fastest = {}
-    for result in results:
-        for row in result["scaling"]:
-            if row["backend"].startswith("cuda_") and row["ranks"] > 1 and row["scaling"] == "strong" and not row.get("noisy"):
-                body = fastest.setdefault((row["backend"], row["ranks"]), {})
-                if row["scene"] not in body or row["seconds_per_step"] < body[row["scene"]]["seconds_per_step"]:
-                    body[row["scene"]] = row
+    told = [row for result in results for row in result["scaling"]
+            if row["backend"].startswith("cuda_") and row["ranks"] > 1 and row["scaling"] == "strong" and not row.get("noisy")]
     found = []
-    for (backend, ranks), bodies_of in sorted(fastest.items()):
-        paying = [row for row in bodies_of.values() if row["efficiency"] * ranks > 1]
+    for (backend, ranks), own in sorted(groups(told, "backend", "ranks").items()):
+        bodies_of = [min(of_scene, key=lambda row: row["seconds_per_step"]) for of_scene in groups(own, "scene").values()]
+        paying = [row for row in bodies_of if row["efficiency"] * ranks > 1]
         # Where borders travel within steps the model says nothing.
         particles = max((row["pays_from_particles"] or row["particles"] for row in paying), default=math.inf)
-        if all(row in paying or row["particles"] < particles for row in bodies_of.values()) and paying:
+        if all(row in paying or row["particles"] < particles for row in bodies_of) and paying:
             found.append({"backend": backend, "devices": ranks, "particles": round(particles)})
     return found
 

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 
 import PIL.Image
 
+import result_files
+
 from . import reading
 
 # What a PNG file that is whole ends with.
@@ -71,24 +73,16 @@ class Picture:
         return self.about["coloured_by"]
 
 
-def family(scene):
-    return scene.split("@")[0]
-
-
 def choose(results):
     """What to draw of the timed datasets, the least boxlike first, and (scenes, reason) of what is left out."""
     runs = [{**run, "microseconds": run["seconds"] / run["steps"] * 1e6} for run in reading.pareto(results)
             if run["particles"]]
-    best = {}
-    for row in reading.measured(results) + runs:
-        if row["scene"] not in best or row["microseconds"] < best[row["scene"]]["microseconds"]:
-            best[row["scene"]] = row
-    families = {}
+    best = {scene: min(own, key=lambda row: row["microseconds"])
+            for (scene,), own in result_files.groups(reading.measured(results) + runs, "scene").items()}
     others = [scene for scene in best if not NAME.fullmatch(scene)]
-    for row in sorted((row for row in best.values() if row["scene"] not in others), key=lambda row: row["particles"]):
-        families.setdefault(family(row["scene"]), []).append(row)
+    shown = sorted((row for row in best.values() if row["scene"] not in others), key=lambda row: row["particles"])
     chosen, sizes, large = [], [], []
-    for group in families.values():
+    for group in result_files.groups(shown, lambda row: row["scene"].split("@")[0]).values():
         drawable = [row for row in group if row["particles"] <= MAX_PARTICLES]
         large += [row["scene"] for row in group if row["particles"] > MAX_PARTICLES]
         if not drawable:

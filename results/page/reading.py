@@ -134,10 +134,8 @@ def tell_apart(results):
         at = result.host or (result.path.resolve().parent if not result.cards else "")
         return {"cores": f"{result.cores} cores" if result.cores else "", "card": ", ".join(card[:12] for card in result.cards),
                 "at": at if isinstance(at, str) else at.name, "path": str(at), "cards": result.cards}
-    alike = {}
-    for result in results:
-        alike.setdefault(result.machine, []).append((result, traits(result)))
-    for name, entries in alike.items():
+    for (name,), own in result_files.groups(results, lambda result: result.machine).items():
+        entries = [(result, traits(result)) for result in own]
         if len({tuple(found.values()) for _, found in entries}) == 1:
             continue
         words = [key for key in ("cores", "card", "at") if len({found[key] for _, found in entries}) > 1]
