@@ -3,7 +3,7 @@
 
 Usage: paper.py [--check]
 
-In the template `{{ expression }}` stands for a figure, a verdict or, as `{{ table("NAME") }}`, a table: functions of
+In the template `{{ expression }}` stands for a figure, a verdict or, as `{{ tables.NAME() }}`, a table: functions of
 readme/facts.py and readme/tables.py over MACHINE/STUDY.json.gz. --check changes nothing and exits with 1 if the page is not
 what the results say. A sentence that no longer holds is named, with its line, and nothing is written.
 """
@@ -11,19 +11,15 @@ what the results say. A sentence that no longer holds is named, with its line, a
 import pathlib
 import sys
 
-from readme import facts, tables, template
+from readme import facts, template
 
 HERE = pathlib.Path(__file__).resolve().parent
 TEMPLATE, PAGE = HERE / "README.in.md", HERE / "README.md"
 
 
-def table(name):
-    return tables.TABLES[name]()
-
-
 def main():
     try:
-        page = template.render(TEMPLATE.read_text(), facts.NAMES | {"table": table}, TEMPLATE.name)
+        page = template.render(TEMPLATE.read_text(), facts.NAMES, TEMPLATE.name)
     except template.Stale as stale:
         sys.exit(str(stale))
     if "--check" in sys.argv[1:]:

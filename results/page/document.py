@@ -34,19 +34,6 @@ def each_at_its_best(group):
     return [figures.fastest(own) for own in figures.groups(group, "backend").values()]
 
 
-def remarks_of(entry, papers):
-    """What is to be said of the fastest strategy of a dataset."""
-    best, found = entry.best, []
-    if entry.equals:
-        found.append(f"not to be told from {names(entry.equals)}")
-    if entry.absent:
-        were = "was" if len(entry.absent) == 1 else "were"
-        found.append(f"without the main contenders: {figures.listed(entry.absent)} {were} not measured here")
-    if paper := papers.get((best["machine"], best["scene"], best["contender"])):
-        found.append(f"{paper:.2f} times as fast as the best of the paper's strategies")
-    return found
-
-
 def amount(quantity, value):
     """The value of a target's quantity, in the units of the page."""
     if quantity.endswith(("seconds", "seconds_per_step")):
@@ -111,37 +98,11 @@ def headline(found, runs, drawn):
     return "", "These results hold nothing to show", ""
 
 
-def key(words):
-    """(shape and colour, or nothing, name) of what the marks and lines of a figure mean beside backends."""
-    items = []
-    if "formulation" in words:
-        items += [(shape, "soft" if "backend" in words else name, name) for name, shape in figures.FORMULATIONS.items()]
-    if "precision" in words:
-        items += [(None, None, "— float32"), (None, None, "··· float64")]
-    if "handed_over" in words:
-        items += [(shape, "soft", how) for how, shape in figures.HANDED_OVER.items()]
-    return items + [("square", name, f"{name[0]}: {name}") for name in reading.REGIONS if "region" in words]
-
-
 def captions(results):
     files = {}
     for result in results:
         files.setdefault(result.origin(), []).append(result.path.name)
     return [f"{origin} ({', '.join(names_of)})" for origin, names_of in files.items()]
-
-
-def shown_by(picture):
-    """What a picture shows in words, its largest value included."""
-    about = picture.about
-    steps = f"{about['steps']} step{'s' * (about['steps'] != 1)}"
-    # As BackendSpec::label() has it: backend/formulation/precision and tuning.
-    by = about["backend"].replace("/", " ")
-    if picture.coloured_by == "displacement":
-        return f"{about['scene']} after {steps} of {by}, coloured by displacement: at most {about['largest']:.3g}"
-    if about["largest"] == 0:
-        return f"{about['scene']} after {steps} of {by}, coloured by the error: none against float64"
-    return (f"{about['scene']} after {steps} of {by}, coloured by the error against float64: at most "
-            f"{figures.error_text(about['largest'])}")
 
 
 def script_safe(text):
@@ -173,10 +134,11 @@ def template():
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, loader=jinja2.FunctionLoader(source))
     shared = (figures.engineering, figures.error_text, figures.fastest_within, figures.groups, figures.listed, figures.percent,
               figures.time_text, figures.colour_of, reading.family, result_files.spread_of, math.log, amount, captions, each_at_its_best,
-              exact_enough, key, remarks_of, shown_by)
+              exact_enough, names)
     environment.globals |= {function.__name__: function for function in shared} | {
-        "base64": lambda data: base64.b64encode(data).decode(), "shapes": figures.SHAPES, "small_error": SMALL_ERROR, "min_spread": result_files.MIN_SPREAD,
-        "min_share": figures.MIN_SHARE, "error_columns": {error: f"Error of {figures.error_text(error)}" for error in figures.TARGETS}}
+        "base64": lambda data: base64.b64encode(data).decode(), "shapes": figures.SHAPES, "formulations": figures.FORMULATIONS,
+        "handed_over": figures.HANDED_OVER, "regions": reading.REGIONS, "small_error": SMALL_ERROR, "min_share": figures.MIN_SHARE,
+        "min_spread": result_files.MIN_SPREAD, "error_columns": {error: f"Error of {figures.error_text(error)}" for error in figures.TARGETS}}
     return environment.get_template("page.html")
 
 

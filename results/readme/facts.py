@@ -48,11 +48,6 @@ def commit(study, machine=GPU):
     return result(study, machine)["context"]["voxspring"]["commit"][:8]
 
 
-def no_better():
-    """What the table of tunings takes for no difference."""
-    return whole_percent(result_files.MIN_SPREAD)
-
-
 def whole_percent(value):
     return f"{100 * value:.0f}%"
 
@@ -135,10 +130,6 @@ def concatenated(case, scene=None):
     return ratio("tuning", scene or f"box@{largest_box('tuning')}", case + " layout=concatenated", case)
 
 
-def vertical_verdict():
-    return verdict(1 / concatenated(case) for case in addressing.EXPLICIT)
-
-
 def opengl_verdict():
     """The paper says that CUDA is faster than OpenGL's fragment shaders, with either addressing."""
     return verdict(ratio("table1", scene, cuda, gl) for scene in ("box@32", "heart") for cuda, gl in
@@ -186,10 +177,6 @@ def edit_us(case):
     """Microseconds of one edit, from a device that waits to one that waits again."""
     scene = max(medians("edits"), key=lambda one: one["edits"])["scene"]
     return row("edits", scene, case, formulation="increment")["edit_seconds_median"] * 1e6
-
-
-def edit_times(*cases):
-    return [edit_us(case) for case in cases]
 
 
 def nanoseconds(one):
@@ -337,4 +324,4 @@ def best_of(study, scene, backend, formulation="position"):
 # What a template may name.
 NAMES = {name: value for name, value in globals().items() if not name.startswith("_")} | {
     "addressing_verdict": addressing.verdict, "IMPLICIT": addressing.IMPLICIT, "EXPLICIT": addressing.EXPLICIT,
-    "CPU": CPU, "min": min, "max": max, "len": len, "abs": abs}
+    "CPU": CPU, "min": min, "max": max, "len": len, "map": map, "abs": abs}

@@ -275,10 +275,3 @@ def files():
                       else "-",
                       f"{sum(map(bool, of_rows))} of {len(of_rows)} ({strangers})" if of_rows else "-"])
     return table(["file", "commit", "day", "card", "repetitions", "marked `~` (other processes on the card)"], lines)
-
-
-
-TABLES = {"fastest": fastest, "targets": targets, "limits": lambda: limits("table1"), "table1": lambda: steps("table1"),
-          "starts": starts, "figure7": lambda: steps("figure7"), "figure8": scaling, "edits": edits, "tuning": tuning,
-          "formulations": formulations, "stress": stress, "stability": stability, "resting": resting, "energy": energy, "files": files,
-          "addressing": addressing.table_of_datasets}
