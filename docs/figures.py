@@ -168,8 +168,7 @@ def late_ticks():
     """Of motions of many ticks, what the pauses of the host's thread explain of late ones."""
     header = ["scene", "backend", "ticks", "median", "99.9 %", "pauses of 10 us per second (ticks that meet one)", "of 20 us", "missed",
               "pauses of a whole tick, between ticks"]
-    parts = []
-    for found in results.machines("haptic"):
+    def lines_of(found):
         lines = []
         for row in found["haptic"]:
             if row.get("waited_seconds", 0) < 10:
@@ -180,9 +179,8 @@ def late_ticks():
             met = [f"{often[least]:.0f} ({100 * often[least] * row['median_seconds']:.2f} %)" for least in (1e-5, 2e-5)]
             lines.append([row["scene"], results.contender(row), f"{row['missed'] + row['ticks']:,}", seconds_text(row["median_seconds"]),
                           seconds_text(row["p999_seconds"]), *met, f"{row['missed']:,}", f"{often[period] * row['waited_seconds']:.0f}"])
-        if lines:
-            parts.append(results.table(header, lines) + origin(found) + ".")
-    return "\n\n".join(parts) or "No committed result has it yet."
+        return lines
+    return results.by_machine("haptic", header, lines_of, lambda found, text: text + origin(found) + ".") or "No committed result has it yet."
 
 
 def drawing():
@@ -211,12 +209,12 @@ def drawing():
 def ticks():
     """When the force comes back, on every machine that has the study haptic."""
     header = ["scene", "backend", "kHz", "median", "99 %", "99.9 %", "worst", "missed", "steps fit", "of them for drawing", "force error"]
-    parts = []
-    for found in results.machines("haptic"):
+    def titled(found, text):
         real_time = {row["real_time"] for row in found["haptic"]}
         thread = "real-time" if real_time == {True} else "not real-time" if real_time == {False} else "real-time in a part of the rows"
-        parts.append(results.table(header, tick_rows(found["haptic"])) + origin(found, after=f"; the host's thread was {thread}") + ".")
-    return "\n\n".join(parts) or "No committed result has it yet."
+        return text + origin(found, after=f"; the host's thread was {thread}") + "."
+    return (results.by_machine("haptic", header, lambda found: tick_rows(found["haptic"]), titled)
+            or "No committed result has it yet.")
 
 
 PAGES = {ROOT / "README.md": {"heart": heart}, HERE / "architecture.md": {"architecture": architecture},

@@ -66,21 +66,19 @@ def main(arguments=None):
         text = document.page(results, *shown) if options.out else ""
     except reading.BadInput as error:
         refuse(error)
+    option = f"--figures {options.figures}"
     try:
         if options.figures:
             options.figures.mkdir(parents=True, exist_ok=True)
             for name, chart in export.charts(results):
                 write_whole(options.figures / name, chart)
                 print(options.figures / name)
+        if options.out:
+            option = f"--out {options.out}"
+            write_whole(options.out, text)
+            print(options.out)
     except OSError as error:
-        refuse(f"--figures {options.figures}: {error.strerror}")
-    if not options.out:
-        return
-    try:
-        write_whole(options.out, text)
-    except OSError as error:
-        refuse(f"--out {options.out}: {error.strerror}")
-    print(options.out)
+        refuse(f"{option}: {error.strerror}")
 
 
 if __name__ == "__main__":

@@ -99,10 +99,8 @@ def headline(found, runs, drawn):
 
 
 def captions(results):
-    files = {}
-    for result in results:
-        files.setdefault(result.origin(), []).append(result.path.name)
-    return [f"{origin} ({', '.join(names_of)})" for origin, names_of in files.items()]
+    return [f"{origin} ({', '.join(result.path.name for result in own)})"
+            for (origin,), own in result_files.groups(results, reading.Result.origin).items()]
 
 
 def script_safe(text):
@@ -153,9 +151,7 @@ def answer(own, entries, runs):
 def page(results, pictures, left_out):
     """The whole page as text: pictures by dataset, and (datasets, why they have none)."""
     # The machine with most rows of time comes first everywhere.
-    weight = collections.Counter()
-    for result in results:
-        weight[result.machine] += len(result.lists["benchmarks"])
+    weight = collections.Counter(result.machine for result in results for _ in result.lists["benchmarks"])
     results = sorted(results, key=lambda result: -weight[result.machine])
     backends, drawn = figures.all_figures(results)
     runs, found = figures.latest_runs(results), figures.outcomes(results, reading.measured(results))

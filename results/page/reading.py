@@ -102,11 +102,8 @@ def rooflines(limits, rows):
     """The roofs above rows: those of a card from CUDA where that is among them, as OpenGL and Vulkan are on the same card."""
     families = {row["family"] for row in rows}
     shown = families - ({"OpenGL", "Vulkan"} if "CUDA" in families else set())
-    found = {}
-    for row in rows:
-        if row["family"] in shown and row["backend"] in limits:
-            found.setdefault(row["family"], roofs(limits[row["backend"]]))
-    return found
+    return {family_of: roofs(limits[own[0]["backend"]]) for (family_of,), own in result_files.groups(
+        (row for row in rows if row["family"] in shown and row["backend"] in limits), "family").items()}
 
 
 def read(path):
@@ -150,13 +147,10 @@ def read_all(paths):
     """The results in files and, recursively, folders, by date."""
     files = []
     for path in paths:
-        if path.is_dir():
-            found = result_files.within(path)
-            if not found:
-                raise BadInput(f"{path}: holds no .json or .json.gz file: expected results of studies")
-            files += found
-        else:
-            files.append(path)
+        found = result_files.within(path) if path.is_dir() else [path]
+        if not found:
+            raise BadInput(f"{path}: holds no .json or .json.gz file: expected results of studies")
+        files += found
     # A file that is named beside its folder counts once.
     unique = {file.resolve(): file for file in files}
     return tell_apart(sorted((read(file) for file in unique.values()), key=lambda result: result.date))

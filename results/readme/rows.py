@@ -140,3 +140,8 @@ def time_of(row):
 def table(header, rows):
     lines = ["| " + " | ".join(header) + " |", "| --- |" + " --: |" * (len(header) - 1)]
     return "\n".join(lines + ["| " + " | ".join(row) + " |" for row in rows])
+
+
+def by_machine(study, header, lines_of, titled):
+    """A table for each machine that has a study and lines for it, as `titled` has it of a result and a table."""
+    return "\n\n".join(titled(one, table(header, lines)) for one in machines(study) if (lines := lines_of(one)))

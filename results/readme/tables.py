@@ -6,7 +6,7 @@ import math
 import result_files
 from readme import addressing
 from readme.rows import (
-    GPU, PAPER, RESULTS, alike, by_name, contender, fastest_of, giga, held_out, is_papers, loaded, machines, marked, medians, medians_of,
+    GPU, PAPER, RESULTS, alike, by_machine, by_name, contender, fastest_of, giga, held_out, is_papers, loaded, marked, medians, medians_of,
     microseconds, name_of, percent, result, spread_text, table, three_digits, time_of, tuning_of,
 )
 from result_files import distinct, groups
@@ -157,21 +157,14 @@ def titled(one, text):
 
 def targets():
     """What became of the targets that the study file names, machine by machine."""
-    parts = []
-    for one in machines("fastest"):
-        lines, known = [], by_name(one)
-        for block in one["fastest"]:
-            for target in block["targets"]:
-                if target["met"] is None:
-                    continue
-                row = known[target["name"]]
-                lines.append([f"{block['scene']} {block['formulation']} {block['precision']}", quantity(target, target["value"]),
-                              marked(row, quantity(target, target["measured"])), contender(row),
-                              limit_of(row),
-                              f"{'met' if target['met'] else 'missed'}, {percent(target['reached'])}"])
-        if lines:
-            parts.append(titled(one, table(["dataset", "target", "measured", "by", "of limit", "of the target"], lines)))
-    return "\n\n".join(parts)
+    def lines(one):
+        known = by_name(one)
+        aims = [(block, target) for block in one["fastest"] for target in block["targets"] if target["met"] is not None]
+        return [[f"{block['scene']} {block['formulation']} {block['precision']}", quantity(target, target["value"]),
+                 marked(row, quantity(target, target["measured"])), contender(row), limit_of(row),
+                 f"{'met' if target['met'] else 'missed'}, {percent(target['reached'])}"]
+                for block, target in aims for row in [known[target["name"]]]]
+    return by_machine("fastest", ["dataset", "target", "measured", "by", "of limit", "of the target"], lines, titled)
 
 
 def milliseconds(row, key):
@@ -195,8 +188,7 @@ def starts():
 
 def fastest():
     """For each machine the fastest strategy of each dataset."""
-    parts = []
-    for one in machines("fastest"):
+    def lines_of(one):
         lines, rows = [], medians_of(one)
         known = {name_of(row): row for row in rows}
         for block in one["fastest"]:
@@ -207,10 +199,10 @@ def fastest():
                           limit_of(row), f"{row['error_max']:.1e}",
                           f"{paper['ratio']:.2f} ({contender(paper)}, of {sum(other['backend'] in PAPER for other in tried)})"
                           if paper else "-", f"{times:.2f}" if times else "not measured", *starts_of(row)])
-        header = ["dataset", "fastest", "of so many", "us per step", "G particles/s", "G springs/s", "of limit", "error",
-                  "x the paper's best", "x auto", "cold start (compiling) (ms)", "warm start (ms)"]
-        parts.append(titled(one, table(header, lines)))
-    return "\n\n".join(parts)
+        return lines
+    header = ["dataset", "fastest", "of so many", "us per step", "G particles/s", "G springs/s", "of limit", "error",
+              "x the paper's best", "x auto", "cold start (compiling) (ms)", "warm start (ms)"]
+    return by_machine("fastest", header, lines_of, titled)
 
 
 def resting():
