@@ -481,7 +481,8 @@ def front(figure, runs):
                        f"logarithmic, with the Pareto front of each device as a line.")
         figure.panel({"machine": machine, "scene": scene}, alt.layer(steps, points), alternative, 340)
     most = statistics.mode(on_front) if on_front else ""
-    title = f"{most} is most often on a Pareto front, in {percent(on_front.count(most) / len(on_front))} of its runs" if most else "no run is on a Pareto front"
+    title = (f"{most} is most often on a Pareto front, in {percent(on_front.count(most) / len(on_front))} of its runs" if most else
+             "no run is on a Pareto front")
     cost = f"an error of 1e-6 takes {between(costs, lambda c: f'{c:.2g}')} times as long as one of 1e-4" if costs else ""
     figure.tell(listed(distinct(runs, "machine")), cost or title, f"{cost}; {title}" if cost else "")
 
@@ -801,8 +802,8 @@ def over_ranks(figure, ranks, ranks_title, title):
                            color=figure.colour(), detail=["contender:N", "way:N", "parts:N"])
 
 
-@figure_of("scaling", columns("machine compared scaling scene contender ranks cut parts way microseconds compute exchange waiting efficiency predicted "
-                              "noisy", scene=("scene", None)),
+@figure_of("scaling", columns("machine compared scaling scene contender ranks cut parts way microseconds compute exchange waiting "
+                              "efficiency predicted noisy", scene=("scene", None)),
            latest_of(reading.scaling, "compared", "contender", "ranks", "cut", "way"), "scaling")
 def scaling(figure, rows):
     several = [row for row in rows if row["ranks"] > 1]
