@@ -211,9 +211,8 @@ TuningValues tile_names() {
 
 const Registered entry({
     .name = "cuda_bricks",
-    .summary = "One launch for thousands of steps: bricks of the lattice in shared memory, a tile of "
-               "particles a thread, "
-               "borders through L2; one material, face and edge springs.",
+    .summary = "One launch for thousands of steps: bricks of the lattice in shared memory, one tile of "
+               "particles per thread, borders through L2; one material, face and edge springs.",
     .formulations = {Formulation::increment, Formulation::position, Formulation::displacement},
     .tuning = {{"tile", tile_names()}},
     .make = [](const Options& options) { return std::make_unique<BricksBackend>(options); },

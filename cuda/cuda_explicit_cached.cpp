@@ -8,7 +8,7 @@ namespace {
 
 const Registered entry({
     .name = "cuda_explicit_cached",
-    .summary = "One thread a particle, neighbours, stiffness and rest length by list, positions through a "
+    .summary = "One thread per particle, neighbours, stiffness and rest length by list, positions through a "
                "texture object.",
     .precisions = {Precision::float32, Precision::float64},
     .formulations = every_formulation,

@@ -8,8 +8,9 @@ namespace {
 
 const Registered entry({
     .name = "cuda_explicit_cached_grid",
-    .summary = "One thread a particle, neighbours by list with a counter a spring group, positions through a "
-               "texture object.",
+    .summary =
+        "One thread per particle, neighbours by list with one counter per spring group, positions through a "
+        "texture object.",
     .precisions = {Precision::float32, Precision::float64},
     .formulations = every_formulation,
     .tuning = tuning({{"dependent_launch", dependent_launches},

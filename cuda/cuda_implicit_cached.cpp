@@ -8,7 +8,7 @@ namespace {
 
 const Registered entry({
     .name = "cuda_implicit_cached",
-    .summary = "One thread a voxel, neighbours by grid offset and mask through a texture object.",
+    .summary = "One thread per voxel, neighbours by grid offset and mask through a texture object.",
     .precisions = {Precision::float32, Precision::float64},
     .formulations = every_formulation,
     .tuning = tuning({{"dependent_launch", dependent_launches},

@@ -8,7 +8,7 @@ namespace {
 
 const Registered entry({
     .name = "cuda_implicit_device",
-    .summary = "One thread a voxel, neighbours by grid offset and mask from global memory past L1.",
+    .summary = "One thread per voxel, neighbours by grid offset and mask from global memory past L1.",
     .precisions = {Precision::float32, Precision::float64},
     .formulations = every_formulation,
     .tuning = tuning({{"dependent_launch", dependent_launches},

@@ -9,8 +9,9 @@ namespace {
 
 const Registered entry({
     .name = "cuda_implicit_shared",
-    .summary = "One thread a voxel, neighbours by grid offset and mask from a tile of three slices in shared "
-               "memory.",
+    .summary =
+        "One thread per voxel, neighbours by grid offset and mask from a tile of three slices in shared "
+        "memory.",
     .precisions = {Precision::float32, Precision::float64},
     .formulations = every_formulation,
     .tuning = tuning({{"dependent_launch", dependent_launches},

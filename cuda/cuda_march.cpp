@@ -269,8 +269,9 @@ const TuningValues tiles = {"auto",  "32x20", "64x4",   "64x8",   "64x16", "64x2
 
 const Registered entry({
     .name = "cuda_march",
-    .summary = "Blocks march along z, two to four columns a thread, planes copied ahead into shared memory; "
-               "one material, face and edge springs.",
+    .summary =
+        "Blocks march along z, two to four columns per thread, planes copied ahead into shared memory; "
+        "one material, face and edge springs.",
     .precisions = {Precision::float32, Precision::float64},
     .formulations = {Formulation::increment, Formulation::position, Formulation::displacement},
     .tuning = {{"tile", tiles}},

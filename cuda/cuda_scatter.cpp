@@ -131,7 +131,7 @@ private:
 
 const Registered entry({
     .name = "cuda_scatter",
-    .summary = "One thread a spring, which adds its force to both particles with atomics.",
+    .summary = "One thread per spring, which adds its force to both particles with atomics.",
     .precisions = {Precision::float32, Precision::float64},
     .formulations = every_formulation,
     .tuning = tuning({{"block", {"256", "64", "128", "512"}}}),

@@ -42,7 +42,7 @@ class List(unittest.TestCase):
         for name in backends:
             self.assertIn(name, text)
         for reason in {backend["reason"] for backend in backends.values() if not backend["available"]}:
-            self.assertEqual(text.count(reason), 1, "a line a reason, however many backends have it")
+            self.assertEqual(text.count(reason), 1, "one line per reason, however many backends have it")
 
     def test_names_the_devices_that_vulkan_may_take(self):
         devices = json.loads(voxspring("list", "--json").stdout)["vulkan_devices"]
@@ -368,7 +368,7 @@ class Study(InTemporaryFolder):
         result = voxspring("study", "smoke", "--out", out, *arguments, env={**os.environ, "VOXSPRING_PROGRESS_SECONDS": "3600"})
         self.assertEqual(result.returncode, 0, result.stdout + result.stderr)
         for line in result.stderr.splitlines():
-            self.assertRegex(line, r"^\[\d/\d\] \S+: \d+ rows? in \S+ s(, about \d+ \w+ left)?$", "in a pipe a line a scene")
+            self.assertRegex(line, r"^\[\d/\d\] \S+: \d+ rows? in \S+ s(, about \d+ \w+ left)?$", "in a pipe one line per scene")
         with open(out) as file:
             return result.stdout, json.load(file)
 
@@ -403,7 +403,7 @@ class Study(InTemporaryFolder):
                     self.assertIn(backend, table)
         reasons = {row["reason"] for row in result["skipped"]}
         lines = [line for line in table.splitlines() if line.startswith("skipped: ")]
-        self.assertEqual(len(lines), len(reasons), "a line a reason")
+        self.assertEqual(len(lines), len(reasons), "one line per reason")
         for reason in reasons:
             self.assertTrue(any(line.endswith(": " + reason) for line in lines), reason)
         self.assertEqual(result["failed"], [])

@@ -529,9 +529,10 @@ TEST(Scene, VolumesByThresholdAndLabels) {
     EXPECT_EQ(
         refused("", R"(, "mass": {"1": 2, "2": 2, "3": 2})"),
         "mass: {\"1\":2,\"2\":2,\"3\":2} is not accepted; expected values for no other labels than 1, 2");
-    EXPECT_EQ(refused("", R"(, "mass": {"1": 2, "2": 3}, "stiffness": {"face": 1, "edge": 1})"),
-              "stiffness: {\"edge\":1,\"face\":1} is not accepted; expected one value, or one a label, where "
-              "masses differ between labels");
+    EXPECT_EQ(
+        refused("", R"(, "mass": {"1": 2, "2": 3}, "stiffness": {"face": 1, "edge": 1})"),
+        "stiffness: {\"edge\":1,\"face\":1} is not accepted; expected one value, or one per label, where "
+        "masses differ between labels");
     EXPECT_EQ(refused(R"(, "threshold": 2)", ""),
               "threshold: 2 is not accepted; expected one below the largest value in the volume, 2, so that "
               "some voxel is active");
@@ -979,9 +980,10 @@ TEST(SceneOf, RefusesWhatBackendsDoNotCheck) {
     EXPECT_THAT(refused(small_box(), "mine", broken), HasSubstr("displacement is not finite"));
     State state = state_at_rest(small_box());
     state.increment.pop_back();
-    EXPECT_THAT(refused(small_box(), "mine", state), HasSubstr("increment is not one a particle"));
+    EXPECT_THAT(refused(small_box(), "mine", state),
+                HasSubstr("increment must have one element per particle"));
     EXPECT_THAT(refused(small_box(), "mine", {{{1, 0, 0}}, {}}),
-                HasSubstr("displacement is not one a particle"));
+                HasSubstr("displacement must have one element per particle"));
 }
 
 TEST(SceneOf, ABodyOnNoLatticeIsExportedWithoutVoxels) {

@@ -109,7 +109,7 @@ private:
 
 const Registered entry({
     .name = "gl_compute_explicit",
-    .summary = "OpenGL compute shader, one invocation a particle, neighbours from vertical lists.",
+    .summary = "OpenGL compute shader, one invocation per particle, neighbours from vertical lists.",
     .precisions = {Precision::float32},
     .formulations = every_formulation,
     .tuning = {{"block", {"128", "256"}}, {"fetch", {"buffer", "texture"}}, {"terms", {"needed", "all"}}},

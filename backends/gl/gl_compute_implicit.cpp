@@ -90,7 +90,7 @@ private:
 
 const Registered entry({
     .name = "gl_compute_implicit",
-    .summary = "OpenGL compute shader, one invocation a voxel, neighbours by grid offset and mask.",
+    .summary = "OpenGL compute shader, one invocation per voxel, neighbours by grid offset and mask.",
     .precisions = {Precision::float32},
     .formulations = every_formulation,
     .tuning = {{"block", {"32x4x2", "64x4x1", "32x8x1", "128x1x1", "8x8x4"}},

@@ -128,7 +128,7 @@ private:
 
 const Registered entry({
     .name = "vulkan_explicit",
-    .summary = "Vulkan compute shader, one invocation a particle, neighbours from vertical lists.",
+    .summary = "Vulkan compute shader, one invocation per particle, neighbours from vertical lists.",
     .precisions = {Precision::float32, Precision::float64},
     .formulations = every_formulation,
     .tuning = {{"block", {"128", "256"}}, {"lists", {"auto", "addressed"}}, {"terms", {"needed", "all"}}},

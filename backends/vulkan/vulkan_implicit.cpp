@@ -69,7 +69,7 @@ private:
 
 const Registered entry({
     .name = "vulkan_implicit",
-    .summary = "Vulkan compute shader, one invocation a voxel, neighbours by grid offset and mask.",
+    .summary = "Vulkan compute shader, one invocation per voxel, neighbours by grid offset and mask.",
     .precisions = {Precision::float32, Precision::float64},
     .formulations = every_formulation,
     .tuning = {{"block", {"32x4x2", "64x4x1", "32x8x1", "128x1x1", "8x8x4"}},

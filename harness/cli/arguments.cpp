@@ -316,7 +316,7 @@ void add_run(CLI::App& app, Asked& asked, std::ostream& out) {
 void add_ranks(CLI::App& command, StudyOptions& options, const std::string& when) {
     add_number<std::int64_t>(
         command, "--ranks", 1, max_ranks, [&options](std::int64_t count) { options.ranks = int(count); },
-        when + "at most so many parts of a scene, each stepped by a thread of its own; one a processor");
+        when + "maximum number of parts of a scene, each stepped by its own thread (default: one per core)");
     command
         .add_option_function<std::string>(
             "--devices", [&options](const std::string& text) { options.devices = devices_of(text); },

@@ -293,7 +293,7 @@ private:
         if (first_ > 0) out_ << ", " << first_ + 1 << " to " << steps_ << ",";
         out_ << " of " << counted(scene_->problem.particle_count(), "particle") << " on " << spec_.label()
              << " in " << timing_.host_seconds << " s, " << timing_.device_seconds / steps * 1e6
-             << " us a step; largest displacement " << largest_.held;
+             << " us per step; largest displacement " << largest_.held;
         if (!loose_.empty())
             out_ << ", and " << largest_.loose << " of the " << loose_.size()
                  << " particles that nothing pins";

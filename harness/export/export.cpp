@@ -74,11 +74,11 @@ glm::ivec2 parse_size(const std::string& text) {
 
 const std::vector<Writer>& writers() {
     static const std::vector<Writer> all = {
-        {".csv", "one line a particle: voxel, position, displacement, velocity", false, csv},
+        {".csv", "one line per particle: voxel, position, displacement, velocity", false, csv},
         {".npz", "numpy arrays: particles, springs, grid and time", false, npz},
         {".png", "a picture of the body, drawn by OpenGL: see --colour and --size", false, nullptr},
-        {".vti", "ParaView's grid: a point a voxel", true, vti},
-        {".vtu", "ParaView's body: a point a particle where it is now, a line a spring", true, vtu},
+        {".vti", "ParaView's grid: one point per voxel", true, vti},
+        {".vtu", "ParaView's body: one point per particle where it is now, one line per spring", true, vtu},
     };
     return all;
 }
@@ -103,7 +103,7 @@ Exports::Exports(const ExportOptions& options, int steps)
         check_writable(path, "--out", std::string(writer.ending));
         if (every && writer.collected && !collections.insert(collection_of(path)).second) {
             throw BadInput("command line", "--out", path.string(),
-                           "a name of its own for each series: another one has " +
+                           "another name for each series: another one has " +
                                collection_of(path).filename().string() + " already");
         }
         files_.push_back({path, &writer, every, {}});

@@ -220,7 +220,7 @@ Workers::Workers(std::filesystem::path program, const Scene* scene)
     : program_(std::move(program)), scene_(scene) {
     if (program_.empty() && !has_worker_main())
         throw std::logic_error(
-            "a study measures in processes of its own, and this program cannot be started as one: call "
+            "a study measures in processes that it starts, and this program cannot be started as one: call "
             "voxspring::worker_main(argc, argv) first in main(), or name a program in StudyOptions::worker");
 }
 

@@ -181,7 +181,7 @@ Problem make_problem(const SceneFile& scene, LabelledGrid labelled) {
     };
     const bool one_material = all_equal(mass) && all_equal(stiffness);
     if (by_group && !one_material)
-        scene.stiffness.source->refuse("one value, or one a label, where masses differ between labels");
+        scene.stiffness.source->refuse("one value, or one per label, where masses differ between labels");
     if (one_material) {
         for (std::uint8_t& label : labelled.grid.label) label = std::min<std::uint8_t>(label, 1);
     }

@@ -108,8 +108,8 @@ Parameter read_parameter(const JsonValue& value, bool groups_allowed) {
     Parameter parameter;
     parameter.source = value;
     const std::string accepted = groups_allowed
-                                     ? "a number, or an object with one number a spring group or one a label"
-                                     : "a number, or an object with one number a label";
+                                     ? "a number, or an object with one number per spring group or per label"
+                                     : "a number, or an object with one number per label";
     if (value.is_number()) {
         parameter.everywhere = positive(value);
         return parameter;

@@ -32,8 +32,8 @@ void check_lattice(const Lattice& lattice, std::size_t particles) {
     require(
         is_positive(lattice.spacing.x) && is_positive(lattice.spacing.y) && is_positive(lattice.spacing.z),
         "the spacing is not positive");
-    require(lattice.voxel.size() == particles, "voxel is not one a particle");
-    require(lattice.mask.size() == particles, "mask is not one a particle");
+    require(lattice.voxel.size() == particles, "voxel must have one element per particle");
+    require(lattice.mask.size() == particles, "mask must have one element per particle");
     require(std::adjacent_find(lattice.voxel.begin(), lattice.voxel.end(), std::greater_equal<>()) ==
                 lattice.voxel.end(),
             "voxels do not ascend");
@@ -98,9 +98,9 @@ void check(const Problem& problem) {
     const std::size_t particles = problem.particle_count();
     const auto fits = [&](const auto& array) { return array.empty() || array.size() == particles; };
     require(particles > 0 && particles < no_particle, "it has no particles, or too many");
-    require(fits(problem.material), "material is neither empty nor one a particle");
-    require(fits(problem.pinned), "pinned is neither empty nor one a particle");
-    require(fits(problem.load), "load is neither empty nor one a particle");
+    require(fits(problem.material), "material must be empty or have one element per particle");
+    require(fits(problem.pinned), "pinned must be empty or have one element per particle");
+    require(fits(problem.load), "load must be empty or have one element per particle");
     require(!problem.materials.empty(), "it has no material");
     for (const Material& material : problem.materials) {
         require(is_positive(material.mass) && is_positive(material.stiffness),
@@ -143,8 +143,8 @@ Scene scene_of(const std::string& name, Problem problem, State state) {
     const auto fits = [&](const std::vector<glm::dvec3>& list) {
         return list.empty() || list.size() == scene.problem.particle_count();
     };
-    require(fits(scene.state.displacement), "displacement is not one a particle");
-    require(fits(scene.state.increment), "increment is not one a particle");
+    require(fits(scene.state.displacement), "displacement must have one element per particle");
+    require(fits(scene.state.increment), "increment must have one element per particle");
     require(are_finite(scene.state.displacement), "a displacement is not finite");
     require(are_finite(scene.state.increment), "an increment is not finite");
     return scene;

@@ -195,8 +195,8 @@ void EnergyStudy::run(StudyBench& bench) {
 
 void EnergyStudy::print(const nlohmann::json& result, std::ostream& out, TableWidth width) const {
     const std::vector<Column> columns = {
-        {"scene", 0, true}, {"backend", 0, true}, {"energy a step"}, {"springs a joule"},
-        {"power"},          {"idle", 1},          {"a step", 2},     {"clock", 3}};
+        {"scene", 0, true}, {"backend", 0, true}, {"energy per step"}, {"springs per joule"},
+        {"power"},          {"idle", 1},          {"a step", 2},       {"clock", 3}};
     std::vector<std::vector<std::string>> table;
     for (const auto& json : result.at("energy")) {
         const EnergyRow row = energy_row_from_json(json);
