@@ -1,6 +1,7 @@
 #include "harness/results/result.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <sys/utsname.h>
 
 #include <algorithm>
