@@ -656,7 +656,7 @@ TEST(Scene, PartsOfABodyAreNamedAndLeftOut) {
     // Two slices of 6 x 3: a block of 12, a row of three and one voxel alone.
     std::string data;
     for (const char c : std::string("110001110001110101110000110000110000")) data.push_back(char(c - '0'));
-    const std::string header = "type: uint8\ndimension: 3\nsizes: 6 3 2\nencoding: raw\n";
+    const std::string header = "type: uint8\ndimension: 3\nsizes: 6 3 2\nspacings: 1 1 1\nencoding: raw\n";
     folder.write("v.nrrd", nrrd_file(header, data));
     const auto loaded = [&](const std::string& dataset, const std::string& keys = "") {
         return load_scene(folder.write("s.json", body_with_islands(dataset, keys)), small);
@@ -988,10 +988,10 @@ TEST(SceneOf, RefusesWhatBackendsDoNotCheck) {
 
 TEST(SceneOf, ABodyOnNoLatticeIsExportedWithoutVoxels) {
     const Scene scene = scene_of("pair", pair());
-    const State state{{{0, 0, 0}, {0.5, 0, 0}}, {{0, 0, 0}, {0, 0, 0}}};
+    const State state{{{0.5, 0, 0}, {0.5, 0, 0}}, {{0, 0, 0}, {0, 0, 0}}};
     EXPECT_EQ(csv({scene, scene.problem, state, 0, 0, "cpu_reference"}),
               "x,y,z,displacement_x,displacement_y,displacement_z,velocity_x,velocity_y,velocity_z\n"
-              "0,0,0,0,0,0,0,0,0\n1.5,0,0,0.5,0,0,0,0,0\n");
+              "0.5,0,0,0.5,0,0,0,0,0\n1.5,0,0,0.5,0,0,0,0,0\n");
 }
 
 TEST_F(Corpus, BadDocumentsAreRefusedInOneLine) {
