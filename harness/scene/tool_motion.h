@@ -24,7 +24,8 @@ struct ToolMotion {
     glm::dvec3 at(double when) const;
     /// The displacement in the step that follows the scene's first `step` steps.
     glm::dvec3 at_step(std::int64_t step, double time_step) const {
-        return at(double(step / every) * every * time_step);
+        const std::int64_t moves = step / every;
+        return at(double(moves) * every * time_step);
     }
 };
 
