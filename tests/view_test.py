@@ -232,7 +232,7 @@ class View(unittest.TestCase):
 
     def test_another_backend_goes_on(self):
         window = self.open("--backend", "cpu_parallel")
-        self.choose_backend(1)
+        self.choose_backend(0)
         label = window.hear(r"step (\d+): (\S+) goes on")
         self.assertGreater(int(label[1]), 0)
         self.assertFalse(label[2].startswith("cpu_parallel"))
@@ -250,7 +250,7 @@ class View(unittest.TestCase):
         kept = int(self.saved(window)["step"])
         self.assertLessEqual(kept, 100)
         self.choose_backend(0)
-        self.assertEqual(int(window.hear(r"step (\d+): cpu_parallel/\S+ goes on")[1]), kept)
+        self.assertEqual(int(window.hear(r"step (\d+): cpu_explicit/\S+ goes on")[1]), kept)
         self.wait_until(lambda: int(self.saved(window)["step"]) > kept, "another step")
         self.assert_closes(window)
 
