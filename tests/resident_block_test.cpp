@@ -539,7 +539,8 @@ TEST(ResidentParts, DoNotWaitForEver) {
     parts.of(1).step(100);
     EXPECT_GE(Clock::now() - begin, longest / 2);
     ASSERT_TRUE(parts.of(1).stall().has_value());
-    EXPECT_EQ(parts.of(1).stall()->step, 1U);
+    // A block that meets the border only after some steps may be the first to give up.
+    EXPECT_GE(parts.of(1).stall()->step, 1U);
     EXPECT_LT(parts.of(1).stall()->block, unsigned(max_blocks));
     parts.of(1).step(100);
     EXPECT_LT(Clock::now() - begin, 60 * longest) << "it waits in each step";
