@@ -1,6 +1,7 @@
 // A rank that pretends to be of another build than rank 0, and then waits until it is told to leave.
 // tests/scaling_test.py lets mpirun start it beside the program.
 #include <chrono>
+#include <nlohmann/json.hpp>
 #include <thread>
 
 #include "harness/ranks/open_mpi.h"

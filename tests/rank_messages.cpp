@@ -1,6 +1,7 @@
 // Ranks that all send to all others before any of them receives. tests/scaling_test.py lets mpirun start
 // them.
 #include <chrono>
+#include <nlohmann/json.hpp>
 #include <string>
 #include <thread>
 

@@ -8,6 +8,7 @@
 #include <array>
 #include <cmath>
 #include <glm/geometric.hpp>
+#include <nlohmann/json.hpp>
 #include <set>
 
 #include "backends/registry.h"

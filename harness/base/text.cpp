@@ -8,9 +8,8 @@
 
 namespace voxspring {
 
-std::string percent_text(const nlohmann::json& fraction) {
-    if (!fraction.is_number()) return "-";
-    const double percent = 100 * fraction.get<double>();
+std::string percent_text(double fraction) {
+    const double percent = 100 * fraction;
     return fmt::format("{:.{}f}%", percent, percent < 9.95 ? 1 : 0);
 }
 
@@ -24,10 +23,7 @@ std::string counted(std::uint64_t count, const std::string& noun) {
 
 std::string fixed_text(double value, int digits) { return fmt::format("{:.{}f}", value, digits); }
 
-std::string error_text(const nlohmann::json& value) {
-    if (!value.is_number()) return "-";
-    return fmt::format("{:.1e}", value.get<double>());
-}
+std::string error_text(double value) { return fmt::format("{:.1e}", value); }
 
 void print_aligned(const std::vector<std::vector<std::string>>& rows, std::ostream& out, std::size_t names) {
     std::vector<std::size_t> width;

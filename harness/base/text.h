@@ -2,15 +2,14 @@
 #pragma once
 
 #include <cstdint>
-#include <nlohmann/json.hpp>
 #include <ostream>
 #include <string>
 #include <vector>
 
 namespace voxspring {
 
-/// A fraction as "12%" or "1.3%", or "-" if it is not a number.
-std::string percent_text(const nlohmann::json& fraction);
+/// A fraction as "12%" or "1.3%".
+std::string percent_text(double fraction);
 
 /// The words with commas between them.
 std::string joined(const std::vector<std::string>& words);
@@ -24,8 +23,8 @@ std::string si(double value, const std::string& unit);
 /// "1.25": `value` with `digits` digits after the point.
 std::string fixed_text(double value, int digits);
 
-/// "1.2e-05", or "-" if it is not a number.
-std::string error_text(const nlohmann::json& value);
+/// "1.2e-05".
+std::string error_text(double value);
 
 /// Prints columns as narrow as their content allows. The first `names` columns are aligned to the left, the
 /// others, which are figures, to the right.

@@ -14,6 +14,7 @@
 #include "harness/base/bad_input.h"
 #include "harness/base/interruption.h"
 #include "harness/base/progress.h"
+#include "harness/base/text.h"
 #include "harness/cli/commands.h"
 #include "harness/export/export.h"
 #include "harness/export/pictures.h"

@@ -1,21 +1,13 @@
 #include "harness/device/limits.h"
 
 #include <cmath>
+#include <nlohmann/json.hpp>
 #include <vector>
 
 #include "harness/base/text.h"
 
 namespace voxspring {
-namespace {
-
-nlohmann::json describe(const Capabilities& capabilities, const DeviceLimits& limits) {
-    nlohmann::json all = to_json(limits);
-    all["api"] = capabilities.api;
-    all["device"] = capabilities.device;
-    return all;
-}
-
-}  // namespace
+namespace {}  // namespace
 
 nlohmann::json to_json(const DeviceLimits& limits) {
     nlohmann::json all = {{"copy_bytes_per_second", limits.copy_bytes_per_second},
@@ -61,18 +53,27 @@ DeviceLimits device_limits_of(const nlohmann::json& json) {
 std::optional<DeviceLimits> MeasuredLimits::of(const Capabilities& capabilities,
                                                const std::function<DeviceLimits()>& measure) {
     const std::string& of = capabilities.limits_of.empty() ? capabilities.api : capabilities.limits_of;
-    if (const auto known = limits_.find(of); known != limits_.end()) return known->second;
-    std::optional<DeviceLimits> limits;
+    if (const auto known = measured_.find(of); known != measured_.end()) return known->second.limits;
+    Measured one{.api = capabilities.api, .device = capabilities.device, .limits = {}, .why_not = {}};
     try {
-        limits = measure();
-        json_[of] = describe(capabilities, *limits);
+        one.limits = measure();
     } catch (const Unavailable& absent) {
-        json_[of] = absent.what();
+        one.why_not = absent.what();
     } catch (const DeviceError& error) {
-        json_[of] = error.what();
+        one.why_not = error.what();
     }
-    limits_[of] = limits;
-    return limits;
+    return measured_.emplace(of, std::move(one)).first->second.limits;
+}
+
+nlohmann::json MeasuredLimits::json() const {
+    nlohmann::json all = nlohmann::json::object();
+    for (const auto& [name, one] : measured_) {
+        all[name] = one.limits ? to_json(*one.limits) : nlohmann::json(one.why_not);
+        if (!one.limits) continue;
+        all[name]["api"] = one.api;
+        all[name]["device"] = one.device;
+    }
+    return all;
 }
 
 nlohmann::json limit_fields(const std::optional<StepLimit>& limit, std::optional<double> step_seconds) {

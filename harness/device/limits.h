@@ -3,7 +3,7 @@
 
 #include <functional>
 #include <map>
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <ostream>
 #include <string>
@@ -26,11 +26,15 @@ public:
                                    const std::function<DeviceLimits()>& measure);
 
     /// By the names above: api, device and every limit that applies, or the reason why there are none.
-    const nlohmann::json& json() const { return json_; }
+    nlohmann::json json() const;
 
 private:
-    std::map<std::string, std::optional<DeviceLimits>> limits_;
-    nlohmann::json json_ = nlohmann::json::object();
+    struct Measured {
+        std::string api, device;
+        std::optional<DeviceLimits> limits;
+        std::string why_not;  ///< why there are no limits
+    };
+    std::map<std::string, Measured> measured_;
 };
 
 /// The fields of a row about its limit: limit_seconds, limited_by and, if `step_seconds` is a time,

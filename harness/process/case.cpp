@@ -2,6 +2,7 @@
 
 #include <omp.h>
 
+#include <nlohmann/json.hpp>
 #include <utility>
 
 #include "harness/base/bad_input.h"
@@ -169,6 +170,12 @@ void Case::begin(const nlohmann::json& question) {
     start();
     process_->begin(question);
 }
+
+nlohmann::json Case::finish(const std::string& doing, const OnEvent& on_event) {
+    return process_->finish(doing, on_event);
+}
+
+const nlohmann::json& Case::capabilities() const { return scope_.find("introduction")->at("capabilities"); }
 
 DeviceLimits Case::measure_limits(JournalScope scope) {
     const std::string device = capabilities().at("api");

@@ -5,7 +5,7 @@
 #include <exception>
 #include <functional>
 #include <memory>
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <string>
 #include <vector>
@@ -45,16 +45,14 @@ public:
     void begin_introduction();
     void await_introduction();
     /// The capabilities of the backend, after introduce().
-    const nlohmann::json& capabilities() const { return scope_.find("introduction")->at("capabilities"); }
+    const nlohmann::json& capabilities() const;
     /// Asks the runner. Throws Interrupted, before asking, if Ctrl-C was pressed; BadInput if the device is
     /// not the one in the journal; and what Worker::ask() throws.
     nlohmann::json ask(const nlohmann::json& question, const std::string& doing,
                        const OnEvent& on_event = {});
     /// ask() in two parts, as Worker::begin() and finish().
     void begin(const nlohmann::json& question);
-    nlohmann::json finish(const std::string& doing, const OnEvent& on_event = {}) {
-        return process_->finish(doing, on_event);
-    }
+    nlohmann::json finish(const std::string& doing, const OnEvent& on_event = {});
     /// Measures the device's limits on a separate backend, unless `scope` has them. Throws as ask() does.
     DeviceLimits measure_limits(JournalScope scope);
 

@@ -1,6 +1,7 @@
 #include "harness/process/case_runner.h"
 
 #include <map>
+#include <nlohmann/json.hpp>
 #include <stdexcept>
 #include <utility>
 

@@ -11,6 +11,7 @@
 #include <exception>
 #include <fstream>
 #include <new>
+#include <nlohmann/json.hpp>
 #include <optional>
 #include <sstream>
 #include <thread>

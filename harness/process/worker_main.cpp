@@ -4,6 +4,7 @@
 
 #include <cstdlib>
 #include <iostream>
+#include <nlohmann/json.hpp>
 #include <string_view>
 
 #include "harness/process/case.h"

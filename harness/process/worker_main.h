@@ -1,7 +1,7 @@
 // The call that a program needs in order to run studies.
 #pragma once
 
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 
 namespace voxspring {
 

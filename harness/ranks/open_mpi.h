@@ -6,7 +6,7 @@
 #include <cstdint>
 #include <list>
 #include <memory>
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <vector>
 

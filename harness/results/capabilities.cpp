@@ -1,6 +1,7 @@
 #include "harness/results/capabilities.h"
 
 #include <array>
+#include <nlohmann/json.hpp>
 #include <string>
 #include <utility>
 

@@ -1,7 +1,7 @@
 // Capabilities of a backend as results store them.
 #pragma once
 
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 
 #include "backends/backend.h"
 

@@ -2,7 +2,7 @@
 // compare.py and other readers of such files read our results. The library describes the processor.
 #pragma once
 
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 #include <vector>
 
 #include "harness/results/row.h"

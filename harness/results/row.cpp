@@ -1,7 +1,10 @@
 #include "harness/results/row.h"
 
 #include <algorithm>
+#include <nlohmann/json.hpp>
 #include <utility>
+
+#include "harness/results/row_fields.h"
 
 namespace voxspring {
 namespace {

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <map>
+#include <nlohmann/json.hpp>
 #include <optional>
 #include <tuple>
 #include <utility>
@@ -283,7 +284,8 @@ void print_fastest(const nlohmann::json& result, std::ostream& out, TableWidth w
         table.push_back(
             {row.identity.scene, row.label(), time_text(row, block.at("seconds_per_step"), repetitions),
              si(block.at("particle_updates_per_second"), "/s"),
-             si(block.at("spring_updates_per_second"), "/s"), error_text(block.at("error_relative_l2")),
+             si(block.at("spring_updates_per_second"), "/s"),
+             error_cell(row.errors ? row.errors->relative_l2 : std::nullopt),
              percent_of(block.at("fraction_of_limit")) + row.limit_mark(),
              paper.is_null() ? "-" : ratio_text(paper.at("ratio")),
              ratio_text(block.at("auto").at("times_fastest")),

@@ -5,11 +5,13 @@
 #include <algorithm>
 #include <limits>
 #include <map>
+#include <nlohmann/json.hpp>
 #include <tuple>
 #include <utility>
 
 #include "harness/base/text.h"
 #include "harness/results/result.h"
+#include "harness/results/row_fields.h"
 
 namespace voxspring {
 namespace {

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <nlohmann/json.hpp>
 #include <set>
 #include <utility>
 
@@ -11,6 +12,7 @@
 #include "harness/base/schema_versions.h"
 #include "harness/base/text.h"
 #include "harness/results/result.h"
+#include "harness/results/row_fields.h"
 
 namespace voxspring {
 namespace {

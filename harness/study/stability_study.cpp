@@ -6,10 +6,12 @@
 #include <cstdint>
 #include <glm/geometric.hpp>
 #include <limits>
+#include <nlohmann/json.hpp>
 #include <utility>
 
 #include "backends/physics/spring.h"
 #include "harness/base/text.h"
+#include "harness/results/row_fields.h"
 #include "harness/scene/stability.h"
 #include "harness/study/random_starts.h"
 #include "harness/verification/conserved.h"

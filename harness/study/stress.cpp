@@ -9,10 +9,12 @@
 #include <glm/geometric.hpp>
 #include <limits>
 #include <map>
+#include <nlohmann/json.hpp>
 #include <utility>
 
 #include "backends/physics/neighbours.h"
 #include "harness/base/text.h"
+#include "harness/results/row_fields.h"
 #include "harness/scene/scene.h"
 #include "harness/scene/stability.h"
 #include "harness/study/random_starts.h"

@@ -1,6 +1,7 @@
 #include "harness/study/study.h"
 
 #include <memory>
+#include <nlohmann/json.hpp>
 #include <set>
 #include <utility>
 

@@ -6,6 +6,7 @@
 #include <chrono>
 #include <cstdint>
 #include <memory>
+#include <nlohmann/json.hpp>
 #include <optional>
 #include <random>
 #include <stdexcept>
@@ -205,6 +206,10 @@ std::vector<Case> StudyBench::enter_all(std::span<const BackendSpec> specs, cons
 }
 
 void StudyBench::add(const std::string& list, nlohmann::json row) { result_[list].push_back(std::move(row)); }
+
+void StudyBench::add(const std::string& list, const Row& row) { add(list, to_json(row)); }
+
+nlohmann::json& StudyBench::context() { return result_["context"]["voxspring"]; }
 
 void StudyBench::put(const char* list, const BackendSpec& spec, const std::string& reason) {
     Row row = row_of(scene_->name, spec);

@@ -4,7 +4,7 @@
 
 #include <map>
 #include <memory>
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <random>
 #include <set>
@@ -86,7 +86,7 @@ public:
 
     /// Adds a row to a list of the result.
     void add(const std::string& list, nlohmann::json row);
-    void add(const std::string& list, const Row& row) { add(list, to_json(row)); }
+    void add(const std::string& list, const Row& row);
     /// How many of specs() run the scene, as far as is known by now.
     int expected_cases() const;
 
@@ -122,7 +122,7 @@ private:
     std::string refusal_of(Case& benchmark_case);
     void watch_card(const std::string& uuid);
     void measure_limits(Case& benchmark_case);
-    nlohmann::json& context() { return result_["context"]["voxspring"]; }
+    nlohmann::json& context();
 
     const Study& study_;
     const StudyOptions& options_;

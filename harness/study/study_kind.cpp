@@ -1,6 +1,7 @@
 #include "harness/study/study_kind.h"
 
 #include <map>
+#include <nlohmann/json.hpp>
 #include <utility>
 
 #include "harness/base/bad_input.h"

@@ -2,6 +2,7 @@
 
 #include <deque>
 #include <memory>
+#include <nlohmann/json.hpp>
 #include <set>
 #include <utility>
 
@@ -113,7 +114,7 @@ void measure_suites(StudyBench& bench, const Suites& suites) {
         auto next = std::make_unique<SuiteCase>(bench, *std::move(entered), suites.on_event, done);
         const bool alone = std::exchange(first, false) || next->is_on_processor();
         finish_until(alone ? 0 : bench.side_by_side() - 1);
-        next->begin(suites.known());
+        next->begin(suites.known ? suites.known() : nlohmann::json());
         working.push_back(std::move(next));
         if (alone) finish_until(0);
     }

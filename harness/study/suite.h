@@ -3,7 +3,7 @@
 
 #include <functional>
 #include <map>
-#include <nlohmann/json.hpp>
+#include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <string>
 #include <vector>
@@ -37,8 +37,8 @@ struct Suites {
     /// Makes the case of a backend, whose runner is a SuiteRunner. Empty if the case cannot run; its row then
     /// has been added.
     std::function<std::optional<Case>(const BackendSpec&)> enter;
-    /// What earlier cases have found out, as information for the next one.
-    std::function<nlohmann::json()> known = [] { return nlohmann::json(); };
+    /// What earlier cases have found out, as information for the next one; may be empty.
+    std::function<nlohmann::json()> known = {};
     OnEvent on_event = {};
 };
 

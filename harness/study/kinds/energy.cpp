@@ -3,6 +3,7 @@
 
 #include <chrono>
 #include <memory>
+#include <nlohmann/json.hpp>
 #include <stdexcept>
 #include <thread>
 #include <utility>
@@ -12,6 +13,7 @@
 #include "harness/base/text.h"
 #include "harness/results/capabilities.h"
 #include "harness/results/result.h"
+#include "harness/results/row_fields.h"
 #include "harness/scene/scene_runner.h"
 #include "harness/study/study_bench.h"
 #include "harness/study/study_kind.h"

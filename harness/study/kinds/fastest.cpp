@@ -2,6 +2,8 @@
 // targets.
 #include "harness/study/fastest.h"
 
+#include <nlohmann/json.hpp>
+
 #include "harness/study/measure.h"
 #include "harness/study/study_kind.h"
 

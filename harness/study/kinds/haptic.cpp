@@ -9,6 +9,7 @@
 #include <glm/geometric.hpp>
 #include <map>
 #include <memory>
+#include <nlohmann/json.hpp>
 #include <optional>
 #include <stdexcept>
 #include <thread>
@@ -21,6 +22,7 @@
 #include "harness/base/statistics.h"
 #include "harness/base/text.h"
 #include "harness/results/result.h"
+#include "harness/results/row_fields.h"
 #include "harness/scene/scene_runner.h"
 #include "harness/study/study_bench.h"
 #include "harness/study/study_kind.h"
@@ -558,7 +560,7 @@ void HapticStudy::print(const nlohmann::json& result, std::ostream& out, TableWi
                          row.pictures_per_second ? fixed_text(*row.pictures_per_second, 0) : "-",
                          si(row.median_seconds, "s"), si(row.p99_seconds, "s"), si(row.p999_seconds, "s"),
                          si(row.worst_seconds, "s"), std::to_string(row.missed),
-                         std::to_string(row.steps_that_fit), error_text(json.at("force_error"))});
+                         std::to_string(row.steps_that_fit), error_cell(row.force_error)});
     }
     print_columns(columns, table, width, out);
     if (!table.empty())

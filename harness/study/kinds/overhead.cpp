@@ -4,12 +4,14 @@
 #include <chrono>
 #include <limits>
 #include <memory>
+#include <nlohmann/json.hpp>
 #include <utility>
 
 #include "harness/base/bad_input.h"
 #include "harness/base/interruption.h"
 #include "harness/base/text.h"
 #include "harness/results/result.h"
+#include "harness/results/row_fields.h"
 #include "harness/scene/scene_runner.h"
 #include "harness/study/study_bench.h"
 #include "harness/study/study_kind.h"

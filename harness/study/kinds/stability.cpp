@@ -1,6 +1,7 @@
 // The kind of study `stability`: the largest time step at which backends are stable.
 #include <algorithm>
 #include <memory>
+#include <nlohmann/json.hpp>
 #include <utility>
 
 #include "harness/results/result.h"
