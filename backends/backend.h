@@ -1,6 +1,6 @@
 // The contract between the harness and everything that can step a mass-spring-damper model.
 // Adding a backend: one file that implements Backend and registers itself (registry.h), one roster line
-// in CMakeLists.txt.
+// in the CMakeLists.txt of its folder.
 #pragma once
 
 #include <cstddef>

@@ -1,4 +1,4 @@
-"""`cmake --install` and find_package(voxspring), as a program outside of the tree uses them.
+"""Programs outside of the tree: with `cmake --install` and find_package(voxspring), and with Voxspring as a subproject.
 
 CMAKE, BUILD and CXX name CMake, the build folder and the compiler; the current directory is the source tree.
 """
@@ -16,39 +16,79 @@ import jsonschema
 CMAKE, BUILD, CXX = (os.environ[name] for name in ("CMAKE", "BUILD", "CXX"))
 
 
-class Install(unittest.TestCase):
+def call(*command, code=0, timeout=300):
+    """The output of a command that has to end with this exit code."""
+    result = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=timeout)
+    assert result.returncode == code, f"{command}: {result.returncode}\n{result.stdout}\n{result.stderr}"
+    return result.stdout
+
+
+def configure_tree(*options):
+    """Configures this tree with a stand-in for a user's options, and returns CMake's errors, build.ninja and the cache."""
+    with tempfile.TemporaryDirectory() as folder:
+        environment = {key: value for key, value in os.environ.items() if key != "CMAKE_BUILD_TYPE"}
+        done = subprocess.run([CMAKE, "-S", ".", "-B", folder, "-G", "Ninja", f"-DCMAKE_CXX_COMPILER={CXX}", "-DVOXSPRING_TESTS=OFF",
+                               "-DVOXSPRING_CUDA=OFF", *options], capture_output=True, text=True, timeout=120, env=environment)
+        ninja = pathlib.Path(folder, "build.ninja")
+        return " ".join(done.stderr.split()), ninja.read_text() if ninja.exists() else "", pathlib.Path(folder, "CMakeCache.txt").read_text()
+
+
+class Program(unittest.TestCase):
+    """A test class with `folder`, and the program of tests/example_project in `build`."""
+
     @classmethod
     def setUpClass(cls):
         folder = tempfile.TemporaryDirectory()
         cls.addClassCleanup(folder.cleanup)
         cls.folder = pathlib.Path(folder.name)
-        cls.prefix = cls.folder / "prefix"
-        cls.project = cls.folder / "project"
-        shutil.copytree("tests/example_project", cls.project)
-        cls.call(CMAKE, "--install", BUILD, "--prefix", cls.prefix)
-        cls.call(CMAKE, "-S", cls.project, "-B", cls.project / "build", "-G", "Ninja", f"-DCMAKE_CXX_COMPILER={CXX}",
-                 f"-DCMAKE_PREFIX_PATH={cls.prefix}",
-                 # Without CUDA's toolkit; a library with CUDA backends needs only two libraries of it.
-                 "-DCMAKE_DISABLE_FIND_PACKAGE_CUDAToolkit=ON")
-
-    @staticmethod
-    def call(*command, code=0):
-        result = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=300)
-        assert result.returncode == code, f"{command}: {result.returncode}\n{result.stdout}\n{result.stderr}"
-        return result.stdout
 
     def run_example(self, code):
-        self.call(CMAKE, "--build", self.project / "build")
+        call(CMAKE, "--build", self.build, "--target", "example", timeout=1500)
         out = self.folder / "result.json"
         out.unlink(missing_ok=True)
         environment = {"VOXSPRING_CACHE": str(self.folder / "cache"), "PATH": os.environ["PATH"]}
-        result = subprocess.run([self.project / "build/example", out], capture_output=True, text=True, timeout=300,
-                                env=environment)
+        result = subprocess.run([self.build / "example", out], capture_output=True, text=True, timeout=300, env=environment)
         self.assertEqual(result.returncode, code, result.stdout + result.stderr)
         return json.loads(out.read_text()), result.stdout
 
+
+class Subproject(Program):
+    @classmethod
+    def setUpClass(cls):
+        super().setUpClass()
+        # In this tree, where a compiler cache finds what other builds have compiled.
+        cls.build = pathlib.Path("build/subproject").resolve()
+        call(CMAKE, "-S", "tests/subproject", "-B", cls.build, "-G", "Ninja", f"-DCMAKE_CXX_COMPILER={CXX}",
+             "-DCMAKE_BUILD_TYPE=Release", "-DCMAKE_EXPORT_COMPILE_COMMANDS=ON")
+
+    def test_is_built_and_measures_the_backend_of_the_program(self):
+        result, _ = self.run_example(0)
+        self.assertEqual({row["backend"] for row in result["verification"] if row["passed"]}, {"cpu_reference", "my_backend"})
+
+    def test_adds_no_test_no_installed_file_and_no_option_of_the_compiler(self):
+        self.assertIn("Total Tests: 0", call("ctest", "--test-dir", self.build, "--show-only"))
+        call(CMAKE, "--install", self.build, "--prefix", self.folder / "prefix")
+        self.assertFalse((self.folder / "prefix").exists())
+        commands = json.loads((self.build / "compile_commands.json").read_text())
+        own, = (entry["command"] for entry in commands if entry["file"].endswith("my_backend.cpp"))
+        self.assertNotRegex(own, "-W|-ffp-contract")
+
+
+class Install(Program):
+    @classmethod
+    def setUpClass(cls):
+        super().setUpClass()
+        cls.prefix = cls.folder / "prefix"
+        cls.project = cls.folder / "project"
+        shutil.copytree("tests/example_project", cls.project)
+        cls.build = cls.project / "build"
+        call(CMAKE, "--install", BUILD, "--prefix", cls.prefix)
+        call(CMAKE, "-S", cls.project, "-B", cls.build, "-G", "Ninja", f"-DCMAKE_CXX_COMPILER={CXX}", f"-DCMAKE_PREFIX_PATH={cls.prefix}",
+             # Without CUDA's toolkit; a library with CUDA backends needs only two libraries of it.
+             "-DCMAKE_DISABLE_FIND_PACKAGE_CUDAToolkit=ON")
+
     def test_installs_a_program_and_no_test_or_library_of_the_system(self):
-        listed = json.loads(self.call(self.prefix / "bin/voxspring", "list", "--json"))
+        listed = json.loads(call(self.prefix / "bin/voxspring", "list", "--json"))
         self.assertIn("cpu_reference", [backend["name"] for backend in listed["backends"]])
         self.assertEqual(sorted(p.name for p in (self.prefix / "bin").iterdir()), ["voxspring", "voxspring-view"])
         self.assertEqual([p for p in self.prefix.rglob("*.so*")], [])
@@ -65,8 +105,8 @@ class Install(unittest.TestCase):
         share = self.prefix / "share"
         for script in ("report.py", "diff.py", "versions.py", "requirements.txt", "page/page.js"):
             self.assertTrue((share / "voxspring/results" / script).exists(), script)
-        bash = (share / "bash-completion/completions/voxspring").read_text()
-        self.assertEqual(bash, self.call(self.prefix / "bin/voxspring", "completion", "bash"))
+        bash = share / "bash-completion/completions/voxspring"
+        self.assertIn("voxspring", call("bash", "-c", f"PATH={self.prefix}/bin:$PATH; source {bash}; complete -p voxspring"))
         self.assertTrue((share / "zsh/site-functions/_voxspring").read_text().startswith("#compdef voxspring"))
 
     def test_another_program_measures_its_own_backend_on_its_own_scene(self):
@@ -104,15 +144,15 @@ class Install(unittest.TestCase):
         without = right.replace("    worker_main(argc, argv);\n", "")
         self.assertNotEqual(without, right)
         source.write_text(without)
-        self.call(CMAKE, "--build", self.project / "build")
+        call(CMAKE, "--build", self.build)
         out = self.folder / "none.json"
-        ran = subprocess.run([self.project / "build/example", out], capture_output=True, text=True, timeout=60)
+        ran = subprocess.run([self.build / "example", out], capture_output=True, text=True, timeout=60)
         self.assertEqual(ran.returncode, 2)
         self.assertIn("call voxspring::worker_main(argc, argv) first in main()", ran.stderr)
         self.assertFalse(out.exists())
 
     def test_what_is_measured_is_optimised_without_a_word(self):
-        commands = (self.project / "build/build.ninja").read_text()
+        commands = (self.build / "build.ninja").read_text()
         self.assertRegex(commands, r"FLAGS = .*-O3")
 
     def configure_without_build_type(self, *options):
@@ -133,13 +173,15 @@ class Install(unittest.TestCase):
         self.assertNotIn(warning, self.configure_without_build_type("-DCMAKE_CXX_FLAGS=-O2"))
 
     def test_the_library_is_optimised_without_a_word(self):
-        with tempfile.TemporaryDirectory() as folder:
-            environment = {key: value for key, value in os.environ.items() if key != "CMAKE_BUILD_TYPE"}
-            done = subprocess.run([CMAKE, "-S", ".", "-B", folder, "-G", "Ninja", f"-DCMAKE_CXX_COMPILER={CXX}",
-                                   "-DVOXSPRING_TESTS=OFF", "-DVOXSPRING_CUDA=OFF"],
-                                  capture_output=True, text=True, timeout=120, env=environment)
-            self.assertEqual(done.returncode, 0, done.stderr)
-            self.assertIn("CMAKE_BUILD_TYPE:STRING=Release", pathlib.Path(folder, "CMakeCache.txt").read_text())
+        errors, ninja, cache = configure_tree()
+        self.assertEqual(errors, "")
+        self.assertRegex(ninja, r"FLAGS = .*-O3")
+        self.assertNotIn("CMAKE_BUILD_TYPE:STRING=Release", cache)
+
+    def test_names_every_library_that_a_build_misses(self):
+        errors, _, _ = configure_tree("-DCMAKE_DISABLE_FIND_PACKAGE_fmt=ON", "-DCMAKE_DISABLE_FIND_PACKAGE_CLI11=ON")
+        for named in ("fmt 9 or newer (Debian: libfmt-dev)", "CLI11 2.1 or newer (Debian: libcli11-dev)"):
+            self.assertIn(named, errors)
 
     def refusal(self, wanted="voxspring 0.2", **environment):
         """What CMake says to a project that wants such a package."""

@@ -26,7 +26,7 @@ struct Block {
 /// One shader. Constants and uniforms have the names of its source.
 class Module {
 public:
-    /// A module of the build, by its name in CMakeLists.txt. Throws DeviceError if there is none.
+    /// A module of the build, by its name in shaders/CMakeLists.txt. Throws DeviceError if there is none.
     static const Module& named(const std::string& name);
 
     explicit Module(std::span<const std::uint32_t> code);

@@ -1,0 +1,59 @@
+# What `cmake --install` installs: the program, and what find_package(voxspring) gives to others.
+include(GNUInstallDirs)
+include(CMakePackageConfigHelpers)
+set(programs voxspring)
+if(TARGET voxspring-view)
+    list(APPEND programs voxspring-view)
+endif()
+# The scripts of `voxspring report` and `voxspring diff`.
+file(GLOB schemas CONFIGURE_DEPENDS results/*schema.json)
+file(GLOB result_scripts CONFIGURE_DEPENDS results/*.py)
+list(FILTER result_scripts EXCLUDE REGEX "/(paper|diff_rates|auto_rules)\\.py$")
+
+# --- The program --------------------------------------------------------------------------------------
+set(data_folder ${CMAKE_INSTALL_DATADIR}/voxspring)
+install(TARGETS ${programs} RUNTIME COMPONENT runtime)
+install(FILES README.md LICENSE DESTINATION ${CMAKE_INSTALL_DOCDIR} COMPONENT runtime)
+install(DIRECTORY harness/scenes harness/studies DESTINATION ${data_folder}/harness COMPONENT runtime)
+install(FILES ${schemas} ${result_scripts} results/requirements.txt DESTINATION ${data_folder}/results COMPONENT runtime)
+install(DIRECTORY results/page DESTINATION ${data_folder}/results COMPONENT runtime PATTERN __pycache__ EXCLUDE)
+install(FILES cmake/completions/voxspring DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions COMPONENT runtime)
+install(FILES cmake/completions/_voxspring DESTINATION ${CMAKE_INSTALL_DATADIR}/zsh/site-functions COMPONENT runtime)
+
+# --- The library, as voxspring::harness ---------------------------------------------------------------
+# Headers include each other by the same paths as in the source tree.
+set(include_folder ${CMAKE_INSTALL_INCLUDEDIR}/voxspring)
+target_include_directories(voxspring_harness INTERFACE $<INSTALL_INTERFACE:${include_folder}>)
+install(DIRECTORY backends harness DESTINATION ${include_folder} COMPONENT development
+    FILES_MATCHING PATTERN *.h
+    PATTERN kernel.h EXCLUDE PATTERN tiles.h EXCLUDE PATTERN simd EXCLUDE PATTERN backends/gl EXCLUDE
+    PATTERN backends/glsl EXCLUDE PATTERN backends/vulkan EXCLUDE PATTERN backends/layout EXCLUDE
+    # Excluded because they include backends/gl, for drawing.
+    PATTERN painter.h EXCLUDE PATTERN pictures.h EXCLUDE PATTERN body_painter.h EXCLUDE PATTERN pixels.h EXCLUDE
+    # Excluded because the window belongs to the program only.
+    PATTERN harness/window EXCLUDE
+    # Excluded because it includes backends/layout, for stepping a slab.
+    PATTERN rank_backend.h EXCLUDE
+    PATTERN scenes EXCLUDE PATTERN studies EXCLUDE)
+
+# The archive needs the libraries of the backends that it contains.
+set(backend_libraries PkgConfig::EPOXY PkgConfig::HWY OpenMP::OpenMP_CXX)
+if(NOT VOXSPRING_NO_CUDA)
+    # voxspring-config.cmake finds these two by their files, so that users of the archive need no toolkit.
+    list(APPEND backend_libraries voxspring::cudart voxspring::nvrtc)
+    get_target_property(cudart_file CUDA::cudart_static IMPORTED_LOCATION)
+    get_target_property(nvrtc_file CUDA::nvrtc IMPORTED_LOCATION)
+    get_filename_component(cudart_folder ${cudart_file} DIRECTORY)
+    get_filename_component(nvrtc_folder ${nvrtc_file} DIRECTORY)
+    set(nvrtc_name libnvrtc.so.${CUDAToolkit_VERSION_MAJOR})
+endif()
+target_link_libraries(voxspring_harness PRIVATE $<INSTALL_INTERFACE:${backend_libraries}>)
+set_target_properties(voxspring_whole PROPERTIES EXPORT_NAME harness)
+set_target_properties(voxspring_harness PROPERTIES EXPORT_NAME archive)
+set(config_folder ${CMAKE_INSTALL_LIBDIR}/cmake/voxspring)
+install(TARGETS voxspring_harness voxspring_whole EXPORT voxspring ARCHIVE COMPONENT development)
+install(EXPORT voxspring NAMESPACE voxspring:: FILE voxspring-targets.cmake DESTINATION ${config_folder} COMPONENT development)
+configure_package_config_file(cmake/voxspring-config.cmake.in voxspring-config.cmake INSTALL_DESTINATION ${config_folder})
+write_basic_package_version_file(voxspring-config-version.cmake COMPATIBILITY SameMinorVersion)
+install(FILES ${PROJECT_BINARY_DIR}/voxspring-config.cmake ${PROJECT_BINARY_DIR}/voxspring-config-version.cmake
+    DESTINATION ${config_folder} COMPONENT development)

@@ -1,0 +1,25 @@
+# What a build contains. Tests and install rules are left to the top-level project.
+option(VOXSPRING_CUDA "Build the CUDA backends where CUDA's headers, runtime and NVRTC are found" ON)
+option(VOXSPRING_VULKAN "Build the Vulkan backends where Vulkan-Hpp and glslangValidator are found" ON)
+option(VOXSPRING_MPI "Let mpirun start studies where Open MPI's mpi.h is found" ON)
+option(VOXSPRING_WINDOW "Build `voxspring view` where GLFW and Dear ImGui are found" ON)
+option(VOXSPRING_TESTS "Build the tests" ${PROJECT_IS_TOP_LEVEL})
+option(VOXSPRING_INSTALL "Define what `cmake --install` installs" ${PROJECT_IS_TOP_LEVEL})
+option(VOXSPRING_PACKAGE "Build the tests that the package carries, and allow `cmake --install --component package`" OFF)
+option(VOXSPRING_WERROR "Take warnings for errors" OFF)
+option(VOXSPRING_FUZZERS "Build the libFuzzer targets (needs clang)" OFF)
+
+if(PROJECT_IS_TOP_LEVEL)
+    # Programs that are measured are optimised unless the user says otherwise.
+    get_property(multiple_configurations GLOBAL PROPERTY GENERATOR_IS_MULTI_CONFIG)
+    if(NOT CMAKE_BUILD_TYPE AND NOT multiple_configurations)
+        message(STATUS "CMAKE_BUILD_TYPE is not given: Release")
+        set(CMAKE_BUILD_TYPE Release)
+    endif()
+    # The preset `package` turns RUNPATH into RPATH, because bundled libraries need each other and RUNPATH does not cover that.
+    if(NOT DEFINED CMAKE_INSTALL_RPATH)
+        set(CMAKE_INSTALL_RPATH "$ORIGIN/../lib")
+    endif()
+    set(CMAKE_EXPORT_COMPILE_COMMANDS ON)
+    set(CMAKE_RUNTIME_OUTPUT_DIRECTORY ${PROJECT_BINARY_DIR})
+endif()
