@@ -56,9 +56,14 @@ class Study(unittest.TestCase):
                      "sleep", "sort", "tail", "touch", "tr", "uniq"):
             (self.tools / tool).symlink_to(shutil.which(tool))
         self.write(self.tools / "dpkg-query", DPKG_QUERY)
-        self.write(self.tools / "cmake", "#!/bin/bash\n")
+        self.stand_in("cmake")
         self.write(self.tree / "build/release/voxspring", '#!/bin/bash\nprintf "%s\\n" "$@"\n')
         (self.tree / "build/release/build.ninja").touch()
+
+    def stand_in(self, *tools):
+        """Tools that do nothing and succeed."""
+        for tool in tools:
+            self.write(self.tools / tool, "#!/bin/bash\n")
 
     @staticmethod
     def write(path, text):
@@ -76,40 +81,27 @@ class Study(unittest.TestCase):
         self.assertEqual(lines[0], "Building.")
         return lines[1:]
 
-    def cut_short(self, name, age):
-        journal = self.local / f"{name}.json.journal"
-        journal.touch()
-        os.utime(journal, (1e9 - age, 1e9 - age))
-        return str(journal.with_suffix(""))
-
-    def test_runs_the_default_study_into_results_local(self):
+    def test_passes_the_study_and_its_options_on(self):
         *first, result = self.program_arguments("study")
         self.assertEqual(first, ["study", "default", "--out"])
         self.assertRegex(result, f"^{self.local}/[0-9]{{4}}-[0-9]{{2}}-[0-9]{{2}}T[0-9]{{6}}Z-unversioned[.]json$")
-        self.assertEqual(self.program_arguments("study", "--repetitions", "3")[:4],
-                         ["study", "default", "--repetitions", "3"])
-
-    def test_passes_on_where_the_result_goes(self):
+        self.assertEqual(self.program_arguments("study", "--repetitions", "3")[:4], ["study", "default", "--repetitions", "3"])
         for out in (["--out", "a b.json"], ["--out=a b.json"]):
             self.assertEqual(self.program_arguments("study", "table1", *out), ["study", "table1", *out])
 
-    def test_resume_goes_on_with_the_study_that_was_cut_short_last(self):
-        self.cut_short("older", 20)
-        latest = self.cut_short("latest", 10)
-        self.cut_short("oldest", 30)
-        self.assertEqual(self.program_arguments("study", "smoke", "--resume"),
-                         ["study", "smoke", "--resume", "--out", latest])
-
-    def test_resume_with_a_result_of_its_own_goes_on_with_that(self):
-        self.cut_short("other", 10)
-        arguments = ["study", "smoke", "--resume", "--out", "mine.json"]
-        self.assertEqual(self.program_arguments(*arguments), arguments)
-
-    def test_resume_of_nothing_is_refused(self):
+    def test_resume_goes_on_with_the_named_result_or_the_one_that_was_cut_short_last(self):
         (self.local / "finished.json").touch()
         done = self.run_script("study", "--resume")
         self.assertEqual(done.returncode, 2)
         self.assertIn(f"there is nothing to resume: no study in {self.local} was cut short", done.stderr)
+        for name, age in (("older", 20), ("latest", 10), ("oldest", 30)):
+            journal = self.local / f"{name}.json.journal"
+            journal.touch()
+            os.utime(journal, (1e9 - age, 1e9 - age))
+        latest = str(self.local / "latest.json")
+        self.assertEqual(self.program_arguments("study", "smoke", "--resume"), ["study", "smoke", "--resume", "--out", latest])
+        arguments = ["study", "smoke", "--resume", "--out", "mine.json"]
+        self.assertEqual(self.program_arguments(*arguments), arguments)
 
     def test_names_the_packages_that_are_missing(self):
         done = self.run_script("study", MISSING="cmake libepoxy-dev")
@@ -131,8 +123,7 @@ class Study(unittest.TestCase):
         self.assertEqual(lines[3], "study")
 
     def test_what_takes_long_is_heard_in_a_pipe(self):
-        for tool in ("git", "clang-format-14", "shellcheck"):
-            self.write(self.tools / tool, "#!/bin/bash\n")
+        self.stand_in("git", "clang-format-14", "shellcheck")
         self.write(self.tools / "ctest", "#!/bin/bash\necho '      Start  1: a'\nsleep 1.2\n"
                    "echo ' 3/47 Test #12: b ...   Passed'\nsleep 1.3\nexit 1\n")
         self.write(self.tools / "cmake", "#!/bin/bash\n[ $1 = --build ] || sleep 1.2\n")
@@ -148,25 +139,20 @@ class Study(unittest.TestCase):
         self.assertIn("there is no apt-get here", done.stderr)
         return {line.strip() for line in done.stdout.splitlines()[1:]}
 
-    def test_packaging_installs_no_browser_and_no_second_compiler(self):
-        for package in self.asked_for("package"):
-            self.assertNotRegex(package, "chromium|selenium|clang|llvm|python|scipy")
-        self.assertEqual(self.asked_for("package") - self.asked_for("study"),
-                         {"libglfw3-dev", "libimgui-dev", "libgtest-dev", "libgmock-dev", "xz-utils"})
-
-    def test_a_study_installs_nothing_of_a_window(self):
-        self.assertEqual(self.asked_for("view") - self.asked_for("study"), {"libglfw3-dev", "libimgui-dev"})
-        self.assertNotIn("libglfw3-dev", self.asked_for("study"))
-
-    def test_the_quick_tests_install_no_browser_and_no_sanitizer(self):
-        for package in self.asked_for("test"):
-            self.assertNotRegex(package, "chromium|selenium|clang-14|clang-tidy|llvm")
-        self.assertIn("chromium", self.asked_for("test", "all"))
+    def test_every_command_installs_what_it_needs_and_no_more(self):
+        study, view, package, test, every = (self.asked_for(*command) for command in
+                                             (["study"], ["view"], ["package"], ["test"], ["test", "all"]))
+        window = {"libglfw3-dev", "libimgui-dev"}
+        self.assertEqual(view - study, window)
+        self.assertEqual(package - study, window | {"libgtest-dev", "libgmock-dev", "xz-utils"})
+        self.assertTrue(study < view < package < test < every)
+        self.assertNotRegex(" ".join(package), "chromium|selenium|clang|llvm|python|scipy")
+        self.assertNotRegex("\n".join(test), r"(?m)chromium|selenium|^clang-1[46]$|clang-tidy|llvm")
+        self.assertIn("chromium", every)
 
     def stage_results(self, *arguments, **environment):
         """The lines that a stand-in for CTest writes of its variables, and the last line of `run test`."""
-        for tool in ("git", "clang-format-14", "shellcheck"):
-            self.write(self.tools / tool, "#!/bin/bash\n")
+        self.stand_in("git", "clang-format-14", "shellcheck")
         seen = self.tree / "seen"
         self.write(self.tools / "ctest", "#!/bin/bash\n"
                    f"echo \"$2 ${{VOXSPRING_REQUIRE-unset}}\" >>{seen}\n"
