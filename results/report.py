@@ -70,7 +70,7 @@ def main(arguments=None):
     try:
         if options.figures:
             options.figures.mkdir(parents=True, exist_ok=True)
-            for name, chart in export.charts(results):
+            for name, chart in export.files(results):
                 write_whole(options.figures / name, chart)
                 print(options.figures / name)
         if options.out:

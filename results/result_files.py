@@ -121,6 +121,22 @@ def spread_of(times):
     return (high - low) / 2 / middle if middle else None
 
 
+# What a result's context says of a backend; files from before it said these have other words for them.
+def family(about):
+    """The API for people."""
+    return about.get("title") or str(about.get("api") or "another API").split(" ")[0]
+
+
+def limits_of(about):
+    """Which of the context's limits steps are held against."""
+    return about.get("limits_of") or re.sub(r" \d.*", "", str(about.get("api") or ""))
+
+
+def addressing(name, about):
+    """How neighbours are found: "implicit", by their place in the grid, or "explicit", in lists."""
+    return about.get("addressing") or ("explicit" if "_explicit_" in f"{name}_" else "implicit")
+
+
 def groups(rows, *keys):
     """{values of the keys: rows that have them}, in the order of their first rows; a key may be a function of a row."""
     found = {}

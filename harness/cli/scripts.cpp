@@ -50,8 +50,8 @@ const std::map<std::string, Script>& all_scripts() {
           "fastjsonschema)",
           "scipy.stats, fastjsonschema", "python3-scipy python3-fastjsonschema"}},
         {"report",
-         {"A page of results as one HTML file (needs Python 3 with altair, scipy and vl-convert-python)",
-          "altair, fastjsonschema, PIL, scipy.stats, vl_convert", ""}},
+         {"A page of results as one HTML file (needs Python 3 with scipy and vl-convert-python)",
+          "fastjsonschema, jinja2, PIL, scipy.stats, vl_convert", ""}},
     };
     return all;
 }

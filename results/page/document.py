@@ -13,7 +13,7 @@ import vl_convert
 
 import result_files
 
-from . import figures, reading
+from . import charts, figures, reading
 
 # What a rounding error is small beside: the time step's own error on the datasets here is above it.
 SMALL_ERROR = 1e-5
@@ -131,11 +131,11 @@ def template():
         return re.sub(r"\s*\n\s*", " ", re.sub(r"(?<=[>}])\s*\n\s*|\s*\n\s*(?=[<{])", "", text_of(name).strip()))
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, loader=jinja2.FunctionLoader(source))
     shared = (figures.engineering, figures.error_text, figures.fastest_within, figures.groups, figures.listed, figures.percent,
-              figures.time_text, figures.colour_of, reading.family, result_files.spread_of, math.log, amount, captions, each_at_its_best,
+              figures.time_text, result_files.spread_of, math.log, amount, captions, each_at_its_best,
               exact_enough, names)
     environment.globals |= {function.__name__: function for function in shared} | {
-        "base64": lambda data: base64.b64encode(data).decode(), "shapes": figures.SHAPES, "formulations": figures.FORMULATIONS,
-        "handed_over": figures.HANDED_OVER, "regions": reading.REGIONS, "small_error": SMALL_ERROR, "min_share": figures.MIN_SHARE,
+        "base64": lambda data: base64.b64encode(data).decode(), "marks": charts.MARKS,
+        "regions": reading.REGIONS, "small_error": SMALL_ERROR, "min_share": figures.MIN_SHARE,
         "min_spread": result_files.MIN_SPREAD, "error_columns": {error: f"Error of {figures.error_text(error)}" for error in figures.TARGETS}}
     return environment.get_template("page.html")
 
@@ -153,8 +153,8 @@ def page(results, pictures, left_out):
     # The machine with most rows of time comes first everywhere.
     weight = collections.Counter(result.machine for result in results for _ in result.lists["benchmarks"])
     results = sorted(results, key=lambda result: -weight[result.machine])
-    backends, drawn = figures.all_figures(results)
-    runs, found = figures.latest_runs(results), figures.outcomes(results, reading.measured(results))
+    shown, drawn = figures.all_figures(results)
+    runs, found = figures.latest_runs(shown), figures.outcomes(results, shown.measured)
     machine, title, lead = headline(found, runs, drawn)
     answers = {name: answer([result for result in results if result.machine == name], found.get(name),
                             [row for row in runs if row["machine"] == name])
@@ -162,10 +162,10 @@ def page(results, pictures, left_out):
     papers = {(result.machine, block["scene"], reading.contender(block)): block["paper"]["ratio"]
               for result in results for block in result.lists["fastest"]
               if block.get("paper") and block["paper"]["name"] != block["name"]}
-    data = json.dumps({"config": figures.CONFIG, "figures": [compact(figure) for figure in drawn]}, ensure_ascii=False, separators=(",", ":"))
+    data = json.dumps({"config": charts.CONFIG, "figures": [compact(figure) for figure in drawn]}, ensure_ascii=False, separators=(",", ":"))
     errors = [pair[1].about for pair in pictures.values()]
     return template().render(
-        backends=backends, results=results, machine=machine, title=title, lead=lead, answers=answers, papers=papers, drawn=drawn,
+        families=shown.families, colours=charts.colours(shown.families), shapes=charts.shapes(shown.families.values()), results=results, machine=machine, title=title, lead=lead, answers=answers, papers=papers, drawn=drawn,
         pictures=pictures, left_out=left_out, worst=max(errors, key=lambda about: about["largest"], default=None),
         renderers=figures.listed(dict.fromkeys(picture.about["renderer"] for pair in pictures.values() for picture in pair)),
         scenes=sorted({row["scene"] for result in results for name in reading.MEASURED for row in result.lists[name]}, key=reading.natural),

@@ -6,7 +6,7 @@ import re
 
 import vl_convert
 
-from . import figures
+from . import charts, figures
 
 WIDTH = 480
 # Vega writes millionths of a pixel, in attributes.
@@ -39,7 +39,7 @@ def svg(figure, panel):
     rows = [row for row in figure.rows if all(row[key] == value for key, value in panel.match.items())]
     spec = with_legends(panel.spec, rows) | {"width": WIDTH, "autosize": "pad", "title": {"text": panel.heading, "anchor": "start"}}
     spec["datasets"] = spec.get("datasets", {}) | {"rows": rows}
-    spec["config"] = figures.CONFIG | {"background": "white", "aria": False, "font": "DejaVu Sans, sans-serif"}
+    spec["config"] = charts.CONFIG | {"background": "white", "aria": False, "font": "DejaVu Sans, sans-serif"}
     if panel.step:
         spec["height"] = panel.step[1] * len({row[panel.step[0]] for row in rows})
     colours = light_colours()
@@ -47,7 +47,7 @@ def svg(figure, panel):
     return ATTRIBUTE.sub(lambda found: DIGITS.sub(r"\1", found[0]), vl_convert.vegalite_to_svg(spec))
 
 
-def charts(results):
+def files(results):
     """(file name, text) of every panel of every figure."""
     for figure in figures.all_figures(results)[1]:
         for panel in figure.panels:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 import scipy.optimize
 
 import result_files
-from result_files import BadInput, shown
+from result_files import BadInput, distinct, shown
 
 
 REGIONS = ("bounded", "heating", "diverged")
@@ -36,10 +36,15 @@ class Result:
     commit: str
     date: str
     lists: dict = field(repr=False)
-    limits: dict = field(repr=False)  # what was measured of the device of each backend
+    backends: dict = field(repr=False)  # what the file says of each
+    limits: dict = field(repr=False)  # what was measured of devices, by what the backends call it
     cores: int = None
     host: str = ""
     cards: tuple = ()  # their identities
+
+    def family(self, backend):
+        """The API that a backend's times are to be told apart by."""
+        return result_files.family(self.backends.get(backend, {}))
 
     @property
     def short_commit(self):
@@ -77,13 +82,6 @@ def check_histogram(path, where, row):
 OPERATIONS = ("float32_operations_per_second", "compute_shader_float32_operations_per_second")
 
 
-def limits_of(about):
-    """The measured limits of the device of each backend; nothing for a device that gave none."""
-    by_api = {limits["api"]: limits for limits in about.get("limits", {}).values() if isinstance(limits, dict) and limits.get("bandwidth")}
-    return {backend: by_api[one["api"]] for backend, one in about.get("backends", {}).items()
-            if isinstance(one, dict) and isinstance(one.get("api"), str) and one["api"] in by_api}
-
-
 def roofs(limits):
     """Of a device: bytes per second through memory and through the cache, by what they are, and operations per second."""
     table = limits["bandwidth"]
@@ -98,12 +96,15 @@ def roofs(limits):
 ROOF_LABELS = {"memory, half written": "memory (dashed: half written)", "cache": "cache"}
 
 
-def rooflines(limits, rows):
-    """The roofs above rows: those of a card from CUDA where that is among them, as OpenGL and Vulkan are on the same card."""
-    families = {row["family"] for row in rows}
-    shown = families - ({"OpenGL", "Vulkan"} if "CUDA" in families else set())
-    return {family_of: roofs(limits[own[0]["backend"]]) for (family_of,), own in result_files.groups(
-        (row for row in rows if row["family"] in shown and row["backend"] in limits), "family").items()}
+def rooflines(results, rows):
+    """The roofs above rows by the API that reached them: one for each device, that whose memory was the fastest."""
+    of_devices = {}
+    for result in results:
+        for name in distinct(rows, "backend"):
+            about = result.backends.get(name, {})
+            if limits := result.limits.get(result_files.limits_of(about)):
+                of_devices.setdefault(about.get("uuid") or about.get("device"), {})[result.family(name)] = roofs(limits)
+    return dict(max(own.items(), key=lambda item: item[1][0]["memory"]) for own in of_devices.values())
 
 
 def read(path):
@@ -119,8 +120,10 @@ def read(path):
     machine = about["gpu"] if isinstance(about.get("gpu"), str) else about["cpu"]
     driver = about.get("driver") if isinstance(about.get("driver"), str) else ""
     # The identities of the cards; none of a processor or of a device that has none.
-    cards = {one["uuid"] for one in about.get("backends", {}).values() if isinstance(one, dict) and one.get("uuid")}
-    return Result(path, about["study"]["name"], machine, driver, about["commit"], context["date"], lists, limits_of(about),
+    backends = {name: one for name, one in about.get("backends", {}).items() if isinstance(one, dict)}
+    cards = {one["uuid"] for one in backends.values() if one.get("uuid")}
+    return Result(path, about["study"]["name"], machine, driver, about["commit"], context["date"], lists, backends,
+                  {name: one for name, one in about.get("limits", {}).items() if isinstance(one, dict) and one.get("bandwidth")},
                   context.get("num_cpus"), context.get("host_name") or "", tuple(sorted(cards)))
 
 
@@ -176,11 +179,6 @@ def short_contender(name):
     return " ".join(words[:2] + [word for word in words[2:3] if word != "float32"] + words[3:])
 
 
-def family(backend):
-    """What a backend's times are to be told apart by: the API in its name."""
-    return {"cuda": "CUDA", "vulkan": "Vulkan", "gl": "OpenGL", "cpu": "CPU"}.get(backend.split("_")[0], "another API")
-
-
 def moved_and_computed(row):
     """What a step moves and computes; nothing where the file does not say. A step that moves nothing, whose state stays on the
     chip, has a rate of operations and no operations per byte."""
@@ -195,7 +193,7 @@ def moved_and_computed(row):
 def rows_of(results, name):
     """The rows of a list, with what tells them apart on the page; `compared` is what a file calls the family of a scene."""
     return [row | {"machine": result.machine, "study": result.study, "commit": result.short_commit, "date": result.date,
-                   "compared": row.get("family"), "family": family(row["backend"]), "contender": contender(row),
+                   "compared": row.get("family"), "family": result.family(row["backend"]), "contender": contender(row),
                    "noisy": "; ".join(row.get("noisy", [])), "throttled": "; ".join(row.get("throttled", []))}
             for result in results for row in result.lists[name]]
 

@@ -1,0 +1,190 @@
+"""The language of figures.vegalite: Vega-Lite, in which a few words stand for what follows from the rows of a panel.
+
+"$name" is a value, and "{name}" in a text its text, that the first row of the panel has; "$below" and "$end_labels" are layers. A field
+is written with its type, as "seconds:Q". A scale is "fit", "exact", or one of these over other keys. The order "first" is that of the
+rows, and the ticks "values" are those that they have. The encodings "backend", "family", "region" and those in "marks" are by these
+keys, in the colours of the page's style, so that charts follow its light, dark and printed scheme. The tooltip "row" has the table's
+columns.
+"""
+
+import hashlib
+import importlib.resources
+import json
+import math
+
+import numpy
+import scipy.optimize
+
+from result_files import distinct, groups
+
+from . import reading
+
+LANGUAGE = "https://vega.github.io/schema/vega-lite/v6.json"
+ABOUT = json.loads((importlib.resources.files(__package__) / "figures.vegalite").read_text(encoding="utf-8"))
+MARKS = ABOUT["marks"]
+TYPES = {"Q": "quantitative", "N": "nominal", "O": "ordinal"}
+# page.css has so many colours for backends, and charts so many shapes for families of them.
+COLOURS = 22
+SHAPES = ("diamond", "triangle-right", "triangle-up", "circle", "square")
+# With this in front of them, the names of the backends and families of this repository have different places.
+SALT = 3942899
+LABEL_SIZE = 10
+CONFIG = {
+    "background": "transparent", "font": "system-ui, sans-serif", "view": {"stroke": None},
+    "axis": {"labelColor": "var(--soft)", "titleColor": "var(--soft)", "gridColor": "var(--line)", "domainColor": "var(--line)",
+             "tickColor": "var(--line)", "gridOpacity": 0.45, "labelFontSize": 11, "titleFontSize": 12, "titleFontWeight": "normal",
+             "labelOverlap": "greedy", "labelSeparation": 4},
+    "axisYQuantitative": {"minExtent": 38}, "point": {"opacity": 1}}
+
+
+def places(names, count):
+    """For each name a number below `count`: that of its hash, so that it is the same on every page, or the next one that is free."""
+    found = {}
+    for name in sorted(names):
+        first = int.from_bytes(hashlib.md5(f"{SALT}{name}".encode()).digest(), "big")
+        others = found.values() if len(found) < count else ()
+        found[name] = next(place for place in ((first + step) % count for step in range(count)) if place not in others)
+    return found
+
+
+def colours(backends):
+    return {name: f"var(--backend-{place})" for name, place in places(backends, COLOURS).items()}
+
+
+def shapes(families):
+    return {name: SHAPES[place] for name, place in places(set(families), len(SHAPES)).items()}
+
+
+def variables(names):
+    """The colours of the page's style that are called like these."""
+    return {name: f"var(--{name})" for name in names}
+
+
+def scale(values):
+    """A logarithmic scale where the values span more than a decade."""
+    positive = [value for value in values if value is not None]
+    wide = positive and min(positive) > 0 and max(positive) > 10 * min(positive)
+    return {"type": "log", "nice": False} if wide else {"type": "linear", "nice": True}
+
+
+def exact_scale(values):
+    """A scale that ends where the values do."""
+    found = scale(values) | {"nice": False, "domain": [min(values), max(values)]}
+    return found if found["type"] == "log" else found | {"zero": False}
+
+
+def told_apart(key, names):
+    """An encoding by a key: the names that it may have, and what each looks like."""
+    return {"field": key, "type": "nominal", "legend": None, "scale": {"domain": list(names), "range": list(names.values())}}
+
+
+def drawn(points, mark, x="x", y="y"):
+    """A layer of points (x, y, text) that no row of the figure has."""
+    points = [dict(zip((x, y, "text"), point)) for point in points]
+    encoding = {x: {"field": x, "type": "quantitative"}, y: {"field": y, "type": "quantitative"}} | (
+        {"text": {"field": "text", "type": "nominal"}} if "text" in points[0] else {})
+    return {"data": {"values": points}, "mark": {"color": "var(--soft)"} | mark, "encoding": encoding}
+
+
+def line(points, **style):
+    return drawn(points, {"type": "line", "strokeWidth": 1} | style)
+
+
+def name_at(x, y, text, **style):
+    return drawn([(x, y, text)], {"type": "text"} | style)
+
+
+def columns(keys, named=None):
+    """(key, name, digits) of the columns of a table. Keys in capitals stand for several; `named` are names of this table alone."""
+    known = ABOUT["columns"] | (named or {})
+    return [(key, *known.get(key, (key, None))) for word in keys.split(" ") for key in ABOUT["sets"].get(word, word).split(" ")]
+
+
+def with_end_labels(rows, line, x, y, height):
+    """The rows, of which the last of each line says as well what the line is (`end_label`) and where that can be read beside the
+    others (`label_at`), in a chart of this height."""
+    values = [row[y] for row in rows]
+    log = scale(values)["type"] == "log"
+    forth, back = (math.log, math.exp) if log else (float, float)
+    low, high = forth(min(values)), forth(max(values))
+    gap = (LABEL_SIZE + 1) * ((high - low) / height or 1)
+    ends = [max(group, key=lambda row: row[x]) for group in groups(rows, line).values()]
+    at = {}
+    for beside in groups(ends, x).values():
+        beside = sorted(beside, key=lambda row: row[y])
+        # The places, ascending, that lie nearest to the ends and at least a gap apart.
+        steps = gap * numpy.arange(len(beside))
+        apart = scipy.optimize.isotonic_regression(numpy.asarray([forth(row[y]) for row in beside]) - steps).x + steps
+        at |= {id(row): back(place) for row, place in zip(beside, apart)}
+    return [{**row, "end_label": row[line] if id(row) in at else None, "label_at": at.get(id(row))} for row in rows]
+
+
+
+def end_labels(x, y):
+    """Layers that write `end_label` to the right of a line's end."""
+    labelled = [{"filter": "isValid(datum.label_at)"}]
+    x, y, at = ({"field": key, "type": "quantitative"} for key in (x, y, "label_at"))
+    leader = {"type": "rule", "strokeWidth": 0.7, "color": "var(--soft)", "xOffset": 5, "x2Offset": 14}
+    text = {"type": "text", "align": "left", "dx": 16, "fontSize": LABEL_SIZE, "color": "var(--ink)"}
+    return [{"transform": labelled, "mark": leader, "encoding": {"x": x, "x2": {"field": x["field"]}, "y": y, "y2": {"field": "label_at"}}},
+            {"transform": labelled, "mark": text, "encoding": {"x": x, "y": at, "text": {"field": "end_label", "type": "nominal"}}}]
+
+
+class Chart:
+    """Makes Vega-Lite of what figures.vegalite says of a chart, for the rows of a panel."""
+
+    def __init__(self, families, told, rows, layers):
+        self.told, self.rows, self.layers = told, rows, layers
+        self.values = rows[0] | {"backends": list(families)}
+        self.by_key = {
+            "backend": told_apart("backend", colours(families)),
+            "family": told_apart("family", shapes(families.values())), "region": told_apart("region", variables(reading.REGIONS))}
+
+    def encoding(self, channel, key):
+        """What a word stands for as an encoding."""
+        if channel == "tooltip":
+            told = self.told if key == "row" else columns(key)
+            return [{"field": key, "title": title} | ({"type": "nominal"} if digits is None else {"type": "quantitative", "format": f".{digits}~g"})
+                    for key, title, digits in told]
+        if key in self.by_key:
+            return self.by_key[key]
+        return told_apart(key, variables(MARKS[key]) if channel == "color" else MARKS[key])
+
+    def completed(self, value):
+        """A part of a chart with what its words stand for."""
+        if isinstance(value, str):
+            return self.values[value[1:]] if value.startswith("$") else value.format_map(self.values) if "{" in value else value
+        if isinstance(value, list):
+            return [self.completed(one) for part in value for one in (self.layers[part] if part in ("$below", "$end_labels") else [part])]
+        if not isinstance(value, dict):
+            return value
+        found = {key: self.completed(one) for key, one in value.items()}
+        if "encoding" in value:
+            found["encoding"] = {channel: self.encoding(channel, one) if isinstance(one, str) else self.completed(one)
+                                 for channel, one in value["encoding"].items()}
+        field, _, kind = str(found.get("field", "")).partition(":")
+        return self.with_axis(found | {"field": field, "type": TYPES[kind]}) if kind else found
+
+    def with_axis(self, found):
+        """An encoding with its title, scale, order and ticks."""
+        if "scale" in found:
+            if found["field"] in ABOUT["columns"]:
+                found.setdefault("title", ABOUT["columns"][found["field"]][0])
+            how = {found["scale"]: [found["field"]]} if isinstance(found["scale"], str) else found["scale"]
+            for name, make in (("fit", scale), ("exact", exact_scale)):
+                if name in how:
+                    found["scale"] = make([row[key] for key in how[name] for row in self.rows])
+        if found.get("sort") == "first":
+            found["sort"] = distinct(self.rows, found["field"])
+        if found.get("axis", {}).get("values") == "values":
+            found["axis"] = found["axis"] | {"values": sorted(distinct(self.rows, found["field"]))}
+        return found
+
+
+def complete(about, families, told, rows, layers, alternative):
+    """The chart of a panel: as wide as that, and of those rows alone that its reader's filters let through."""
+    chosen = {"filter": "indexof(shown, datum.backend) >= 0 && (scene == '' || datum.scene == scene)"}
+    return {"$schema": LANGUAGE, "data": {"name": "rows"}, "transform": [chosen], "width": "container",
+            "height": about.get("height") or about["step"][1], "autosize": {"type": "fit-x", "contains": "padding"}, "description": alternative,
+            "params": [{"name": "shown", "value": list(families)}, {"name": "scene", "value": ""}],
+            **Chart(families, told, rows, layers).completed(about["chart"])}
