@@ -25,9 +25,8 @@ from result_files import distinct, groups  # noqa: E402  # pylint: disable=wrong
 SHOWN = ["cuda_resident", "cuda_explicit_delta", "cuda_explicit_cached_grid", "cuda_implicit_cached", "gl_compute_implicit",
          "vulkan_implicit", "gl_fragment_implicit", "cpu_parallel"]
 
-# Who steps while a body is drawn.
-DRAWN = {"cuda": "CUDA, one launch per tick", "a launch for all ticks": "CUDA, one launch for all ticks", "gl": "OpenGL", "vulkan": "Vulkan",
-         "cpu": "the processor"}
+# Who steps while a body is drawn, where that is not the name of its API.
+DRAWN = {"CUDA": "CUDA, one launch per tick", "CPU": "the processor"}
 
 
 def origin(result, before="", after=""):
@@ -190,7 +189,7 @@ def drawing():
     plain = {(row["scene"], row["name"], row["hertz"]): row["steps_that_fit"] for row in found["haptic"]
              if not row["drawn"] and not row["edited"]}
     drawn = [row | {"lost": 1 - row["steps_that_fit"] / fit,
-                    "who": "a launch for all ticks" if "ticks=resident" in row["tuning"] else row["backend"].split("_")[0]}
+                    "who": "CUDA, one launch for all ticks" if "ticks=resident" in row["tuning"] else results.about_backend(found, row)["family"]}
              for row in found["haptic"] if row["drawn"] and not row["edited"]
              and (fit := plain.get((row["scene"], row["name"], row["hertz"]))) and fit >= finest]
     def median(rows, key):
@@ -198,7 +197,7 @@ def drawing():
     lines = []
     for (name, way), rows in sorted(groups(drawn, "who", "displacements_by").items(), key=lambda item: median(item[1], "lost")):
         lost, rate = sorted(row["lost"] for row in rows), median(rows, "pictures_per_second")
-        lines.append([DRAWN[name], f"`{way}()`", str(len(rows)),
+        lines.append([DRAWN.get(name, name), f"`{way}()`", str(len(rows)),
                       *(f"{seconds_text(seconds)} ({100 * seconds * rate:.1f} %)"
                         for seconds in (median(rows, "hand_over_seconds"), median(rows, "picture_seconds"))),
                       f"{100 * statistics.median(lost):.1f} %", f"{100 * lost[0]:.1f} to {100 * lost[-1]:.1f} %"])

@@ -23,9 +23,6 @@ from readme import rows
 from result_files import groups
 
 FILE = pathlib.Path(__file__).resolve().parent.parent / "harness/study/auto_rules.json"
-# Families of backends that rank among themselves: name, first letters of its backends, the machine they were measured on.
-FAMILIES = (("CUDA", ("cuda_",), rows.GPU), ("Vulkan", ("vulkan_",), rows.GPU), ("OpenGL compute", ("gl_compute_",), rows.GPU),
-            ("OpenGL", ("gl_fragment_",), rows.GPU), ("CPU", ("cpu_",), rows.CPU))
 # Take any scene that any backend takes: the faster one, which no study of these measures, then the oracle.
 LAST = {"CPU": ["cpu_explicit", "cpu_reference"]}
 # How much of its lattice a body fills.
@@ -34,7 +31,19 @@ OCCUPANCIES = ((0, 0.5), (0.5, None))
 DATASETS = ("box", "heart")
 
 
-def bodies(prefixes, machine, occupancy):
+def families():
+    """(name of their limits, machine) of backends that rank among themselves, the fastest first: those of the card, and those of a machine
+    without a card."""
+    least = {}
+    for machine in (rows.GPU, rows.CPU):
+        for row in rows.medians("fastest", machine):
+            if row["on_card"] == (machine == rows.GPU):
+                family = row["limits_of"], machine
+                least[family] = min(least.get(family, math.inf), row["real_time"] / row["particles"])
+    return sorted(least, key=least.get)
+
+
+def bodies(family, machine, occupancy):
     """Particles of each body, ascending, and of each contender its time over the fastest's: the worst over studies and
     formulations."""
     low, high = occupancy
@@ -43,14 +52,13 @@ def bodies(prefixes, machine, occupancy):
         if not result_files.named(rows.RESULTS / machine, study).exists():  # of the processor there is no figure8
             continue
         of_bodies = [row for row in rows.medians(study, machine)
-                     if row["backend"].startswith(prefixes) and row["scene"].split("@")[0] in DATASETS and row["precision"] == "float32"
+                     if row["limits_of"] == family and row["scene"].split("@")[0] in DATASETS and row["precision"] == "float32"
                      and low <= row["particles"] / row["voxels"] < (high or math.inf)]
         for (particles, _), own in groups(of_bodies, "particles", "formulation").items():
             times = {contender(row): row["real_time"] for row in own}
-            fastest = min(times.values())
             worst = found.setdefault(particles, {})
             for one, time in times.items():
-                worst[one] = max(worst.get(one, 1), time / fastest)
+                worst[one] = max(worst.get(one, 1), time / min(times.values()))
     return sorted(found.items())
 
 
@@ -70,9 +78,9 @@ def order_of(worst):
 
 def rules():
     listed = []
-    for name, prefixes, machine in FAMILIES:
+    for name, machine in families():
         for occupancy in OCCUPANCIES:
-            measured = bodies(prefixes, machine, occupancy)
+            measured = bodies(name, machine, occupancy)
             orders = [order_of(worst) for _, worst in measured]
             # What was not measured on a body, too large for it or too slow, comes after what was, as on the nearest other one.
             for here, order in enumerate(orders):
@@ -94,7 +102,7 @@ def min_steps_between_edits():
     many steps between edits on it is at most 10% slower. The other one is the fastest when they are most frequent."""
     times = {}
     for row in rows.medians("edits"):
-        if row["backend"].startswith("cuda_"):
+        if row["family"] == "CUDA":
             times.setdefault(row["steps"] / row["edits"], {})[row["backend"]] = row["real_time"]
     intervals = sorted(times)
     other = min(times[intervals[0]], key=times[intervals[0]].get)
@@ -110,7 +118,7 @@ def several_devices(results):
     """For each CUDA backend and number of ranks, one per device: from how many particles on they are faster than one rank, for every
     body that was measured. Nothing where a body of so many particles was slower."""
     told = [row for result in results for row in result["scaling"]
-            if row["backend"].startswith("cuda_") and row["ranks"] > 1 and row["scaling"] == "strong" and not row.get("noisy")]
+            if rows.about_backend(result, row)["family"] == "CUDA" and row["ranks"] > 1 and row["scaling"] == "strong" and not row.get("noisy")]
     found = []
     for (backend, ranks), own in sorted(groups(told, "backend", "ranks").items()):
         bodies_of = [min(of_scene, key=lambda row: row["seconds_per_step"]) for of_scene in groups(own, "scene").values()]

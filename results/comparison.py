@@ -18,7 +18,8 @@ only a change beyond 30% is one. With 5 repetitions U can tell at 1% only if nea
 fewer not even then; what is not slower or faster has too few repetitions. results/README.md says how often the rule is
 wrong.
 
-Errors are of one state and have no statistics: one grew if it is more than the error factor times what it was, or than
+A counter, which a result's context describes, has no statistics: it is better or worse if it changed by more than the threshold in the
+direction that its result says. Errors are of one state and have no statistics: one grew if it is more than the error factor times what it was, or than
 what float64 is uncertain by if that is more. Of a backend that adds in any order an error is another one each time: it
 counts as no smaller than what rounding was measured to carry the scene.
 """
@@ -65,8 +66,8 @@ UNKNOWN_NOISE = 0.1
 # A few roundings of float64, which another order of the same sums makes.
 FLOAT64_NOISE = 1e-15
 
-WORSE = ("now fails", "error grew", "slower")
-VERDICTS = WORSE + ("faster", "new", "gone", "still fails", "not comparable", "too noisy to tell",
+WORSE = ("now fails", "error grew", "counter worse", "slower")
+VERDICTS = WORSE + ("faster", "counter better", "new", "gone", "still fails", "not comparable", "too noisy to tell",
                     "too few repetitions", "same")
 
 
@@ -88,6 +89,7 @@ class Row:
     errors: dict = dataclasses.field(default_factory=dict)
     floors: dict = dataclasses.field(default_factory=dict)
     by_chance: dict = dataclasses.field(default_factory=dict)  # errors that another run of the same could have had
+    counters: dict = dataclasses.field(default_factory=dict)  # name: values of the repetitions, where more or less of it is better
     chaotic: bool = False
     limitless: bool = False  # whether a time across devices is wanted that its file does not know
     noisy: list = dataclasses.field(default_factory=list)  # why its run says that its times are not to be trusted
@@ -108,6 +110,8 @@ class Result:
         self.context = self.json["context"]["voxspring"]
         self.backends = self.context.get("backends", {})
         self.study = self.context.get("study", {}).get("name")
+        self.less_is_better = {name: about["better"] == "less" for name, about in result_files.counters(self.json).items()
+                               if about["better"] != "neither"}
         self.rows = collections.defaultdict(list)
         self.unmeasured = {name: {identity_of(row): row.get("reason", "no reason given") for row in self.json.get(name, [])}
                            for name in ("failed", "skipped")}
@@ -143,6 +147,11 @@ class Result:
             entry.errors = {key: row[key] for key in ERRORS if key in row}
             entry.floors = {key: row.get(ERRORS[key]) for key in entry.errors}
             self.add_errors_by_chance(entry, row)
+        for counter in self.less_is_better.keys() & row.keys():
+            value = row[counter]
+            if value is not None and (isinstance(value, (bool, str, list, dict)) or not 0 <= value < math.inf):
+                self.refuse(at + counter, value, "a number that is not negative, or null")
+            entry.counters[counter] = [] if value is None else [value]
         if not row.get("passed", True) or row.get("diverged", False):
             entry.failure = row.get("reason", "beyond its gate")
         key = "fraction_of_limit" if across else CLOCK if list_name == "benchmarks" else CLOCKS.get(list_name, "seconds")
@@ -156,6 +165,8 @@ class Result:
             if known:
                 known[0].times += entry.times
                 known[0].noisy += entry.noisy
+                for counter, values in entry.counters.items():
+                    known[0].counters.setdefault(counter, []).extend(values)
                 return
         else:
             entry.time = (1 / time if across else time) if time else None
@@ -166,7 +177,7 @@ class Result:
         """(name, card) of what a backend ran on; a processor is another one with another number of cores."""
         on = self.backends.get(backend, {})
         cores = self.json["context"].get("num_cpus")
-        name = on.get("device") or self.context.get("gpu" if backend.startswith("cuda") else "cpu") or "unknown"
+        name = on.get("device") or self.context.get("gpu") or self.context.get("cpu") or "unknown"
         return (name, on.get("uuid", "")) if on.get("uuid") or not cores else (f"{name}, {cores} logical processors", "")
 
 
@@ -274,6 +285,15 @@ def grown(old, new, factor):
     return ", ".join(sorted(words))
 
 
+def moved(counters, less_is_better, threshold):
+    """What counters became worse and what became better, as words."""
+    words = ([], [])
+    for name, (before, after) in sorted(counters.items()):
+        if max(before, after) > (1 + threshold) * min(before, after):
+            words[(after > before) != less_is_better[name]].append(f"{name} {before:.6g} -> {after:.6g}")
+    return [", ".join(of) for of in words]
+
+
 def pair(old, new, options):
     """A list of compared rows, as results/diff.schema.json has them."""
     compared, marked = [], {}
@@ -283,7 +303,7 @@ def pair(old, new, options):
             a, b = (rows[index] if index < len(rows) else None for rows in (before, after))
             row = dict(zip(IDENTITY, identity), place={key: json.loads(value) for key, value in place},
                        contender=(b or a).name, verdict="", detail="",
-                       repetitions=[len(r.times) if r else 0 for r in (a, b)], time=None, errors=None)
+                       repetitions=[len(r.times) if r else 0 for r in (a, b)], time=None, errors=None, counters=None)
             compared.append(row)
             if a and b:
                 row["errors"] = {key: [a.errors[key], b.errors[key]] for key in a.errors if key in b.errors}
@@ -294,6 +314,11 @@ def pair(old, new, options):
                     row["time"] = compare_times(*times) if all(times) else None
                     marked[id(row)] = "; ".join(dict.fromkeys(a.noisy + b.noisy))
                 row["verdict"], row["detail"] = judge_state(a, b, row, differ, options)
+                row["counters"] = {name: [statistics.median(one.counters[name]) for one in (a, b)] for name in a.counters
+                                   if a.counters[name] and b.counters.get(name)}
+                worse, better = moved(row["counters"], new.less_is_better | old.less_is_better, options.threshold)
+                if row["verdict"] in ("", "same") and (worse or better):
+                    row["verdict"], row["detail"] = f"counter {'worse' if worse else 'better'}", "; ".join(filter(None, (worse, better)))
             elif b:
                 failed = identity in old.unmeasured["failed"]
                 row["verdict"], row["detail"] = (("now fails", b.failure) if b.failure else
@@ -305,12 +330,14 @@ def pair(old, new, options):
                 row["verdict"], row["detail"] = "gone", f"skipped: {reason}" if reason else ""
     complete_times(compared, lambda row: new.device(row["backend"]), lambda row: marked[id(row)])
     for row in compared:
-        if row["time"] and row["verdict"] in ("", "error grew"):
+        if row["time"] and row["verdict"] in ("", "error grew", "counter worse", "counter better"):
             verdict, detail = judge_repetitions(row, options.threshold)
             if marked[id(row)] and verdict != "same":
                 detail = "; ".join(filter(None, (detail, marked[id(row)])))
             if not row["verdict"]:
                 row["verdict"], row["detail"] = verdict, detail
+            elif verdict == "slower" and row["verdict"] not in WORSE:
+                row["verdict"], row["detail"] = verdict, "; ".join(filter(None, (detail, row["detail"])))
             elif verdict in ("slower", "faster"):
                 row["detail"] += f"; {verdict}"
     known = {tuple(row[key] for key in IDENTITY) for row in compared if row["verdict"].endswith("fails")}
@@ -318,7 +345,7 @@ def pair(old, new, options):
         if identity not in known:
             verdict = "still fails" if identity in old.unmeasured["failed"] else "now fails"
             compared.append(dict(zip(IDENTITY, identity), place={}, contender=" ".join(identity[1:4]), verdict=verdict,
-                                 detail=reason, repetitions=[0, 0], time=None, errors=None))
+                                 detail=reason, repetitions=[0, 0], time=None, errors=None, counters=None))
     return sorted(compared, key=lambda row: VERDICTS.index(row["verdict"]))
 
 

@@ -3,24 +3,89 @@
 
 Usage: paper.py [--check]
 
-In the template `{{ expression }}` stands for a figure, a verdict or, as `{{ tables.NAME() }}`, a table: functions of
-readme/facts.py and readme/tables.py over MACHINE/STUDY.json.gz. --check changes nothing and exits with 1 if the page is not
-what the results say. A sentence that no longer holds is named, with its line, and nothing is written.
+The template is Jinja2: `{{ expression }}` stands for a figure, a verdict or, as `{{ tables.NAME() }}`, a table: functions of
+readme/facts.py and readme/tables.py over MACHINE/STUDY.json.gz. A float is written with three digits, and a paragraph that had an expression is
+broken into lines anew. `{{ holds(condition) }}` writes nothing, and refuses the page where the condition is false: what its sentence
+claims is then no longer what the results say. Every such sentence is named, with its line, and nothing is written.
+--check changes nothing and exits with 1 if the page is not what the results say.
 """
 
 import pathlib
+import re
 import sys
+import textwrap
+import traceback
 
-from readme import facts, template
+import jinja2
+
+from readme import facts, rows
 
 HERE = pathlib.Path(__file__).resolve().parent
 TEMPLATE, PAGE = HERE / "README.in.md", HERE / "README.md"
+WIDTH = 130
+
+
+class Stale(Exception):
+    """Sentences of a template that the results no longer bear out, or figures that they no longer have."""
+
+
+class Untrue(Exception):
+    """What a sentence claims does not hold."""
+
+
+def holds(condition):
+    if not condition:
+        raise Untrue("what it claims no longer holds")
+    return ""
+
+
+def written(value):
+    if isinstance(value, str):
+        return value
+    if isinstance(value, bool) or value is None:
+        raise Untrue(f"{value} is no figure")
+    return f"{value:,}" if isinstance(value, int) else rows.figure(value)
+
+
+def broken_anew(paragraph):
+    """Prose in lines of the page's width; a table, a list or code as it is."""
+    if re.match(r"[|#\-<>]|```|    |\d+\. ", paragraph) or "\n|" in paragraph:
+        return paragraph
+    return "\n".join(textwrap.wrap(paragraph, WIDTH, break_long_words=False, break_on_hyphens=False))
+
+
+def sentence_of(paragraph, line):
+    """The sentence of a paragraph with the expression that begins in a line of it, the first being 1."""
+    place = paragraph.find("{{", sum(len(one) + 1 for one in paragraph.split("\n")[:line - 1]))
+    found = [one for one in re.finditer(r".*?(?:[.:](?=\s|$)\s*|$)", paragraph, re.DOTALL) if one.start() <= place < one.end()]
+    return " ".join((found[0][0] if found else paragraph).split())
+
+
+def render(text, names, page):
+    """The page that a template makes; Stale names the line and the sentence of everything that is wrong with it."""
+    environment = jinja2.Environment(finalize=written, undefined=jinja2.StrictUndefined, keep_trailing_newline=True)
+    wrong, made, line = [], [], 1
+    # A blank line ends a paragraph; none stands in an expression.
+    for paragraph in re.split(r"(\n{2,})", text):
+        filled = paragraph
+        if "{{" in paragraph:
+            try:
+                filled = broken_anew(environment.from_string(paragraph, names | {"holds": holds}).render())
+            except Exception as error:  # pylint: disable=broad-except
+                at = next((frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == "<template>"), 1)
+                reason = error if isinstance(error, (Untrue, rows.Missing)) else f"{type(error).__name__}: {error}"
+                wrong.append(f"{page}:{line + at - 1}: {reason}: \"{sentence_of(paragraph, at)}\"")
+        made.append(filled)
+        line += paragraph.count("\n")
+    if wrong:
+        raise Stale("\n".join(wrong))
+    return "".join(made)
 
 
 def main():
     try:
-        page = template.render(TEMPLATE.read_text(), facts.NAMES, TEMPLATE.name)
-    except template.Stale as stale:
+        page = render(TEMPLATE.read_text(), facts.NAMES, TEMPLATE.name)
+    except Stale as stale:
         sys.exit(str(stale))
     if "--check" in sys.argv[1:]:
         if not PAGE.exists() or page != PAGE.read_text():

@@ -137,6 +137,11 @@ def addressing(name, about):
     return about.get("addressing") or ("explicit" if "_explicit_" in f"{name}_" else "implicit")
 
 
+def counters(result):
+    """{name: its "unit", and whether "less", "more" or "neither" is "better"} of the metrics that rows have as fields of these names."""
+    return result["context"]["voxspring"].get("counters", {})
+
+
 def groups(rows, *keys):
     """{values of the keys: rows that have them}, in the order of their first rows; a key may be a function of a row."""
     found = {}

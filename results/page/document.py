@@ -115,7 +115,7 @@ def compact(figure):
     drawn = json.dumps([panel.spec for panel in figure.panels])
     used |= set(re.findall(r'(?:"field": "|datum\.)(\w+)', drawn)) & figure.rows[0].keys()
     names = sorted(used)
-    rows = [[reading.significant(row[name]) for name in names] for row in figure.rows]
+    rows = [[reading.significant(row.get(name)) for name in names] for row in figure.rows]
     return {"name": figure.name, "columns": figure.columns, "keys": names, "rows": rows,
             "panels": [{"match": panel.match, "spec": panel.spec, "step": panel.step} for panel in figure.panels]}
 

@@ -151,6 +151,12 @@ class Page:
                     for result in results for name in (*reading.MEASURED, "failed") for row in result.lists[name]}
         self.families = dict(sorted(families.items(), key=lambda item: item[::-1]))
 
+    def counters(self, rows, known):
+        """Columns for the metrics that a result describes and that these rows have, beyond those that are known."""
+        found = {name: about["unit"] for result in self.results for name, about in result.counters.items() if name not in known}
+        return [(name, name.replace("_", " ") + f" ({unit})" * bool(unit), 4) for name, unit in found.items()
+                if any(isinstance(row.get(name), (int, float)) for row in rows)]
+
     @functools.cached_property
     def histories(self):
         """Files with times of one study on one machine, by date, where there are several, and what diff.py has for the first and the last."""
@@ -173,6 +179,7 @@ class Figure:
     def __init__(self, name, rows, page, tell, below):
         self.name, self.rows, self.page, self.below, self.about = name, rows, page, below, ABOUT["figures"][name]
         self.columns, self.legend = charts.columns(self.about["columns"], self.about.get("named")), self.about.get("legend", "backend")
+        self.columns += page.counters(rows, {key for key, *_ in self.columns})
         # Captions name the results with a list, or of a study.
         having = self.about.get("having", "benchmarks")
         self.results = [one for one in page.results if (one.lists[having] if having in one.lists else one.study == having)]

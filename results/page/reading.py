@@ -38,6 +38,7 @@ class Result:
     lists: dict = field(repr=False)
     backends: dict = field(repr=False)  # what the file says of each
     limits: dict = field(repr=False)  # what was measured of devices, by what the backends call it
+    counters: dict = field(repr=False)  # what further fields of its rows are
     cores: int = None
     host: str = ""
     cards: tuple = ()  # their identities
@@ -124,7 +125,7 @@ def read(path):
     cards = {one["uuid"] for one in backends.values() if one.get("uuid")}
     return Result(path, about["study"]["name"], machine, driver, about["commit"], context["date"], lists, backends,
                   {name: one for name, one in about.get("limits", {}).items() if isinstance(one, dict) and one.get("bandwidth")},
-                  context.get("num_cpus"), context.get("host_name") or "", tuple(sorted(cards)))
+                  result_files.counters(data), context.get("num_cpus"), context.get("host_name") or "", tuple(sorted(cards)))
 
 
 def tell_apart(results):

@@ -11,8 +11,14 @@ KINDS = ("small sparse", "small full", "large sparse", "large full")
 # Two times that are nearer to each other than this are called the same.
 ALIKE = 0.03
 
-IMPLICIT = tuple(name for name in PAPER if name.startswith("cuda_implicit"))
-EXPLICIT = tuple(name for name in PAPER if name.startswith("cuda_explicit"))
+
+def of_paper(kind):
+    """The paper's CUDA strategies with a kind of addressing, in the paper's order."""
+    found = {row["backend"] for row in medians("table1") if row["family"] == "CUDA" and row["addressing"] == kind}
+    return tuple(name for name in PAPER if name in found)
+
+
+IMPLICIT, EXPLICIT = of_paper("implicit"), of_paper("explicit")
 
 
 class Dataset:
@@ -23,7 +29,7 @@ class Dataset:
         self.active = rows[0]["particles"] / rows[0]["voxels"]
         self.implicit = [row for row in rows if row["backend"] in IMPLICIT]
         self.explicit = [row for row in rows if row["backend"] in EXPLICIT]
-        self.later = [row for row in rows if row["backend"].startswith("cuda_explicit") and row["backend"] not in EXPLICIT]
+        self.later = [row for row in rows if row["family"] == "CUDA" and row["addressing"] == "explicit" and row["backend"] not in PAPER]
 
     @property
     def ratio(self):

@@ -5,12 +5,13 @@ said otherwise.
 """
 
 import collections
+import itertools
 import re
 import statistics
 
 import result_files
 from readme import addressing, tables
-from readme.rows import (CPU, GPU, Missing, by_name, fastest_of, figure, is_papers, medians, medians_of, result, three_digits)
+from readme.rows import (CPU, GPU, Missing, about_backend, by_name, fastest_of, figure, is_papers, medians, medians_of, result, three_digits)
 from readme.tables import slow_down
 from result_files import distinct, groups, listed
 
@@ -50,6 +51,11 @@ def commit(study, machine=GPU):
 
 def whole_percent(value):
     return f"{100 * value:.0f}%"
+
+
+def each(function, *values):
+    """What a function says of each value, or of each combination of several lists of values."""
+    return [function(*one) for one in itertools.product(*values)]
 
 
 def span(values, written=figure):
@@ -130,6 +136,11 @@ def concatenated(case, scene=None):
     return ratio("tuning", scene or f"box@{largest_box('tuning')}", case + " layout=concatenated", case)
 
 
+def vertical(case):
+    """The time of vertical lists over that of concatenated ones, on the largest box."""
+    return 1 / concatenated(case)
+
+
 def opengl_verdict():
     """The paper says that CUDA is faster than OpenGL's fragment shaders, with either addressing."""
     return verdict(ratio("table1", scene, cuda, gl) for scene in ("box@32", "heart") for cuda, gl in
@@ -157,7 +168,11 @@ def l1_wins():
 
 
 def papers_cuda(one):
-    return is_papers(one) and one["backend"].startswith("cuda_")
+    return is_papers(one) and one["family"] == "CUDA"
+
+
+def is_fragments(one):
+    return one["limits_of"] == "OpenGL"
 
 
 def slow_downs(edits, of=papers_cuda):
@@ -242,8 +257,9 @@ def increments_gain(scene, case="cuda_implicit_cached"):
 
 def front(machine=GPU):
     """The runs on the fronts of a machine's card, or of its processor if it has none."""
-    runs = [one for one in result("pareto", machine)["pareto"] if one.get("on_front")]
-    return [one for one in runs if one["backend"].startswith("cuda_")] or runs
+    found = result("pareto", machine)
+    on_front = [one | about_backend(found, one) for one in found["pareto"] if one.get("on_front")]
+    return [one for one in on_front if one["family"] == "CUDA"] or on_front
 
 
 def front_of(machine=GPU):
@@ -324,4 +340,4 @@ def best_of(study, scene, backend, formulation="position"):
 # What a template may name.
 NAMES = {name: value for name, value in globals().items() if not name.startswith("_")} | {
     "addressing_verdict": addressing.verdict, "IMPLICIT": addressing.IMPLICIT, "EXPLICIT": addressing.EXPLICIT,
-    "CPU": CPU, "min": min, "max": max, "len": len, "map": map, "abs": abs}
+    "CPU": CPU, "min": min, "max": max}

@@ -36,9 +36,18 @@ def name_of(row):
     return row["name"].split("/iterations:")[0]
 
 
+def about_backend(one, row):
+    """What a result says of the backend of a row."""
+    about = one["context"]["voxspring"]["backends"].get(row["backend"], {})
+    return {"family": result_files.family(about), "limits_of": result_files.limits_of(about),
+            "addressing": result_files.addressing(row["backend"], about), "on_card": bool(about.get("uuid"))}
+
+
 def medians_of(one):
-    """The median row of each case of a result, in the order of the file, with its `times` (us per step) and their `spread`."""
-    return [row | {"times": times, "spread": result_files.spread_of(times)} for row, times in result_files.medians(one["benchmarks"])]
+    """The median row of each case of a result, in the order of the file, with its `times` (us per step) and their `spread`, and with what
+    is said of its backend."""
+    return [row | {"times": times, "spread": result_files.spread_of(times)} | about_backend(one, row)
+            for row, times in result_files.medians(one["benchmarks"])]
 
 
 def medians(study, machine=GPU):
