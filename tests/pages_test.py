@@ -16,7 +16,8 @@ from unittest import mock
 sys.path.insert(0, "results")
 import figures_in_prose  # noqa: E402
 import result_files  # noqa: E402
-from readme import addressing, facts, rows, tables, template  # noqa: E402
+import paper  # noqa: E402
+from readme import addressing, facts, rows, tables  # noqa: E402
 
 # Figures in prose that are not measurements, and what they are: (page, words of the sentence).
 ALLOWED = {
@@ -90,52 +91,49 @@ class Counts(unittest.TestCase):
 class Template(unittest.TestCase):
     def test_fills_in_and_breaks_lines(self):
         names = {"a": 12.345, "b": lambda text: text.upper(), "c": 1234567}
-        self.assertEqual(template.render("{{ a }}, {{ b('x') }}, {{ c }}\nlines\n\n| {{ a }} |\n", names, "page"),
+        self.assertEqual(paper.render("{{ a }}, {{ b('x') }}, {{ c }}\nlines\n\n| {{ a }} |\n", names, "page"),
                          "12.3, X, 1,234,567 lines\n\n| 12.3 |\n")
         long = "word " * 40 + "{{ a }}."
-        self.assertTrue(all(len(line) <= template.WIDTH for line in template.render(long, names, "page").split("\n")))
+        self.assertTrue(all(len(line) <= paper.WIDTH for line in paper.render(long, names, "page").split("\n")))
         untouched = "one\ntwo\n\n    code\n"
-        self.assertEqual(template.render(untouched, names, "page"), untouched)
+        self.assertEqual(paper.render(untouched, names, "page"), untouched)
 
     def test_a_sentence_that_does_not_hold_is_named(self):
         text = "# Page\n\nThe first is true. Lists take\nless time than masks{{ holds(times[0] < 1) }}. The last as well."
-        self.assertNotIn("holds", template.render(text, {"times": [0.9]}, "page.md"))
-        with self.assertRaises(template.Stale) as stale:
-            template.render(text, {"times": [1.1]}, "page.md")
-        self.assertRegex(str(stale.exception), r'^page\.md:4: what it claims no longer holds: "Lists take less time than masks\{\{')
-        self.assertNotIn("first", str(stale.exception))
-        with self.assertRaisesRegex(template.Stale, r"page\.md:4: IndexError"):
-            template.render(text, {"times": []}, "page.md")
-        with self.assertRaisesRegex(template.Stale, "None is no figure"):
-            template.render("{{ a }}", {"a": None}, "page.md")
+        self.assertNotIn("holds", paper.render(text, {"times": [0.9]}, "page.md"))
+        for text, times, words in ((text, [1.1], r'page\.md:4: what it claims no longer holds: "Lists take less time than masks\{\{.*\}\}\."$'),
+                                   (text, [], r"page\.md:4: UndefinedError"), ("{{ times }}", None, "page.md:1: None is no figure")):
+            with self.assertRaisesRegex(paper.Stale, words):
+                paper.render(text, {"times": times}, "page.md")
 
     def test_the_page_is_checked_and_refused(self):
         with tempfile.TemporaryDirectory() as folder:
             copy = pathlib.Path(folder) / "results"
             shutil.copytree("results", copy, ignore=shutil.ignore_patterns("local", "__pycache__"))
 
-            def paper(*arguments):
+            def make(*arguments):
                 return subprocess.run([sys.executable, "-B", copy / "paper.py", *arguments], capture_output=True, text=True, check=False)
-            self.assertEqual(paper("--check").stderr, "")
+            self.assertEqual(make("--check").stderr, "")
             page, source = copy / "README.md", copy / "README.in.md"
             text, words = page.read_text(), source.read_text()
             page.write_text(text.replace("on an NVIDIA H200", "on another card"))
-            self.assertIn("README.md is not what the results say", paper("--check").stderr)
-            self.assertEqual(paper().returncode, 0)
+            self.assertIn("README.md is not what the results say", make("--check").stderr)
+            self.assertEqual(make().returncode, 0)
             self.assertEqual(page.read_text(), text)
             source.write_text(words + '\nThe box takes less{{ holds(us("table1", "box@32", "cuda_march") < 1) }}.\n')
-            done = paper()
+            done = make()
             self.assertEqual(done.returncode, 1)
             self.assertRegex(done.stderr, r"README\.in\.md:\d+: what it claims no longer holds: \"The box takes less")
             source.write_text(words + '\nIt takes {{ us("table1", "box@32", "cuda_none") }} us.\n')
-            self.assertIn("nvidia-h200/table1 has no row box@32/cuda_none/position/float32", paper("--check").stderr)
+            self.assertIn("nvidia-h200/table1 has no row box@32/cuda_none/position/float32", make("--check").stderr)
             self.assertEqual(page.read_text(), text, "nothing is written")
 
 
 def case(scene, backend, microseconds, particles=1000, voxels=1000, tuning="", **more):
     name = "/".join([scene, backend, "position", "float32"] + [tuning] * bool(tuning))
     return {"name": f"{name}/iterations:10/repeats:9/manual_time_median", "scene": scene, "backend": backend, "formulation": "position",
-            "precision": "float32", "real_time": microseconds, "particles": particles, "voxels": voxels, "spread": 0.01} | more
+            "precision": "float32", "real_time": microseconds, "particles": particles, "voxels": voxels, "spread": 0.01,
+            "family": "CUDA", "addressing": "explicit" if "explicit" in backend else "implicit"} | more
 
 
 class Verdicts(unittest.TestCase):
@@ -143,94 +141,72 @@ class Verdicts(unittest.TestCase):
         source = pathlib.Path("harness/study/fastest.cpp").read_text()
         listed = re.search(r"paper_backends\(\) \{.*?names = \{(.*?)\}", source, re.DOTALL)[1]
         self.assertEqual(list(rows.PAPER), re.findall(r'"(\w+)"', listed))
-        self.assertTrue(rows.is_papers(case("a", "cuda_implicit_cached", 1)))
-        self.assertFalse(rows.is_papers(case("a", "cuda_implicit_cached", 1, tuning="fetch=l1")))
-        self.assertFalse(rows.is_papers(case("a", "cuda_march", 1)))
+        for backend, tuning, papers in (("cuda_implicit_cached", "", True), ("cuda_implicit_cached", "fetch=l1", False), ("cuda_march", "", False)):
+            self.assertEqual(rows.is_papers(case("a", backend, 1, tuning=tuning)), papers)
 
     def test_addressing_by_size_and_sparsity(self):
-        def said(*times):
-            """The verdict for small sparse, small full, large sparse and large full bodies, by explicit over implicit time."""
-            found = []
-            for scene, share, particles, ratio in zip("abcd", (0.2, 1, 0.2, 1), (1000, 1000, 10**7, 10**7), times):
-                found += [case(scene, "cuda_implicit_shared", 200, particles, particles / share),
-                          case(scene, "cuda_implicit_cached", 100, particles, particles / share),
-                          case(scene, "cuda_explicit_cached", 100 * ratio, particles, particles / share),
-                          case(scene, "cuda_march", 1, particles, particles / share)]
+        """By explicit over implicit time of small sparse, small full, large sparse and large full bodies."""
+        for times, said in (((0.8, 1.2, 1.4, 1.9), "holds for small sparse bodies, inverts for small full, large sparse and large full bodies"),
+                            ((0.8, 0.9, 0.7, 0.6), "holds"), ((2, 2, 2, 2), "inverts"),
+                            ((0.8, 1.01, 0.7, 1.5), "holds for small sparse and large sparse bodies, is undecided for small full bodies, "
+                                                    "inverts for large full bodies")):
+            bodies = zip("abcd", (0.2, 1, 0.2, 1), (1000, 1000, 10**7, 10**7), times)
+            found = [case(scene, backend, time, particles, particles / share) for scene, share, particles, ratio in bodies for backend, time in
+                     (("cuda_implicit_shared", 200), ("cuda_implicit_cached", 100), ("cuda_explicit_cached", 100 * ratio), ("cuda_march", 1))]
             with mock.patch.object(addressing, "medians", return_value=found):
-                return addressing.verdict()
-        self.assertEqual(said(0.8, 1.2, 1.4, 1.9), "holds for small sparse bodies, inverts for small full, large sparse and large full "
-                         "bodies")
-        self.assertEqual(said(0.8, 0.9, 0.7, 0.6), "holds")
-        self.assertEqual(said(0.8, 1.01, 0.7, 1.5), "holds for small sparse and large sparse bodies, is undecided for small full bodies, "
-                         "inverts for large full bodies")
-        self.assertEqual(said(2, 2, 2, 2), "inverts")
+                self.assertEqual(addressing.verdict(), said)
 
     def test_verdicts_follow_the_ratios(self):
-        self.assertEqual(facts.verdict([0.5, 0.9]), "holds")
-        self.assertEqual(facts.verdict([0.5, 1.1]), "depends on the dataset")
-        self.assertEqual(facts.verdict([1.5, 1.1]), "inverts")
-        with self.assertRaises(rows.Missing):
-            facts.verdict([])
-
-    def test_edits(self):
-        def said(*slow):
+        for ratios, said in (((0.5, 0.9), "holds"), ((0.5, 1.1), "depends on the dataset"), ((1.5, 1.1), "inverts")):
+            self.assertEqual(facts.verdict(ratios), said)
+        for slow, said in (((0.01, 0.04, 0.2), "holds up to 10 edits in 1000 steps"), ((0.01, 0.02, 0.03), "holds"),
+                           ((0.1, 0.2, 0.3), "does not hold")):
             found = [case("a", "cuda_implicit_cached", 10 * (1 + one), edits=count, seconds_per_step_without_edits=1e-5)
                      for count, one in zip((1, 10, 100), slow)]
             with mock.patch.object(facts, "medians", return_value=found):
-                return facts.edit_verdict()
-        self.assertEqual(said(0.01, 0.04, 0.2), "holds up to 10 edits in 1000 steps")
-        self.assertEqual(said(0.01, 0.02, 0.03), "holds")
-        self.assertEqual(said(0.1, 0.2, 0.3), "does not hold")
-
-    def test_linear_scaling(self):
-        def said(*nanoseconds):
-            found = [case(f"box@{n}", "cuda_implicit_cached", one * n**3 / 1000, n**3, n**3)
-                     for n, one in zip((16, 32, 64, 128), nanoseconds)]
+                self.assertEqual(facts.edit_verdict(), said)
+        for nanoseconds, said, growth in (((9, 2, 1.1, 1), "holds from 262,144 on", 0.1), ((1, 1, 1, 1), "holds", 0),
+                                          ((9, 4, 2, 1), "holds from 2.1 million on", 0)):
+            found = [case(f"box@{n}", "cuda_implicit_cached", one * n**3 / 1000, n**3, n**3) for n, one in zip((16, 32, 64, 128), nanoseconds)]
             with mock.patch.object(facts, "medians", return_value=found):
-                return facts.linear_verdict(), facts.linear_from(), facts.growth(smallest=facts.linear_from())
-        self.assertEqual(said(9, 2, 1.1, 1)[:2], ("holds from 262,144 on", 64**3))
-        self.assertAlmostEqual(said(9, 2, 1.1, 1)[2], 0.1)
-        self.assertEqual(said(1, 1, 1, 1)[0], "holds")
-        self.assertEqual(said(9, 4, 2, 1)[0], "holds from 2.1 million on")
+                self.assertEqual(facts.linear_verdict(), said)
+                self.assertAlmostEqual(facts.growth(smallest=facts.linear_from()), growth)
 
     def test_spans(self):
-        self.assertEqual(facts.span([1.234, 0.5, 20]), "0.50 to 20")
-        self.assertEqual(facts.span([1.001, 1.002]), "1.00")
-        self.assertEqual(facts.span([0.2, 0.31], facts.whole_percent), "20 to 31%")
-        self.assertEqual(facts.span([0.99, 1.06], facts.signed_percent), "-1 to +6%")
-        with self.assertRaises(rows.Missing):
-            facts.span([])
+        for values, written, said in (((1.234, 0.5, 20), rows.figure, "0.50 to 20"), ((1.001, 1.002), rows.figure, "1.00"),
+                                      ((0.2, 0.31), facts.whole_percent, "20 to 31%"), ((0.99, 1.06), facts.signed_percent, "-1 to +6%")):
+            self.assertEqual(facts.span(values, written), said)
+        for of_nothing in (facts.span, facts.verdict):
+            with self.assertRaises(rows.Missing):
+                of_nothing([])
 
 
 class Accuracy(unittest.TestCase):
     """The rules of docs/accuracy.md, against the committed results of pareto. A GPU server's leave its processor out."""
     BACKENDS = {rows.GPU: "cuda_implicit_cached", rows.CPU: "cpu_parallel"}
 
-    def errors(self, machine, formulation, precision="float32"):
-        """The errors against the converged solution by scene, beginning with the largest time step."""
+    def errors(self, machine, formulation):
+        """The errors of float32 against the converged solution by scene, beginning with the largest time step."""
         found = {}
-        runs = facts.runs(machine, self.BACKENDS[machine])
-        for (scene, *kind, fraction), run in sorted(runs.items(), key=lambda item: -item[0][3]):
-            if kind == [formulation, precision] and run["total_error_relative_l2"] is not None:
+        for (scene, *kind, _), run in sorted(facts.runs(machine, self.BACKENDS[machine]).items(), key=lambda item: -item[0][3]):
+            if kind == [formulation, "float32"] and run["total_error_relative_l2"] is not None:
                 found.setdefault(scene, []).append(run["total_error_relative_l2"])
         return found
 
-    def on_both(self, words, holds, machines=(rows.GPU, rows.CPU)):
-        text = " ".join(pathlib.Path("docs/accuracy.md").read_text().split())
-        self.assertIn(words, text)
-        for machine in machines:
-            self.assertTrue(holds(machine), f"docs/accuracy.md: \"{words}\" is not what pareto of {machine} says")
-
-    def test_refining_position_makes_it_worse(self):
+    def test_rules_hold_on_both_machines(self):
         def grows(machine):
             found = [one for name in ("position", "paper") for one in self.errors(machine, name).values()]
             return len(found) >= 4 and all(min(one[1:]) > one[0] for one in found)
-        self.on_both("Never refine the time step of `position` or `paper` in float32: with a smaller one the error is larger.", grows)
-
-    def test_displacement(self):
-        def better(machine):
+        def exact(machine):
             displacement, position = self.errors(machine, "displacement"), self.errors(machine, "position")
             return all(min(displacement[scene]) < min(position[scene]) for scene in displacement)
+        def serves_small_steps(machine):
+            compensated, increment = self.errors(machine, "compensated"), self.errors(machine, "increment")
+            return all(compensated[scene][-1] < increment[scene][-1] / 2 for scene in increment)
+        def about_twice(machine):
+            # "About" allows a tenth. A card's float64 is another one.
+            medians = [statistics.median(ratios) for ratios in facts.float64_ratios(machine).values()]
+            return machine == rows.GPU or len(medians) >= 3 and 1.8 < max(medians) < 2.2
         # The minimum is over every backend, not only over one per machine.
         least = {}
         for machine in self.BACKENDS:
@@ -239,51 +215,34 @@ class Accuracy(unittest.TestCase):
                 if (run["formulation"], run["precision"]) == ("displacement", "float32") and error is not None:
                     least[machine, run["scene"]] = min(error, least.get((machine, run["scene"]), error))
         ends = " to ".join(f"{end(least.values()):.0e}".replace("e-0", "e-") for end in (min, max))
-        self.on_both("`displacement` is about as fast as `position` and more accurate: in float32 its least total error is "
-                     f"{ends}, depending on the scene.", better)
+        text = " ".join(pathlib.Path("docs/accuracy.md").read_text().split())
+        for words, holds in (
+                ("Never refine the time step of `position` or `paper` in float32: with a smaller one the error is larger.", grows),
+                ("`displacement` is about as fast as `position` and more accurate: in float32 its least total error is "
+                 f"{ends}, depending on the scene.", exact),
+                ("`compensated` keeps low parts as well. It serves small time steps", serves_small_steps),
+                ("On a processor float64 takes up to about twice the time of float32, in the median of a scene", about_twice)):
+            self.assertIn(words, text)
+            for machine in self.BACKENDS:
+                self.assertTrue(holds(machine), f"docs/accuracy.md: \"{words}\" is not what pareto of {machine} says")
 
-    def test_compensated_serves_small_time_steps(self):
-        def better(machine):
-            compensated, increment = self.errors(machine, "compensated"), self.errors(machine, "increment")
-            return all(compensated[scene][-1] < increment[scene][-1] / 2 for scene in increment)
-        self.on_both("`compensated` keeps low parts as well. It serves small time steps", better)
 
-    def test_float64_on_a_processor(self):
-        # "About" allows a tenth.
-        def about_twice(machine):
-            medians = [statistics.median(ratios) for ratios in facts.float64_ratios(machine).values()]
-            return len(medians) >= 3 and 1.8 < max(medians) < 2.2
-        self.on_both("On a processor float64 takes up to about twice the time of float32, in the median of a scene", about_twice,
-                     [rows.CPU])
+def cells_of(table):
+    return [[cell.strip() for cell in line.split("|")[1:-1]] for line in table.split("\n") if line.startswith("|")]
 
 
 class Tables(unittest.TestCase):
     def test_marks_and_spread(self):
-        row = case("a", "cuda_march", 3.4)
-        self.assertEqual(rows.time_of(row), "3.4")
-        self.assertEqual(rows.time_of(row | {"spread": 0.06}), "3.4 ± 6 %")
-        self.assertEqual(rows.time_of(row | {"spread": 0.06, "noisy": ["a clock moved"]}), "~3.4 ± 6 %")
+        for more, said in (({}, "3.4"), ({"spread": 0.06}, "3.4 ± 6 %"), ({"spread": 0.06, "noisy": ["a clock moved"]}, "~3.4 ± 6 %")):
+            self.assertEqual(rows.time_of(case("a", "cuda_march", 3.4, **more)), said)
         self.assertEqual(result_files.spread_of([1, 2]), None)
         self.assertAlmostEqual(result_files.spread_of([8, 9, 10, 11, 12]), 0.1)
 
     def test_a_tuning_that_is_no_better_is_not_called_best(self):
-        def said(time):
+        for time, said in ((9.9, ["10", "10", "2", "the default"]), (9.0, ["10", "9", "2", "block=64"]), (11.0, ["10", "10", "2", "the default"])):
             found = [case("a", "cuda_march", 10, times=[10] * 9), case("a", "cuda_march", time, tuning="block=64", times=[time] * 9)]
             with mock.patch.object(tables, "medians", return_value=found):
-                return [cell.strip() for cell in tables.tuning().split("\n")[2].split("|")][3:7]
-        self.assertEqual(said(9.9), ["10", "10", "2", "the default"])
-        self.assertEqual(said(9.0), ["10", "9", "2", "block=64"])
-        self.assertEqual(said(11.0), ["10", "10", "2", "the default"])
-
-    def test_a_best_row_says_of_how_many(self):
-        text = tables.fastest()
-        header = [cell.strip() for cell in text.split("\n")[2].split("|")]
-        fastest = rows.result("fastest", "amd-epyc")
-        block = fastest["fastest"][0]
-        line = next(line for line in text.split("\n") if line.startswith(f"| {block['scene']} {block['formulation']} "))
-        of = [row for row in rows.medians("fastest", "amd-epyc") if row["scene"] == block["scene"]
-              and row["formulation"] == block["formulation"] and row["precision"] == block["precision"]]
-        self.assertEqual(line.split("|")[header.index("of so many")].strip(), str(len(of)))
+                self.assertEqual(cells_of(tables.tuning())[2][2:], said)
 
     def test_one_half_of_the_repetitions_chooses_and_the_other_is_reported(self):
         def row(backend, *times):
@@ -296,12 +255,11 @@ class Tables(unittest.TestCase):
         self.assertEqual(found["particle_updates_per_second"] * found["real_time"], 1000 * lucky["real_time"])
         self.assertEqual(found["fraction_of_limit"] * found["real_time"], 0.5 * lucky["real_time"])
         self.assertIs(rows.fastest_of([lucky]), lucky, "one alone is not chosen")
-        few = [row("a", 3, 9, 3), row("b", 2, 9, 9)]
-        self.assertEqual(rows.fastest_of(few)["real_time"], 3, "three are not divided")
+        self.assertEqual(rows.fastest_of([row("a", 3, 9, 3), row("b", 2, 9, 9)])["real_time"], 3, "three are not divided")
 
     def test_best_of_rows_are_those_that_the_program_chose(self):
-        """The list `fastest` of each file, by harness/study/fastest.cpp, and every column of the table of it."""
-        text = tables.fastest()
+        """The list `fastest` of each file, by harness/study/fastest.cpp, and the table of it."""
+        cells = cells_of(tables.fastest())
         for machine in (rows.GPU, rows.CPU):
             found = rows.medians("fastest", machine)
             for block in rows.result("fastest", machine)["fastest"]:
@@ -311,43 +269,39 @@ class Tables(unittest.TestCase):
                 self.assertAlmostEqual(best["real_time"] / (block["seconds_per_step"] * 1e6), 1, 6)
                 for key in ("particle_updates_per_second", "spring_updates_per_second", "fraction_of_limit"):
                     self.assertAlmostEqual(best[key] / block[key], 1, 6)
-                line = f"| {block['scene']} {block['formulation']} {block['precision']} | {rows.contender(block)} |"
-                cells = [[cell.strip() for cell in one.split("|")] for one in text.split("\n") if one.startswith(line)]
-                self.assertIn(rows.time_of(best), [one[4] for one in cells])
+                line = [f"{block['scene']} {block['formulation']} {block['precision']}", rows.contender(block), str(len(tried)), rows.time_of(best)]
+                self.assertIn(line, [one[:4] for one in cells])
                 if block["paper"] is not None:
                     papers = [row for row in tried if row["backend"] in rows.PAPER]
-                    paper = rows.fastest_of(papers) if len(papers) > 1 else rows.held_out(*papers)
-                    self.assertAlmostEqual(block["paper"]["ratio"] * best["real_time"] / paper["real_time"], 1, 6)
+                    paper_s = rows.fastest_of(papers) if len(papers) > 1 else rows.held_out(*papers)
+                    self.assertAlmostEqual(block["paper"]["ratio"] * best["real_time"] / paper_s["real_time"], 1, 6)
 
     def test_cold_and_warm_starts_of_every_strategy(self):
         self.assertEqual(tables.starts_of({"ready_seconds": 0.3, "compile_seconds": 0.1, "warm_ready_seconds": 0.2}), ["300 (100)", "200"])
         self.assertEqual(tables.starts_of({}), ["-", "-"])
-        lines = tables.starts().split("\n")[2:]
-        self.assertEqual({line.split("`")[1] for line in lines}, {row["backend"] for row in rows.medians("table1")})
-        self.assertNotIn(" - ", "".join(lines), "all are measured")
+        lines = cells_of(tables.starts())[2:]
+        self.assertEqual({line[0].strip("`") for line in lines}, {row["backend"] for row in rows.medians("table1")})
+        self.assertNotIn("-", sum(lines, []), "all are measured")
         for row in rows.medians("table1"):
             self.assertLessEqual(row["warm_ready_seconds"], row["ready_seconds"], row["name"])
 
     def test_energy(self):
-        self.assertEqual(tables.cross_check({"watts": 200, "sampled_watts": 199}), "yes, 0.5 %")
-        self.assertEqual(tables.cross_check({"watts": 200}), "no")
-        self.assertEqual(tables.cross_check({"watts": 200, "sampled_watts": None}), "no")
+        for row, said in (({"watts": 200, "sampled_watts": 199}, "yes, 0.5 %"), ({"watts": 200}, "no"), ({"watts": 200, "sampled_watts": None}, "no")):
+            self.assertEqual(tables.cross_check(row), said)
         found = rows.result("energy")["energy"]
-        lines = [line.split("|") for line in tables.energy().split("\n") if line.startswith("| box")]
+        lines = cells_of(tables.energy())[2:]
         self.assertEqual(len(lines), len(found))
         for line, row in zip(lines, found):
-            self.assertAlmostEqual(float(line[2]) / 1e3 / row["joules_per_step"], 1, 2)
-            self.assertAlmostEqual(float(line[2]) * float(line[3]) * 1e6 / row["springs"], 1, 1)
+            self.assertAlmostEqual(float(line[1]) / 1e3 / row["joules_per_step"], 1, 2)
+            self.assertAlmostEqual(float(line[1]) * float(line[2]) * 1e6 / row["springs"], 1, 1)
         self.assertEqual(facts.joules(found[0]["scene"], found[0]["backend"]), found[0]["joules_per_step"])
         with self.assertRaises(rows.Missing):
             facts.joules("box@32", "cuda_none")
 
     def test_the_papers_strategies_are_marked(self):
-        lines = [[cell.strip() for cell in line.split("|")] for line in tables.steps("figure7").split("\n")]
-        whose = {line[1]: line[2] for line in lines}
-        self.assertEqual(whose["`cuda_implicit_shared`"], "paper")
-        self.assertEqual(whose["`cuda_resident`"], "later")
-        self.assertEqual(whose["`cuda_implicit_cached` fetch=l1"], "later")
+        whose = {line[0]: line[1] for line in cells_of(tables.steps("figure7"))}
+        for name, said in (("`cuda_implicit_shared`", "paper"), ("`cuda_resident`", "later"), ("`cuda_implicit_cached` fetch=l1", "later")):
+            self.assertEqual(whose[name], said)
 
 
 if __name__ == "__main__":

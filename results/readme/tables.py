@@ -52,7 +52,7 @@ def limits(study):
 def steps(study):
     rows = medians(study)
     first = rows[0]["scene"]
-    return matrix("time a step", rows, lambda scene: [f"{scene}: {what}" for what in ("us", "G springs/s", "of limit", "error")],
+    return matrix("time per step", rows, lambda scene: [f"{scene}: {what}" for what in ("us", "G springs/s", "of limit", "error")],
                   lambda row: [time_of(row), giga(row["spring_updates_per_second"]), limit_of(row), f"{row['error_max']:.1e}"],
                   key=lambda line: line[1][first]["real_time"] if first in line[1] else math.inf)
 
@@ -238,7 +238,7 @@ def energy():
               giga(row["springs_per_joule"]), three_digits(row["watts"]), three_digits(row["idle_watts"]),
               ", ".join(row.get("throttled", [])) or "-", row["meter"], cross_check(row), f"{row['seconds']:.1f}"]
              for row in found["energy"]]
-    return titled(found, table(["case", "mJ a step", "G springs/J", "power (W)", "idle (W)", "clocks held down by", "counter",
+    return titled(found, table(["case", "mJ per step", "G springs/J", "power (W)", "idle (W)", "clocks held down by", "counter",
                                 "cross-checked by samples", "measured (s)"], lines))
 
 
