@@ -110,15 +110,12 @@ class Diff(unittest.TestCase):
         self.assertNotIn("Traceback", err)
 
     def test_time(self):
-        self.assert_first("same", result(PLAIN), changed())
-        row = self.assert_first("slower", result(PLAIN), changed(time=11))
-        self.assertAlmostEqual(row["time"]["old"], 10e-6, delta=2e-7)
-        self.assertLess(row["time"]["interval"][0], 1.1)
-        self.assertGreater(row["time"]["interval"][1], row["time"]["ratio"])
-        self.assert_first("faster", result(PLAIN), changed(time=9))
-        self.assert_first("same", result(PLAIN), changed(time=10.2))
-        self.assert_first("slower", result(PLAIN), changed(time=11), "--threshold", "0.03")
-        self.assert_first("same", result(PLAIN), changed(time=11), "--threshold", "0.2")
+        for time, verdict, *options in ((10, "same"), (11, "slower"), (9, "faster"), (10.2, "same"), (11, "slower", "--threshold", "0.03"),
+                                        (11, "same", "--threshold", "0.2")):
+            row = self.assert_first(verdict, result(PLAIN), changed(time=time), *options)
+            self.assertAlmostEqual(row["time"]["old"], 10e-6, delta=2e-7)
+            low, high = row["time"]["interval"]
+            self.assertTrue(low < row["time"]["ratio"] < high and low < time / 10 < high, row["time"])
 
     def test_few_repetitions_are_shown_and_decide_what_they_can(self):
         for count, p in ((3, 0.1), (4, 0.029)):
@@ -221,21 +218,39 @@ class Diff(unittest.TestCase):
         self.assertTrue(any("all 6 rows on Card moved together" in note for note in found["notes"]), found["notes"])
 
     def test_errors(self):
-        for key in ("error_relative_l2", "error_max"):
-            row = self.assert_first("error grew", result(PLAIN), changed(**{key: 2.2e-6}))
-            self.assertIn(key, row["detail"])
-        both = self.assert_first("error grew", result(PLAIN), changed(time=11, error_max=1e-6))
-        self.assertIn("slower", both["detail"])
-        self.assert_first("same", result(PLAIN), changed(error_relative_l2=1.2e-6))
-        self.assert_first("same", result(PLAIN), changed(error_relative_l2=2e-6), "--error-factor", "3")
-        self.assert_first("same", result(PLAIN), changed(error_relative_l2=2e-6, divergence=1.5e-6))
-        self.assert_first("same", result(PLAIN), changed(error_relative_l2=2, chaotic=True))
         total = [("a", 10, {"total_error_relative_l2": 1e-4, "total_error_uncertainty": 1e-9})] + PLAIN[1:]
-        self.assert_first("error grew", result(total), changed(total_error_relative_l2=2e-4))
-        self.assert_first("same", result(total), changed(total_error_relative_l2=None))
-        self.assert_first("same", result(total), changed())
-        self.assert_first("too few repetitions", result(PLAIN), changed(count=3))
-        self.assert_first("error grew", result(PLAIN), changed(count=3, error_max=1e-6))
+        for verdict, fields, *more in (
+                ("error grew", {"error_relative_l2": 2.2e-6}), ("error grew", {"error_max": 2.2e-6}), ("same", {"error_relative_l2": 1.2e-6}),
+                ("error grew", {"error_max": 1e-6, "time": 11}), ("same", {"error_relative_l2": 2e-6}, PLAIN, "--error-factor", "3"),
+                ("same", {"error_relative_l2": 2e-6, "divergence": 1.5e-6}), ("same", {"error_relative_l2": 2, "chaotic": True}),
+                ("error grew", {"total_error_relative_l2": 2e-4}, total), ("same", {"total_error_relative_l2": None}, total), ("same", {}, total),
+                ("too few repetitions", {"count": 3}), ("error grew", {"count": 3, "error_max": 1e-6})):
+            with self.subTest(verdict=verdict, **fields):
+                row = self.assert_first(verdict, result(more[0] if more else PLAIN), changed(**fields), *more[1:])
+                if verdict == "error grew":
+                    self.assertIn(list(fields)[-1] if "time" not in fields else "slower", row["detail"])
+
+    def test_a_counter_that_no_script_names(self):
+        """What a result's context describes is compared, is a column of the frame, and cannot hide a slower row."""
+        def with_counter(result_, value, better="less"):
+            result_["context"]["voxspring"]["counters"] = {"cache_misses_of_x": {"unit": "B", "better": better}}
+            for row in result_["benchmarks"]:
+                row["cache_misses_of_x"] = value if row["backend"] == "a" else 5
+            return result_
+
+        old = with_counter(result(PLAIN), 1000)
+        for verdict, value, time, better in (("counter worse", 1100, 10, "less"), ("same", 1040, 10, "less"), ("counter better", 900, 10, "less"),
+                                             ("counter worse", 900, 10, "more"), ("counter better", 1100, 10, "more"), ("same", 9, 10, "neither"),
+                                             ("slower", 900, 11, "less"), ("counter worse", 1100, 11, "less"), ("same", None, 10, "less")):
+            with self.subTest(value=value, time=time, better=better):
+                old["context"]["voxspring"]["counters"]["cache_misses_of_x"]["better"] = better
+                row = self.assert_first(verdict, old, with_counter(changed(time=time), value, better))
+                self.assertEqual(verdict == "same", "cache_misses_of_x" not in row["detail"])
+                self.assertEqual(row["counters"], {} if None in (value,) or better == "neither" else {"cache_misses_of_x": [1000, value]})
+        self.assert_refused(["new.json: benchmarks[0].cache_misses_of_x: \"x\": expected a number"], old, with_counter(result(PLAIN), "x"))
+        path = self.folder / "frame.json"
+        path.write_text(json.dumps(old))
+        self.assertEqual(set(result_files.frame([path]).cache_misses_of_x), {5, 1000})
 
     def test_errors_of_backends_whose_runs_differ(self):
         first = [("a", 10, {"spread": 3e-6})] + PLAIN[1:]
@@ -254,15 +269,13 @@ class Diff(unittest.TestCase):
 
     def test_rows_of_one_file(self):
         failed, skipped = ([identity("a") | {"reason": reason}] for reason in ("diverged", "no driver"))
-        old, rest = result(PLAIN), PLAIN[1:]
-        self.assertEqual(self.assert_first("now fails", old, result(rest, failed=failed))["detail"], "diverged")
-        self.assertIn("no driver", self.assert_first("gone", old, result(rest, skipped=skipped))["detail"])
-        self.assert_first("gone", old, result(rest))
-        self.assert_first("new", result(rest), old)
-        self.assertEqual(self.assert_first("new", result(rest, failed=failed), old)["detail"], "failed before")
-        self.assert_first("now fails", result(rest), result(rest, failed=failed))
-        self.assert_first("still fails", result(rest, failed=failed), result(rest, failed=failed))
-        self.assertIn("steps 100 -> 50", self.assert_first("not comparable", old, changed(steps=50))["detail"])
+        whole, rest = result(PLAIN), PLAIN[1:]
+        without = result(rest, failed=failed)
+        for verdict, old, new, detail in (
+                ("now fails", whole, without, "diverged"), ("gone", whole, result(rest, skipped=skipped), "no driver"), ("gone", whole, result(rest), ""),
+                ("new", result(rest), whole, ""), ("new", without, whole, "failed before"), ("now fails", result(rest), without, "diverged"),
+                ("still fails", without, without, "diverged"), ("not comparable", whole, changed(steps=50), "steps 100 -> 50")):
+            self.assertIn(detail, self.assert_first(verdict, old, new)["detail"])
 
     def test_a_tuning_parameter_that_one_file_lacks(self):
         old, new = result(PLAIN), changed(tuning="block=128,root=hardware")
@@ -321,37 +334,29 @@ class Diff(unittest.TestCase):
 
     def test_bad_input(self):
         good = result(PLAIN)
-        self.assert_refused(["missing.json", "No such file"], good, self.folder / "missing.json")
-        self.assert_refused(["new.json", "Expecting value"], good, "?")
-        self.assert_refused(["new.json", "the document", "[1]", "an object"], good, [1])
-        for words, key, value in ((["benchmarks", "{}", "an array"], "benchmarks", {}),
-                                  (["context", "null", "an object"], "context", None),
-                                  (["failed[0]", "3", "an object"], "failed", [3]),
-                                  (["skipped[0].scene", "is missing", "a string"], "skipped", [{"backend": "a"}])):
-            self.assert_refused(["new.json", *words], good, good | {key: value})
-        self.assert_refused(["expected rows in any of"], good, result())
-        for key, value in (("real_time", 0), ("real_time", -1), ("real_time", "1"), ("real_time", True), ("backend", 3),
-                           ("real_time", "NaN"), ("error_max", -1), ("chaotic", 1), ("divergence", []),
-                           ("noisy", None), ("time_unit", "ns")):
+
+        def with_row(key, value):
             new = copy.deepcopy(good)
             new["benchmarks"][3][key] = value
-            for unquoted in (False, True) if value == "NaN" else (False,):
-                text = json.dumps(new).replace('"NaN"', "NaN") if unquoted else json.dumps(new)
-                self.assert_refused([f"new.json: benchmarks[3].{key}: {json.dumps(value)}: expected"], good, text)
-        new = copy.deepcopy(good)
-        new["benchmarks"][3]["noisy"] = [1]
-        self.assert_refused(["new.json: benchmarks[3].noisy[0]: 1: expected a string"], good, new)
-        self.assert_refused(["new.json: context.voxspring: is missing: expected an object"], good, {"context": {}})
-        self.assert_refused(["new.json: context: 1: expected an object"], good, {"context": 1})
-        self.assert_refused(["new.json", "is nested too deeply"], good, "[" * 100_000)
-        half = json.dumps(good).replace('"scene": "box@8"', '"scene": "\\ud800"')
-        self.assert_refused(["new.json", "half a character", '"\\ud800"'], good, half)
-        self.assert_refused(["new.json", "Compressed file ended"], good, "\x1f\x8b")
-        for key, value in (("backends", 3), ("backends", {"a": 3}), ("backends", {"a": {"uuid": 3}}), ("study", 3),
-                           ("study", {"name": 3})):
-            new = copy.deepcopy(good)
-            new["context"]["voxspring"][key] = value
-            self.assert_refused([f"new.json: context.voxspring.{key}"], good, new)
+            return new
+
+        about = good["context"]["voxspring"]
+        cases = [(["missing.json", "No such file"], self.folder / "missing.json"), (["Expecting value"], "?"), (["expected rows in any of"], result()),
+                 (["the document", "[1]", "an object"], [1]), (["benchmarks", "{}", "an array"], good | {"benchmarks": {}}),
+                 (["context", "null", "an object"], good | {"context": None}), (["failed[0]", "3", "an object"], good | {"failed": [3]}),
+                 (["skipped[0].scene", "is missing", "a string"], good | {"skipped": [{"backend": "a"}]}),
+                 (["benchmarks[3].noisy[0]: 1: expected a string"], with_row("noisy", [1])),
+                 (["benchmarks[3].real_time: \"NaN\": expected"], json.dumps(with_row("real_time", "NaN")).replace('"NaN"', "NaN")),
+                 (["context.voxspring: is missing: expected an object"], {"context": {}}), (["context: 1: expected an object"], {"context": 1}),
+                 (["is nested too deeply"], "[" * 100_000), (["Compressed file ended"], "\x1f\x8b"),
+                 (["half a character", '"\\ud800"'], json.dumps(good).replace('"scene": "box@8"', '"scene": "\\ud800"'))]
+        cases += [([f"benchmarks[3].{key}: {json.dumps(value)}: expected"], with_row(key, value)) for key, value in (
+            ("real_time", 0), ("real_time", -1), ("real_time", "1"), ("real_time", True), ("backend", 3), ("real_time", "NaN"), ("error_max", -1),
+            ("chaotic", 1), ("divergence", []), ("noisy", None), ("time_unit", "ns"))]
+        cases += [([f"context.voxspring.{key}"], good | {"context": good["context"] | {"voxspring": about | {key: value}}}) for key, value in (
+            ("backends", 3), ("backends", {"a": 3}), ("backends", {"a": {"uuid": 3}}), ("study", 3), ("study", {"name": 3}), ("counters", {"a": {}}))]
+        for words, new in cases:
+            self.assert_refused(["missing.json" if isinstance(new, pathlib.Path) else "new.json", *words], good, new)
         for option in ("--threshold=-1", "--threshold=x", "--threshold=nan", "--error-factor=1"):
             self.assert_refused([*option.split("="), "expected a number above"], good, good, option)
         self.assertEqual(self.run_diff(good, good, "--markdown", "--json")[0], 2)
