@@ -8,8 +8,7 @@ import re
 import statistics
 import zlib
 
-import versions
-
+RESULT = 1  # the newest version of schema.json that is read
 SUFFIXES = (".json", ".json.gz")
 GZIP = b"\x1f\x8b"
 
@@ -55,8 +54,10 @@ def load(path):
         raise BadInput(f"{path}: {half}: is half a character (a lone surrogate); expected Unicode text") from None
     if not isinstance(result, dict):
         raise BadInput(f"{path}: the document: {shown(result)}: expected an object, the result of a study")
-    if reason := versions.unread(result):
-        raise BadInput(f"{path}: {reason}")
+    version = result.get("schema_version", 1)  # a file without one is of version 1
+    if isinstance(version, bool) or version not in range(1, RESULT + 1):
+        accepted = RESULT if RESULT == 1 else f"1 to {RESULT}"
+        raise BadInput(f"{path}: schema_version: {version!r}; expected {accepted}: a newer Voxspring wrote it")
     return result
 
 

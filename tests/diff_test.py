@@ -189,18 +189,6 @@ class Diff(unittest.TestCase):
                 time = {"ratio": ends[0], "interval": ends[1:], "noise": noise, "q": q}
                 self.assertEqual(comparison.judge_time(time, 0.05), word, time)
 
-    def test_rates(self):
-        for pair in range(2):
-            for side, time in (("old", 10), ("new", 10 + 10 * pair)):
-                rows = [(name, time, {}) for name in "abcdef"]
-                (self.folder / f"{pair:02}-{side}.json").write_text(json.dumps(result(rows, seed=pair + time)))
-        said = subprocess.run([sys.executable, "results/diff_rates.py", "--pairs", "2", self.folder, "false"],
-                              capture_output=True, text=True)
-        self.assertEqual(said.returncode, 0, said.stderr)
-        for change, worse, verdicts in (("as they are", 1, "6 slower, 6 same"), ("new 1.1 times as slow", 2, "12 slower"),
-                                        ("new with twice the error", 2, "12 error grew")):
-            self.assertIn(f"the rule, {change}: {worse} of 2 pairs worse\n    12 rows: {verdicts}\n", said.stdout)
-
     def test_load_that_spares_a_row_is_noise_of_its_device(self):
         loaded = result([("a", 12, {})] + [(name, 10, {"noise": 0.2}) for name in "bcdef"], seed=2)
         self.assertEqual(set(self.judge(result(PLAIN), loaded)[2].values()), {"too noisy to tell"})
@@ -486,12 +474,12 @@ class Diff(unittest.TestCase):
 class FalseAlarms(unittest.TestCase):
     """results/false_alarms.py."""
 
-    def compare(self, *results):
+    def compare(self, *results, options=()):
         with tempfile.TemporaryDirectory() as folder:
             paths = [pathlib.Path(folder, f"{number}.json") for number in range(len(results))]
             for path, one in zip(paths, results):
                 path.write_text(json.dumps(one))
-            return subprocess.run([sys.executable, "results/false_alarms.py", *paths], capture_output=True, text=True, check=False)
+            return subprocess.run([sys.executable, "results/false_alarms.py", *options, *paths], capture_output=True, text=True, check=False)
 
     def test_runs_of_one_program_differ_by_noise_alone(self):
         found = self.compare(*(result(PLAIN, seed=seed) for seed in range(1, 8)))
@@ -503,6 +491,14 @@ class FalseAlarms(unittest.TestCase):
         self.assertEqual(found.returncode, 1)
         self.assertEqual(found.stdout.count("slower: box@8 a"), 2)
         self.assertIn("2 false alarms in 18 rows", found.stdout)
+
+    def test_rates(self):
+        rows = [[(name, time, {}) for name in "abcdef"] for time in (10, 10, 10, 20)]
+        said = self.compare(*(result(own, seed=seed) for seed, own in enumerate(rows, 1)), options=("--in-pairs", "--multiplied"))
+        self.assertEqual((said.returncode, said.stderr), (1, ""))
+        for change, worse, verdicts in (("as they are", 1, "6 slower, 6 same"), ("second 1.1 times as slow", 2, "12 slower"),
+                                        ("second with twice the error", 2, "12 error grew")):
+            self.assertIn(f"the rule, {change}: {worse} of 2 pairs worse\n    12 rows: {verdicts}\n", said.stdout)
 
     def test_refuses_what_is_not_of_one_program_and_card(self):
         other = result(PLAIN)

@@ -103,7 +103,7 @@ class Install(Program):
                                 env={"PATH": "/usr/bin:/bin"})
         self.assertIn("--across-devices", helped.stdout)
         share = self.prefix / "share"
-        for script in ("report.py", "diff.py", "versions.py", "requirements.txt", "page/page.js"):
+        for script in ("report.py", "diff.py", "result_files.py", "requirements.txt", "page/page.js"):
             self.assertTrue((share / "voxspring/results" / script).exists(), script)
         bash = share / "bash-completion/completions/voxspring"
         self.assertIn("voxspring", call("bash", "-c", f"PATH={self.prefix}/bin:$PATH; source {bash}; complete -p voxspring"))

@@ -76,7 +76,7 @@ class Schemas(unittest.TestCase):
             self.assertEqual(schema["$id"], f"urn:voxspring:{kind}:{version['maximum']}")
             self.assertEqual(constants[kind], str(version["maximum"]))
             self.assertEqual((version["type"], version["minimum"]), ("integer", 1))
-        self.assertIn(f"\nRESULT = {constants['result']} ", (RESULTS / "versions.py").read_text())
+        self.assertIn(f"\nRESULT = {constants['result']} ", (RESULTS / "result_files.py").read_text())
 
     def test_a_schema_refuses_what_is_of_another_version(self):
         for kind in SCHEMAS:
