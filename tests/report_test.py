@@ -174,37 +174,27 @@ class Input(InTemporaryFolder):
             self.assertIn(str(word), result.stderr)
 
     def test_broken_files(self):
-        good = h200("figure7")
+        good, region = h200("figure7"), h200("stability")
+        region["stability_map"][0]["region"][1][2] = "melted"
         def changed(change):
             result = copy.deepcopy(good)
             change(result)
             return result
-        cases = {
-            "cut.json": (json.dumps(good)[:1000], ["cut.json"]),
-            "list.json": ([1], ["list.json", "[1]", "result of a study"]),
-            "context.json": ({"benchmarks": []}, ["context", "is missing"]),
-            "commit.json": (changed(lambda r: r["context"]["voxspring"].update(commit=7)),
-                            ["context.voxspring.commit", "7", "expected text"]),
-            "time.json": (changed(lambda r: r["benchmarks"][3].update(real_time="fast")),
-                          ["benchmarks[3].real_time", '"fast"', "expected a number"]),
-            "scene.json": (changed(lambda r: r["benchmarks"][2].pop("scene")), ["benchmarks[2].scene", "is missing"]),
-            "rows.json": (changed(lambda r: r.update(benchmarks={})), ["benchmarks", "{}", "expected a list"]),
-        }
         self.out.write_text("the old page")
-        for name, (content, words) in cases.items():
-            with self.subTest(name):
-                self.assert_refused(report(self.write(name, content), "--out", self.out), name, *words)
-        region = h200("stability")
-        region["stability_map"][0]["region"][1][2] = "melted"
-        self.assert_refused(report(self.write("map.json", region), "--out", self.out), "region", "melted", "bounded")
-        self.assert_refused(report(self.folder / "none.json", "--out", self.out), "none.json", "No such file")
-        empty = self.folder / "empty"
+        for content, *words in (
+                (json.dumps(good)[:1000],), ([1], "[1]", "result of a study"), ({"benchmarks": []}, "context", "is missing"),
+                (changed(lambda r: r["context"]["voxspring"].update(commit=7)), "context.voxspring.commit", "7", "expected text"),
+                (changed(lambda r: r["benchmarks"][3].update(real_time="fast")), "benchmarks[3].real_time", '"fast"', "expected a number"),
+                (changed(lambda r: r["benchmarks"][2].pop("scene")), "benchmarks[2].scene", "is missing"),
+                (changed(lambda r: r.update(benchmarks={})), "benchmarks", "{}", "expected a list"), (region, "region", "melted", "bounded")):
+            with self.subTest(words):
+                self.assert_refused(report(self.write("broken.json", content), "--out", self.out), "broken.json", *words)
+        empty, drawn = self.folder / "empty", (H200 / "table1.json.gz", "--pictures")
         empty.mkdir()
-        self.assert_refused(report(empty, "--out", self.out), empty, "no .json")
-        arguments = (H200 / "table1.json.gz", "--out", self.out, "--pictures")
-        self.assert_refused(report(*arguments, self.folder, "--program", self.folder / "none"), "--program", "none",
-                            "No such file")
-        self.assert_refused(report(*arguments, self.write("file", ""), "--program", "none"), "--pictures", "File exists")
+        for arguments, *words in (([self.folder / "none.json"], "none.json", "No such file"), ([empty], empty, "no .json"),
+                                  ([*drawn, self.folder, "--program", self.folder / "none"], "--program", "none", "No such file"),
+                                  ([*drawn, self.write("file", ""), "--program", "none"], "--pictures", "File exists")):
+            self.assert_refused(report(*arguments, "--out", self.out), *words)
         self.assertEqual(self.out.read_text(), "the old page")
         self.assertEqual(list(self.folder.glob(".*")), [], "something half-written")
 
@@ -271,91 +261,71 @@ class Input(InTemporaryFolder):
             self.assertGreater(min(places), max((row["place"] for row in of_small if row["operations_a_byte"]), default=0))
             self.assertEqual(json.dumps(figure["panels"][0]).count('"on chip"'), 1)
 
-    def test_a_scaling_study_has_its_figure(self):
-        def row(family, ranks, way, efficiency, cut="1x1x1"):
-            return {"name": f"{family}/cpu_parallel/position/float32/threads=1", "scene": family, "backend": "cpu_parallel",
-                    "formulation": "position", "precision": "float32", "tuning": "threads=1", "family": family,
-                    "scaling": "strong", "ranks": ranks, "cut": cut, "way": way, "particles": 4096, "seconds_per_step": 1e-5 / ranks / efficiency,
-                    "compute_seconds": 1e-5 / ranks, "exchange_seconds": 1e-7, "waiting_seconds": 0.0, "efficiency": efficiency,
-                    "predicted_seconds": 1e-5 / ranks}
-
+    def scaling(self, *rows):
+        """The figures of a page of a scaling study, of rows (ranks, fields)."""
         result = {key: value for key, value in h200("table1").items() if key in ("context", "skipped")}
-        result["scaling"] = [row("box@16", 1, "none", 1.0), row("box@16", 2, "memory", 0.9), row("box@16", 2, "mpi", 0.625),
-                             row("heart", 1, "none", 1.0), {**row("heart", 4, "mpi", 0.5), "efficiency": None},
-                             row("heart", 2, "memory", 0.7, "1x1x2"), row("heart", 4, "memory", 0.8, "1x1x4"),
-                             row("heart", 4, "memory", 0.75, "1x2x2")]
+        common = {"backend": "cpu_parallel", "formulation": "position", "precision": "float32", "tuning": "", "scaling": "strong", "particles": 64**3,
+                  "compute_seconds": 1e-3, "exchange_seconds": 1e-5, "waiting_seconds": 0.0, "efficiency": 1.0, "predicted_seconds": 1.0}
+        result["scaling"] = [{"scene": "box@64", **common, "ranks": ranks, **more} for ranks, more in rows]
+        for row in result["scaling"]:
+            row |= {"family": row["scene"], "name": f"{row['scene']}/cpu_parallel/position/float32"}
         self.assertEqual(report(self.write("a.json", result), "--out", self.out).returncode, 0)
-        figure = figures_of(self.out)["scaling"]
+        return figures_of(self.out)
+
+    def test_a_scaling_study_has_its_figure(self):
+        rows = [("box@16", 1, "none", 1.0, "1x1x1"), ("box@16", 2, "memory", 0.9, "1x1x1"), ("box@16", 2, "mpi", 0.625, "1x1x1"),
+                ("heart", 1, "none", 1.0, "1x1x1"), ("heart", 4, "mpi", None, "1x1x1"), ("heart", 2, "memory", 0.7, "1x1x2"),
+                ("heart", 4, "memory", 0.8, "1x1x4"), ("heart", 4, "memory", 0.75, "1x2x2")]
+        figure = self.scaling(*((ranks, {"scene": scene, "way": way, "cut": cut, "efficiency": efficiency, "predicted_seconds": 1e-5 / ranks,
+                                         "seconds_per_step": 1e-5 / ranks / (efficiency or 1)})
+                                for scene, ranks, way, efficiency, cut in rows))["scaling"]
         self.assertEqual([panel["match"]["compared"] for panel in figure["panels"]], ["box@16", "heart"])
-        rows = figure["rows"]
-        self.assertEqual([row["predicted"] for row in rows], 7 * [1])
-        self.assertEqual([(row["cut"], row["parts"]) for row in rows if row["ranks"] == 4], [("1x1x4", "slabs"), ("1x2x2", "bricks")])
-        self.assertIn("4 ranks have 75\N{NO-BREAK SPACE}% to 80\N{NO-BREAK SPACE}% of the efficiency of one", self.out.read_text())
+        self.assertEqual([row["predicted"] for row in figure["rows"]], 7 * [1])
+        self.assertEqual([(row["cut"], row["parts"]) for row in figure["rows"] if row["ranks"] == 4], [("1x1x4", "slabs"), ("1x2x2", "bricks")])
+        self.assertEqual(finding(self.out, "scaling")[0], "4 ranks have 75 % to 80 % of the efficiency of one")
+
+    def forecast(self, ranks, seconds, **more):
+        """What the page predicts from a rank that takes a microsecond per particle, and from several that take as long as predicted."""
+        rows = self.scaling((1, {"seconds_per_step": 64**3 * 1e-6, "way": "none"}),
+                            (ranks, {"seconds_per_step": seconds, "predicted_seconds": seconds, "seconds_per_byte": 1e-9, "way": "memory", **more}))
+        return rows["forecast"]["rows"]
 
     def test_more_ranks_than_were_measured_are_a_prediction(self):
-        def row(ranks, **more):
-            return {"name": "box@64/cpu_parallel/position/float32/threads=1", "scene": "box@64", "backend": "cpu_parallel",
-                    "formulation": "position", "precision": "float32", "tuning": "threads=1", "family": "box@64", "scaling": "strong",
-                    "ranks": ranks, "way": "memory", "particles": 64**3, "compute_seconds": 1e-3, "exchange_seconds": 1e-5,
-                    "waiting_seconds": 0.0, "efficiency": 1.0, "predicted_seconds": 1.0, **more}
-
-        # A microsecond per particle, a layer of 64^2, a latency of 1 ms, a border of 64 KiB at 1 GB/s; measured as predicted.
-        predicted = 1e-6 * (64**3 / 2 + 64**2) + 1e-3 + 65536e-9
-        result = {key: value for key, value in h200("table1").items() if key in ("context", "skipped")}
-        result["scaling"] = [row(1, seconds_per_step=64**3 * 1e-6, way="none"),
-                             row(2, ghosts=2 * 64**2, border_bytes=65536, latency_seconds=1e-3, seconds_per_byte=1e-9,
-                                 seconds_per_step=predicted, predicted_seconds=predicted)]
-        self.assertEqual(report(self.write("a.json", result), "--out", self.out).returncode, 0)
-        rows = figures_of(self.out)["forecast"]["rows"]
+        # A layer of 64^2, a latency of 1 ms, a border of 64 KiB at 1 GB/s.
+        slabs = {"ghosts": 2 * 64**2, "border_bytes": 65536, "latency_seconds": 1e-3}
+        rows = self.forecast(2, 1e-6 * (64**3 / 2 + 64**2) + 1e-3 + 65536e-9, **slabs)
         # 1024 ranks would have less than a layer each.
         self.assertEqual([row["ranks"] for row in rows], [8, 64])
+        beside = 1e-6 * 2 * 64**2 + 1e-3 + 2 * 65536e-9
         for row in rows:
             own = 64**3 / row["ranks"] * 1e-6
-            beside = 1e-6 * 2 * 64**2 + 1e-3 + 2 * 65536e-9
             self.assertAlmostEqual(row["microseconds"], 1e6 * (own + beside), delta=1)
             self.assertAlmostEqual(row["efficiency"], own / (own + beside), places=3)
             # There a rank computes its particles for as long as it does everything else.
             self.assertAlmostEqual(row["half"], 64**3 * 1e-6 / beside, delta=0.1)
-        self.assertIn("Prediction: box@64", self.out.read_text())
-        self.assertIn("not a measurement", self.out.read_text())
+        for words in ("Prediction: box@64", "not a measurement"):
+            self.assertIn(words, self.out.read_text())
 
         # If borders travel meanwhile only the longer part counts: for 64 ranks the exchange.
-        overlapped = 1e-6 * (64**3 / 2 + 64**2)
-        result["scaling"][1].update(way="stores_overlap", seconds_per_step=overlapped, predicted_seconds=overlapped,
-                                    latency_seconds=20e-3)
-        self.assertEqual(report(self.write("a.json", result), "--out", self.out).returncode, 0)
-        rows = figures_of(self.out)["forecast"]["rows"]
+        rows = self.forecast(2, 1e-6 * (64**3 / 2 + 64**2), **slabs | {"way": "stores_overlap", "latency_seconds": 20e-3})
         exchange = 20e-3 + 2 * 65536e-9
         self.assertEqual([row["ranks"] for row in rows], [8, 64])
-        self.assertAlmostEqual(rows[0]["microseconds"], 1e6 * 1e-6 * (64**3 / 8 + 2 * 64**2), delta=1)
-        self.assertAlmostEqual(rows[1]["microseconds"], 1e6 * exchange, delta=1)
+        for row, microseconds in zip(rows, (64**3 / 8 + 2 * 64**2, 1e6 * exchange)):
+            self.assertAlmostEqual(row["microseconds"], microseconds, delta=1)
         # Half of the efficiency is left when an exchange takes twice as long as a rank's particles, which happens before ghosts
         # take as long.
         self.assertAlmostEqual(rows[0]["half"], 2 * 64**3 * 1e-6 / exchange, delta=0.1)
 
     def test_bricks_that_nobody_measured_shrink_with_their_number(self):
-        def row(ranks, **more):
-            return {"name": "box@64/cpu_parallel/position/float32/", "scene": "box@64", "backend": "cpu_parallel", "tuning": "",
-                    "formulation": "position", "precision": "float32", "family": "box@64", "scaling": "strong", "ranks": ranks,
-                    "way": "memory", "particles": 64**3, "compute_seconds": 1e-3, "exchange_seconds": 1e-5, "waiting_seconds": 0.0,
-                    "efficiency": 1.0, "predicted_seconds": 1.0, **more}
-
-        # Eight bricks of 32^3, each with three sides of 32^2 beside others; a microsecond per particle, 12 bytes per place at 1
-        # GB/s.
+        # Eight bricks of 32^3, each with three sides of 32^2 beside others, of 12 bytes per place.
         side = 32**2
-        predicted = 1e-6 * (32**3 + 3 * side) + 1e-4 + 3 * 12 * side * 1e-9
-        result = {key: value for key, value in h200("table1").items() if key in ("context", "skipped")}
-        result["scaling"] = [row(1, seconds_per_step=64**3 * 1e-6, way="none", cut="1x1x1"),
-                             row(8, ghosts=8 * 3 * side, border_bytes=3 * 12 * side, latency_seconds=1e-4, seconds_per_byte=1e-9,
-                                 seconds_per_step=predicted, predicted_seconds=predicted, cut="2x2x2")]
-        self.assertEqual(report(self.write("a.json", result), "--out", self.out).returncode, 0)
-        rows = figures_of(self.out)["forecast"]["rows"]
+        rows = self.forecast(8, 1e-6 * (32**3 + 3 * side) + 1e-4 + 3 * 12 * side * 1e-9, ghosts=8 * 3 * side, border_bytes=3 * 12 * side,
+                             latency_seconds=1e-4, cut="2x2x2")
         self.assertEqual([(row["ranks"], row["parts"]) for row in rows], [(64, "bricks"), (1024, "bricks")])
         for row in rows:
             own = 64**3 / row["ranks"]
             sides = 6 * own ** (2 / 3)
-            seconds = 1e-6 * (own + sides) + 1e-4 + 12e-9 * sides
-            self.assertAlmostEqual(row["microseconds"], 1e6 * seconds, delta=1)
+            self.assertAlmostEqual(row["microseconds"], 1e6 * (1e-6 * (own + sides) + 1e-4 + 12e-9 * sides), delta=1)
             own = 64**3 / row["half"]
             self.assertAlmostEqual(own, 6 * own ** (2 / 3) * 1.012 + 100, delta=0.01 * own)
 
@@ -402,6 +372,16 @@ class Input(InTemporaryFolder):
             row, = figure["rows"]
             self.assertLess(low, min(1e6 / row["hertz"], *row["begin"]))
             self.assertGreater(high, max(1e6 / row["hertz"], *row["end"]))
+
+    def test_a_counter_that_no_script_names_is_a_column(self):
+        result = h200("table1")
+        result["context"]["voxspring"]["counters"] = {"cache_misses_of_x": {"unit": "B", "better": "less"}, "of_nobody": {"unit": "", "better": "more"}}
+        for number, row in enumerate(result["benchmarks"]):
+            row["cache_misses_of_x"] = number
+        self.assertEqual(report(self.write("a.json", result), "--out", self.out).returncode, 0)
+        figure = figures_of(self.out)["datasets"]
+        self.assertEqual(figure["columns"][-1], ["cache_misses_of_x", "cache misses of x (B)", 4])
+        self.assertTrue(all(isinstance(row["cache_misses_of_x"], int) for row in figure["rows"]))
 
     def test_every_list_of_a_result_is_known(self):
         """Everything that a study can write is read: each list with measurements becomes a figure."""
@@ -671,10 +651,14 @@ class Page(unittest.TestCase):
                     "return views.filter(({figure}) => figure.name === arguments[0]).map(({figure, panel, element}) => ["
                     "figure.rows.filter((row) => matches(row, panel.match)).length,"
                     "element.querySelectorAll('.mark-symbol > path').length || element.querySelectorAll('.mark-rect > path').length,"
+                    "element.querySelectorAll('.mark-rect > path').length,"
+                    "figure.rows.filter((row) => matches(row, panel.match)).reduce((sum, row) => sum + (row.begin ?? []).length, 0),"
                     "element.parentNode.querySelector('[role=graphics-document]').getAttribute('aria-label')])", name)
                 self.assertGreater(len(counts), 0)
-                for rows, marks, alternative in counts:
+                for rows, marks, strips, bins, alternative in counts:
+                    self.assertTrue(strips == bins or name != "latency", "histograms are drawn")
                     self.assertGreater(len(alternative or ""), 40)
+                    self.assertNotIn("undefined", alternative)
                     # A curve's points are medians over backends; gates and measurements of zero cannot be shown.
                     if name in ("curves", "stress"):
                         self.assertGreater(marks, 20)
@@ -890,44 +874,6 @@ class Page(unittest.TestCase):
                         self.assertGreater(math.dist(seen(one, vision), seen(other, vision)), 0.06)
 
 
-class Latencies(InTemporaryFolder):
-    """The figure for which the committed results have no data."""
-
-    def test_every_histogram_is_drawn_in_both_schemes_and_filtered(self):
-        made = report(self.write("haptic.json", haptic_result()), "--out", self.out)
-        self.assertEqual(made.returncode, 0, made.stderr)
-        browser = Browser()
-        self.addCleanup(browser.driver.quit)
-        colours = {}
-        for width, scheme in itertools.product(WIDTHS, SCHEMES):
-            with self.subTest(width=width, scheme=scheme):
-                browser.open(self.out, width, scheme)
-                self.assertEqual(browser.driver.get_log("browser"), [])
-                strips, marks, fits = browser.script(
-                    "const section = document.querySelector('section[data-figure=latency]');"
-                    "return [[...section.querySelectorAll('.mark-rect > path')].map((bin) => [getComputedStyle(bin).fill, "
-                    "bin.getBBox().width, parseFloat(getComputedStyle(bin).opacity)]),"
-                    "section.querySelectorAll('.mark-symbol > path').length,"
-                    "document.documentElement.scrollWidth <= document.documentElement.clientWidth]")
-                self.assertEqual((len(strips), marks), (6 * 3, 6))
-                self.assertTrue(all(extent > 1 for _, extent, _ in strips), strips)
-                self.assertEqual(len({opacity for _, _, opacity in strips}), 3, "the more ticks the stronger")
-                self.assertTrue(fits)
-                colours[scheme] = {fill for fill, _, _ in strips}
-        for scheme in SCHEMES:
-            self.assertEqual(len(colours[scheme]), 3, "a colour a backend")
-        self.assertFalse(colours["light"] & colours["dark"])
-        browser.script("const box = document.querySelector('#filters input[value=cpu_parallel]'); box.checked = false;"
-                       "box.dispatchEvent(new Event('change', {bubbles: true}))")
-        browser.settle()
-        self.assertEqual(browser.script("return document.querySelectorAll('#latency-0 .mark-rect > path').length"), 2 * 3)
-        browser.script("document.querySelector('details[data-figure=latency]').open = true")
-        browser.settle()
-        table = browser.script("return [...document.querySelectorAll('details[data-figure=latency] tr')].map((row) => row.innerText)")
-        self.assertEqual(len(table), 1 + 5)
-        self.assertIn("p99.9 (µs)", table[0])
-
-
 class Parts(InTemporaryFolder):
     """Content that the committed results do not have: several commits, the study fastest, pictures."""
 
@@ -1092,7 +1038,18 @@ class Parts(InTemporaryFolder):
         """By cores, card and host; files without a host and without a known card by their folder."""
         cpu = result_files.load(H200.parent / "amd-epyc/fastest.json.gz")
         gpu = h200("table1")
-        def machines(*files):
+        one, other = "GPU-12345678", "GPU-abcdef01"
+        (self.folder / "c").mkdir()
+        here = self.folder.resolve()
+        for files, names in (
+                ([("a/1.json", cpu, 2, "", ""), ("a/2.json", cpu, 2, "", "")], 2 * ["AMD EPYC"]),
+                ([("a/1.json", cpu, 2, "", ""), ("b/2.json", cpu, 2, "", "")], ["AMD EPYC (a)", "AMD EPYC (b)"]),
+                ([("a/1.json", cpu, 2, "", ""), ("a/2.json", cpu, 64, "", "")], ["AMD EPYC (2 cores)", "AMD EPYC (64 cores)"]),
+                ([("a/1.json", cpu, 2, "one", ""), ("b/2.json", cpu, 2, "one", "")], 2 * ["AMD EPYC"]),
+                ([("a/1.json", cpu, 2, "one", ""), ("a/2.json", cpu, 2, "two", "")], ["AMD EPYC (one)", "AMD EPYC (two)"]),
+                ([("a/1.json", gpu, 16, "", one), ("b/2.json", gpu, 16, "", one)], 2 * ["NVIDIA H200"]),
+                ([("a/1.json", gpu, 16, "", one), ("a/2.json", gpu, 16, "", other)], [f"NVIDIA H200 ({card})" for card in (one, other)]),
+                ([("a/1.json", cpu, 2, "", ""), ("c/a/2.json", cpu, 2, "", "")], [f"AMD EPYC ({here / 'a'})", f"AMD EPYC ({here / 'c/a'})"])):
             paths = []
             for place, result, cores, host, card in files:
                 result = copy.deepcopy(result)
@@ -1101,18 +1058,7 @@ class Parts(InTemporaryFolder):
                     backend["uuid"] = card
                 (self.folder / place).parent.mkdir(exist_ok=True)
                 paths.append(self.write(place, result))
-            return [result.machine for result in reading.read_all(paths)]
-        self.assertEqual(machines(("a/1.json", cpu, 2, "", ""), ("a/2.json", cpu, 2, "", "")), 2 * ["AMD EPYC"])
-        self.assertEqual(machines(("a/1.json", cpu, 2, "", ""), ("b/2.json", cpu, 2, "", "")), ["AMD EPYC (a)", "AMD EPYC (b)"])
-        self.assertEqual(machines(("a/1.json", cpu, 2, "", ""), ("a/2.json", cpu, 64, "", "")), ["AMD EPYC (2 cores)", "AMD EPYC (64 cores)"])
-        self.assertEqual(machines(("a/1.json", cpu, 2, "one", ""), ("b/2.json", cpu, 2, "one", "")), 2 * ["AMD EPYC"])
-        self.assertEqual(machines(("a/1.json", cpu, 2, "one", ""), ("a/2.json", cpu, 2, "two", "")), ["AMD EPYC (one)", "AMD EPYC (two)"])
-        self.assertEqual(machines(("a/1.json", gpu, 16, "", "GPU-12345678"), ("b/2.json", gpu, 16, "", "GPU-12345678")), 2 * ["NVIDIA H200"])
-        self.assertEqual(machines(("a/1.json", gpu, 16, "", "GPU-12345678"), ("a/2.json", gpu, 16, "", "GPU-abcdef01")),
-                         ["NVIDIA H200 (GPU-12345678)", "NVIDIA H200 (GPU-abcdef01)"])
-        (self.folder / "c").mkdir()
-        self.assertEqual(machines(("a/1.json", cpu, 2, "", ""), ("c/a/2.json", cpu, 2, "", "")),
-                         [f"AMD EPYC ({self.folder.resolve() / 'a'})", f"AMD EPYC ({self.folder.resolve() / 'c/a'})"])
+            self.assertEqual([result.machine for result in reading.read_all(paths)], names)
         # A user's results do not add to the committed ones.
         own = copy.deepcopy(cpu)
         own["context"]["date"] = "2027-01-02T03:04:05+00:00"

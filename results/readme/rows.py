@@ -147,8 +147,13 @@ def time_of(row):
 
 
 def table(header, rows):
-    lines = ["| " + " | ".join(header) + " |", "| --- |" + " --: |" * (len(header) - 1)]
-    return "\n".join(lines + ["| " + " | ".join(row) + " |" for row in rows])
+    lines = [header, ["---"] + ["--:"] * (len(header) - 1), *rows]
+    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
+
+
+def table_of(rows, **columns):
+    """A table of rows: what each column writes of one. A heading is written as an argument, or in a dictionary of them."""
+    return table(list(columns), [[write(row) for write in columns.values()] for row in rows])
 
 
 def by_machine(study, header, lines_of, titled):

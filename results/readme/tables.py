@@ -7,7 +7,7 @@ import result_files
 from readme import addressing
 from readme.rows import (
     GPU, PAPER, RESULTS, alike, by_machine, by_name, contender, fastest_of, giga, held_out, is_papers, loaded, marked, medians, medians_of,
-    microseconds, name_of, percent, result, spread_text, table, three_digits, time_of, tuning_of,
+    microseconds, name_of, percent, result, spread_text, table, table_of, three_digits, time_of, tuning_of,
 )
 from result_files import distinct, groups
 
@@ -80,28 +80,23 @@ def edits():
 
 
 def tuning():
-    lines = []
-    for (backend, scene), rows in sorted(groups(medians("tuning"), "backend", "scene").items()):
+    def line(rows):
         default = next((row for row in rows if not tuning_of(row)), None)
         if default and len(rows) > 1:
             default = held_out(default)
         row = fastest_of(rows)
         if default and default["real_time"] < row["real_time"] * (1 + result_files.MIN_SPREAD):
             row = default
-        lines.append([f"`{backend}`", scene, time_of(default) if default else "-", time_of(row), str(len(rows)),
-                      " ".join(tuning_of(row)) or "the default"])
-    return table(["strategy", "scene", "default (us)", "best (us)", "of so many", "with"], lines)
-
-
-def tuned(row):
-    """Whether anything but the fetch path is not at its default."""
-    return any(not part.startswith("fetch=") for part in tuning_of(row))
+        return [f"`{row['backend']}`", row["scene"], time_of(default) if default else "-", time_of(row), str(len(rows)),
+                " ".join(tuning_of(row)) or "the default"]
+    return table(["strategy", "scene", "default (us)", "best (us)", "of so many", "with"],
+                 [line(rows) for _, rows in sorted(groups(medians("tuning"), "backend", "scene").items())])
 
 
 def formulations():
-    """Time of position, and for each formulation its multiple and its rounding error."""
+    """Time of position, and for each formulation its multiple and its rounding error, of cases with nothing but the fetch path tuned."""
     lines = []
-    rows = [row for row in medians("formulations") if not tuned(row)]
+    rows = [row for row in medians("formulations") if all(part.startswith("fetch=") for part in tuning_of(row))]
     for (scene, count, name), group in groups(rows, "scene", "steps", contender).items():
         known = {row["formulation"]: row for row in group}
         if "position" in known:
@@ -211,17 +206,13 @@ def resting():
     times = by_name(result("skips"))
     scenes, lines = distinct(medians("skips"), "scene"), {}
     for name, skipping in times.items():
-        way = next((way for way in ("skip", "flush") if name.endswith(f"/rest={way}")), None)
-        if way is None:
-            continue
-        plain = name.removesuffix(way) + "step"
-        scene, backend, formulation, *_ = name.split("/")
-        share = work[name]["tiles_stepped"] / work[name]["tiles"]
-        cells = lines.setdefault((backend, formulation, way), {})
-        cells[scene] = f"{time_of(times[plain])} / {time_of(skipping)} ({percent(share)})"
+        plain, _, way = name.partition("/rest=")
+        if way in ("skip", "flush"):
+            share = work[name]["tiles_stepped"] / work[name]["tiles"]
+            title = f"`{skipping['backend']}` {skipping['formulation']}" + ", flush" * (way == "flush")
+            lines.setdefault(title, {})[skipping["scene"]] = f"{time_of(times[plain + '/rest=step'])} / {time_of(skipping)} ({percent(share)})"
     return table(["us per step of all / of what moves (tiles stepped)"] + scenes,
-                 [[f"`{backend}` {formulation}" + ", flush" * (way == "flush")] + [cells.get(scene, "-") for scene in scenes]
-                  for (backend, formulation, way), cells in sorted(lines.items())])
+                 [[title] + [cells.get(scene, "-") for scene in scenes] for title, cells in sorted(lines.items())])
 
 
 def cross_check(row):
@@ -234,12 +225,11 @@ def cross_check(row):
 def energy():
     """What a step takes of the device's energy, and what the device draws meanwhile and idle."""
     found = result("energy")
-    lines = [[f"{row['scene']}, {contender(row)}", f"{three_digits(row['joules_per_step'] * 1e3)}",
-              giga(row["springs_per_joule"]), three_digits(row["watts"]), three_digits(row["idle_watts"]),
-              ", ".join(row.get("throttled", [])) or "-", row["meter"], cross_check(row), f"{row['seconds']:.1f}"]
-             for row in found["energy"]]
-    return titled(found, table(["case", "mJ per step", "G springs/J", "power (W)", "idle (W)", "clocks held down by", "counter",
-                                "cross-checked by samples", "measured (s)"], lines))
+    return titled(found, table_of(found["energy"], **{
+        "case": lambda row: f"{row['scene']}, {contender(row)}", "mJ per step": lambda row: three_digits(row["joules_per_step"] * 1e3),
+        "G springs/J": lambda row: giga(row["springs_per_joule"]), "power (W)": lambda row: three_digits(row["watts"]),
+        "idle (W)": lambda row: three_digits(row["idle_watts"]), "clocks held down by": lambda row: ", ".join(row.get("throttled", [])) or "-",
+        "counter": lambda row: row["meter"], "cross-checked by samples": cross_check, "measured (s)": lambda row: f"{row['seconds']:.1f}"}))
 
 
 def results_of(machine=GPU):
