@@ -21,7 +21,7 @@ import includes_test  # noqa: E402  # pylint: disable=wrong-import-position
 from readme import facts, rows as results  # noqa: E402  # pylint: disable=wrong-import-position
 from result_files import distinct, groups  # noqa: E402  # pylint: disable=wrong-import-position
 
-# The strategies of the table: of each kind the one that says most.
+# The strategies of the table, one or two of each kind.
 SHOWN = ["cuda_resident", "cuda_explicit_delta", "cuda_explicit_cached_grid", "cuda_implicit_cached", "gl_compute_implicit",
          "vulkan_implicit", "gl_fragment_implicit", "cpu_parallel"]
 
@@ -36,13 +36,13 @@ def origin(result, before="", after=""):
 
 
 def plain_rows(backends):
-    """Of the study fastest the rows in float32 by `position` of some backends."""
+    """The rows of the study fastest, in float32 by `position`, of some backends."""
     return [row for row in results.medians("fastest")
             if (row["formulation"], row["precision"]) == ("position", "float32") and row["backend"] in backends]
 
 
 def heart():
-    """The best row of each shown backend on the heart, and of how many tunings it is the best."""
+    """The best row of each shown backend on the heart, and the number of tunings that were tried."""
     found = results.result("fastest")
     tried = groups((row for row in plain_rows(SHOWN) if row["scene"] == "heart"), "backend")
     rows = sorted(map(results.fastest_of, tried.values()), key=lambda row: row["real_time"])
@@ -90,7 +90,7 @@ def gates():
                         "least wrong error / threshold"], lines)
 
 
-# Whose float64 is held against its float32.
+# The backend of each machine whose float64 is compared with its float32.
 PRECISE = {results.CPU: "cpu_parallel", results.GPU: "cuda_implicit_cached"}
 
 
@@ -149,7 +149,7 @@ def sizes():
 
 
 def tick_rows(rows):
-    """Of rows of a study haptic those without edits, by scene and rate; beside the undrawn ones what drawing costs."""
+    """Lines for the rows of a study haptic without edits, by scene and rate; each says what drawing the body costs, if that was measured."""
     plain = [row for row in rows if not row["edited"]]
     key = ("scene", "hertz", "name")
     drawn = {tuple(row[k] for k in key): row for row in plain if row.get("drawn")}
@@ -164,7 +164,7 @@ def tick_rows(rows):
 
 
 def late_ticks():
-    """Of motions of many ticks, what the pauses of the host's thread explain of late ones."""
+    """For motions of many ticks: how many late ones the pauses of the host's thread explain."""
     header = ["scene", "backend", "ticks", "median", "99.9 %", "pauses of 10 us per second (ticks that meet one)", "of 20 us", "missed",
               "pauses of a whole tick, between ticks"]
     def lines_of(found):
@@ -183,7 +183,7 @@ def late_ticks():
 
 
 def drawing():
-    """What drawing takes, by where displacements come from; of rows whose steps that fit tell a few percent."""
+    """What drawing costs, by where displacements come from, for rows in which enough steps fit to tell a few percent."""
     finest = 60
     found = results.result("haptic")
     plain = {(row["scene"], row["name"], row["hertz"]): row["steps_that_fit"] for row in found["haptic"]

@@ -23,11 +23,11 @@ from readme import rows
 from result_files import groups
 
 FILE = pathlib.Path(__file__).resolve().parent.parent / "harness/study/auto_rules.json"
-# Take any scene that any backend takes: the faster one, which no study of these measures, then the oracle.
+# Backends that take every scene: the faster one, which these studies do not measure, then the reference.
 LAST = {"CPU": ["cpu_explicit", "cpu_reference"]}
-# How much of its lattice a body fills.
+# Ranges of the share of its lattice that a body fills.
 OCCUPANCIES = ((0, 0.5), (0.5, None))
-# Bodies that lack springs of their lattice are refused by some of the fastest, and say nothing of others.
+# Other bodies lack springs of their lattice; some of the fastest backends refuse these.
 DATASETS = ("box", "heart")
 
 
@@ -49,7 +49,7 @@ def bodies(family, machine, occupancy):
     low, high = occupancy
     found = {}
     for study in ("fastest", "figure8"):
-        if not result_files.named(rows.RESULTS / machine, study).exists():  # of the processor there is no figure8
+        if not result_files.named(rows.RESULTS / machine, study).exists():  # the processor has no figure8
             continue
         of_bodies = [row for row in rows.medians(study, machine)
                      if row["limits_of"] == family and row["scene"].split("@")[0] in DATASETS and row["precision"] == "float32"
@@ -82,7 +82,7 @@ def rules():
         for occupancy in OCCUPANCIES:
             measured = bodies(name, machine, occupancy)
             orders = [order_of(worst) for _, worst in measured]
-            # What was not measured on a body, too large for it or too slow, comes after what was, as on the nearest other one.
+            # Backends that were not measured on this body (it is too large or they are too slow) come last, in their order on the nearest other body.
             for here, order in enumerate(orders):
                 for other in sorted(range(len(orders)), key=lambda other: abs(other - here)):
                     order += [one for one in order_of(measured[other][1]) if one.split(":")[0] not in {x.split(":")[0] for x in order}]
@@ -98,7 +98,7 @@ def rules():
 
 
 def min_steps_between_edits():
-    """Of each CUDA backend that is behind another one when it is edited often and ahead of it when it is edited less often: from how
+    """For each CUDA backend that is slower than another one if edited often, and faster if edited rarely: from how
     many steps between edits on it is at most 10% slower. The other one is the fastest when they are most frequent."""
     times = {}
     for row in rows.medians("edits"):
@@ -123,7 +123,7 @@ def several_devices(results):
     for (backend, ranks), own in sorted(groups(told, "backend", "ranks").items()):
         bodies_of = [min(of_scene, key=lambda row: row["seconds_per_step"]) for of_scene in groups(own, "scene").values()]
         paying = [row for row in bodies_of if row["efficiency"] * ranks > 1]
-        # Where borders travel within steps the model says nothing.
+        # If borders travel within steps, the model predicts nothing.
         particles = max((row["pays_from_particles"] or row["particles"] for row in paying), default=math.inf)
         if all(row in paying or row["particles"] < particles for row in bodies_of) and paying:
             found.append({"backend": backend, "devices": ranks, "particles": round(particles)})

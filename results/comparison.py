@@ -36,18 +36,18 @@ from result_files import BadInput
 
 HERE = pathlib.Path(__file__).resolve().parent
 IDENTITY = ("scene", "backend", "formulation", "precision", "tuning")
-# What tells the rows of one identity apart, by the list they are in.
+# By list, the keys that tell rows of one identity apart.
 PLACES = {"benchmarks": (), "pareto": ("fraction_of_stable",), "stability": ("damping", "start"),
           "stress": ("part", "measurement", "steps", "detail"), "energy": (),
           "overhead": ("handed_over",), "scaling": ("ranks", "cut", "way"), "haptic": ("hertz", "edited", "drawn")}
-# What is so in files that do not say.
+# The values of such keys in files that lack them.
 UNSAID = {"drawn": False}
-# What a row's time is called; it is the time to an end time, or that of a step.
+# The key of a row's time, by list; elsewhere it is `seconds`, the time to an end time.
 CLOCKS = {"energy": "seconds_per_step", "overhead": "seconds_per_step", "scaling": "seconds_per_step",
           "haptic": "median_seconds"}
-# Errors, and the field that says how well float64 knows what they are taken against.
+# Errors, each with the field that has the uncertainty of its float64 reference.
 ERRORS = {"error_relative_l2": "divergence", "error_max": None, "total_error_relative_l2": "total_error_uncertainty"}
-STRESS_ERRORS = ("relative", "spacings")  # units; growth, energies and counts have gates alone
+STRESS_ERRORS = ("relative", "spacings")  # units of errors; growth, energies and counts only have gates
 
 CLOCK = "real_time"
 # U of 9 and 9 can reach p = 4e-5, which is below 1% after the correction for up to 243 rows.
@@ -56,14 +56,14 @@ FALSE_DISCOVERIES = 0.01
 CONFIDENCE = 0.95
 RESAMPLES = 2000
 SEED = 1
-# A whole run moves farther than its repetitions differ: by this many times their noise, where that exceeds this part of
-# the threshold (results/README.md has the figures), and where they differ by a fifth, by nobody knows how much.
+# Two runs differ by more than repetitions within one do. If the noise exceeds CALM times the threshold, a change has to exceed NOISE_FACTOR times the
+# noise (results/README.md has the figures). Above HIGHEST_NOISE no change counts.
 NOISE_FACTOR = 3
 CALM = 0.8
 HIGHEST_NOISE = 0.2
-# What a run marks is what moved by more than this (harness/device/noise.h); fewer repetitions than 9 say little of theirs.
+# The least noise of rows that their run marked (harness/device/noise.h marks what moved by more than this), or that have fewer than 9 repetitions.
 UNKNOWN_NOISE = 0.1
-# A few roundings of float64, which another order of the same sums makes.
+# The size of a few roundings of float64, by which the same sums in another order differ.
 FLOAT64_NOISE = 1e-15
 
 WORSE = ("now fails", "error grew", "counter worse", "slower")
@@ -83,16 +83,16 @@ class Rule:
 class Row:
     """What a file says about a contender in one place; times are of the repetitions, in seconds or limits a step."""
     name: str
-    measure: tuple = ()  # which must agree for two rows to be comparable: particles, springs, steps
+    measure: tuple = ()  # particles, springs and steps: two rows are comparable if these agree
     times: list = dataclasses.field(default_factory=list)
-    time: float = None  # of repetitions that are not in the file, in place of `times`
+    time: float = None  # used in place of `times` if the file has no repetitions
     errors: dict = dataclasses.field(default_factory=dict)
     floors: dict = dataclasses.field(default_factory=dict)
-    by_chance: dict = dataclasses.field(default_factory=dict)  # errors that another run of the same could have had
+    by_chance: dict = dataclasses.field(default_factory=dict)  # how large an error could be by chance in another run of the same program
     counters: dict = dataclasses.field(default_factory=dict)  # name: values of the repetitions, where more or less of it is better
     chaotic: bool = False
-    limitless: bool = False  # whether a time across devices is wanted that its file does not know
-    noisy: list = dataclasses.field(default_factory=list)  # why its run says that its times are not to be trusted
+    limitless: bool = False  # whether the file lacks the limit that a comparison across devices needs
+    noisy: list = dataclasses.field(default_factory=list)  # reasons for which its run marked its times as not to be trusted
     failure: str = ""
 
 
@@ -159,7 +159,7 @@ class Result:
         if list_name == "benchmarks":
             if not across and not time:
                 self.refuse(at + key, time, "a number of microseconds above zero")
-            # Over the limit of its device a time is the inverse of the fraction.
+            # A time as a multiple of its limit is the inverse of the fraction.
             entry.times = [1 / time if across else time * 1e-6] if time else []
             known = self.rows[(identity, place)]
             if known:
@@ -207,7 +207,7 @@ def rename(old, new):
 
 def compare_times(old, new):
     """Medians and their ratio; as far as there are repetitions for them its interval, the spread, and U's p."""
-    # Where it is used: diff.py and report.py explain themselves without these packages.
+    # Imported here, so that --help of diff.py and report.py needs no packages.
     import numpy  # pylint: disable=import-outside-toplevel
     import scipy.stats  # pylint: disable=import-outside-toplevel
     samples = [numpy.asarray(old), numpy.asarray(new)]
@@ -276,7 +276,7 @@ def grown(old, new, factor):
     words = []
     for key in [] if old.chaotic or new.chaotic else old.errors.keys() & new.errors.keys():
         before, after = old.errors[key], new.errors[key]
-        # No total error, which either file may not have asked for, is not an infinite one.
+        # A missing total error is not an infinite one: a study may not have asked for it.
         if before is None or (after is None and key != "measured"):
             continue
         floor = max(FLOAT64_NOISE, old.floors.get(key) or 0, new.floors.get(key) or 0, old.by_chance.get(key, 0))

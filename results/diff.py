@@ -22,9 +22,9 @@ import textwrap
 import comparison
 import result_files
 
-# As a terminal has them: bold red, red, green, dim.
+# Codes of a terminal: bold red, red, green, dim.
 COLOURS = {"now fails": "1;31", "error grew": "1;31", "slower": "31", "faster": "32", "same": "2"}
-# What a pipe gets, and the least that the columns of a row take.
+# The width of lines in a pipe, and the least width that a row's columns need.
 WIDTH, LEAST_WIDTH = 80, 60
 LIMIT = " x limit"
 
@@ -174,6 +174,6 @@ def main():
 
 
 if __name__ == "__main__":
-    # `diff | head` is no error.
+    # Do not fail if the reader of a pipe ends first, as in `diff | head`.
     signal.signal(signal.SIGPIPE, signal.SIG_DFL)
     sys.exit(main())

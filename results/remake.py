@@ -38,7 +38,7 @@ CPU_STUDIES = ("fastest", "pareto", "stability", "stress", "haptic")
 # On a processor this leaves out graphics in software: its threads wait for each other and for a processor, so that a quarter of
 # its rows are noisy, and it takes sixteen of seventeen minutes.
 WITHOUT_SOFTWARE = ("fastest",)
-# What all of a GPU server's studies may take together; a longer run says so.
+# The time that all studies of a GPU server may take together; a longer run prints a note.
 BUDGET_SECONDS = 25 * 60
 
 
@@ -62,7 +62,7 @@ class Machine:
             raise result_files.BadInput(f"{self.program}: {reason}; expected a voxspring program") from None
 
     def commit_of(self, version):
-        """Of "voxspring 0.2.0 (commit 1911cee49e72)"; one with changes is refused."""
+        """The commit in "voxspring 0.2.0 (commit 1911cee49e72)"; a program built from a tree with changes is refused."""
         found = re.search(r"\(commit ([0-9a-f]+)(.*)\)", version)
         if not found or found[2]:
             raise result_files.BadInput(f"{self.program}: {version.strip()}: expected a program built from a commit, with no "
@@ -70,7 +70,7 @@ class Machine:
         return found[1]
 
     def folder(self):
-        """nvidia-h200 of NVIDIA H200."""
+        """The folder of the machine: nvidia-h200 for NVIDIA H200."""
         return HERE / re.sub(r"[^a-z0-9]+", "-", self.device.lower().split("(r)")[0]).strip("-")
 
 

@@ -13,7 +13,7 @@ SUFFIXES = (".json", ".json.gz")
 GZIP = b"\x1f\x8b"
 
 
-# Half the middle half of the repetitions is written beside a median from this share of it on.
+# Tables write the spread of repetitions beside a median if it is at least this share of it.
 MIN_SPREAD = 0.03
 
 
@@ -38,7 +38,7 @@ def load(path):
         if data.startswith(GZIP):
             data = gzip.decompress(data)
         text = data.decode("utf-8")
-        # NaN and Infinity, which JSON does not have, become texts, and no number is one.
+        # JSON has no NaN and no Infinity: they become texts, which no check takes for numbers.
         result = json.loads(text, parse_constant=str)
     except OSError as error:
         raise BadInput(f"{path}: {error.strerror or error}; {expected}") from None
@@ -63,14 +63,14 @@ def load(path):
 
 @functools.cache
 def validator(schema, name):
-    """What a file with a schema, or with parts by name, checks with, and the schema."""
+    """The compiled check of a schema, or of one of its named parts, and all of its parts."""
     import fastjsonschema  # pylint: disable=import-outside-toplevel  # remake.py does without
     rules = json.loads(schema.read_text(encoding="utf-8"))
     return fastjsonschema.compile(rules | {"$ref": f"#/$defs/{name}"} if name else rules), rules["$defs"]
 
 
 def check(path, data, schema, name="", at=""):
-    """Refuses what is not as the file schema, or its part of a name, says: by the file, the key, the value and what is expected."""
+    """Refuses data that a schema, or a named part of it, does not allow; the message has file, key, value and what is expected."""
     rules, parts = validator(schema, name)
     try:
         rules(data)
@@ -90,12 +90,12 @@ def study_of(path):
 
 
 def is_schema(path):
-    """Whether a file describes results and is none, as the published schema.json beside them."""
+    """Whether a file is a schema rather than a result."""
     return path.name.endswith("schema.json")
 
 
 def within(folder):
-    """The result files in a folder and the folders in it, by name; one that is there compressed as well counts once."""
+    """The result files in a folder and its subfolders, by name. A file that is there both plain and compressed counts once."""
     found = {}
     for path in sorted(folder.rglob("*")):
         if path.name.endswith(SUFFIXES) and path.is_file() and not is_schema(path):
@@ -104,7 +104,7 @@ def within(folder):
 
 
 def committed(folder):
-    """The result files in the folders of machines in a folder, but for local, which is its user's own."""
+    """The result files of each machine's folder in a folder, except `local`, which belongs to the user."""
     return [path for path in within(folder) if path.parent.parent == folder and path.parent.name != "local"]
 
 
@@ -115,21 +115,21 @@ def named(folder, study):
 
 
 def spread_of(times):
-    """Half the interquartile range over the median; nothing for fewer than three repetitions."""
+    """Half of the interquartile range over the median, or None for fewer than three repetitions."""
     if len(times) < 3:
         return None
     low, middle, high = statistics.quantiles(times, n=4, method="inclusive")
     return (high - low) / 2 / middle if middle else None
 
 
-# What a result's context says of a backend; files from before it said these have other words for them.
+# What a result's context says of a backend. Older files lack `title`, `limits_of` and `addressing`: this is the one place that derives them.
 def family(about):
-    """The API for people."""
+    """The name of the API, without its version."""
     return about.get("title") or str(about.get("api") or "another API").split(" ")[0]
 
 
 def limits_of(about):
-    """Which of the context's limits steps are held against."""
+    """The key of those of the context's limits that a step of the backend is compared with."""
     return about.get("limits_of") or re.sub(r" \d.*", "", str(about.get("api") or ""))
 
 
@@ -144,7 +144,7 @@ def counters(result):
 
 
 def groups(rows, *keys):
-    """{values of the keys: rows that have them}, in the order of their first rows; a key may be a function of a row."""
+    """{values of the keys: rows that have them}, in the order of their first rows. A key may also be a function of a row."""
     found = {}
     for row in rows:
         found.setdefault(tuple(key(row) if callable(key) else row[key] for key in keys), []).append(row)
@@ -162,18 +162,18 @@ def listed(parts):
 
 
 def medians(benchmarks):
-    """(row, times of its repetitions, or its own) of every median among rows of `benchmarks`, in their order."""
+    """(row, times of its repetitions) of every median among rows of `benchmarks`, in their order; its own time if there are no repetitions."""
     times = groups((row for row in benchmarks if row.get("run_type") == "iteration"), "run_name", "steps")
     medians_of = (row for row in benchmarks if row.get("aggregate_name") == "median")
     return [(row, [one["real_time"] for one in times.get((row["run_name"], row["steps"]), [row])]) for row in medians_of]
 
 
-# Lists of a result that repeat or judge what others have, or have no measurement.
+# Lists of a result without measurements of their own, or that repeat those of other lists.
 NOT_MEASURED = ("failed", "skipped", "verification", "fastest", "auto")
 
 
 def rows(paths):
-    """What files have measured, a dictionary a row: the machine's folder, study, commit and the list it is of, then its fields."""
+    """The measured rows of files as dictionaries: the machine's folder, the study, the commit and the name of the list, then the row's fields."""
     found = []
     for path in map(pathlib.Path, paths):
         result = load(path)

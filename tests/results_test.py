@@ -33,54 +33,47 @@ class AutoRules(unittest.TestCase):
     """results/auto_rules.py with made-up medians of one machine."""
 
     def test_several_devices_are_advised_from_the_size_on_that_pays_for_every_body(self):
+        context = {"context": {"voxspring": {"backends": {name: {"title": name.split("_")[0].upper()} for name in
+                                                          ("cuda_march", "cuda_resident", "cpu_parallel")}}}}
         def row(scene, particles, ranks, efficiency, pays, **more):
             return {"scene": scene, "backend": "cuda_march", "scaling": "strong", "particles": particles, "ranks": ranks,
                     "seconds_per_step": 1 / efficiency, "efficiency": efficiency, "pays_from_particles": pays, "noisy": []} | more
 
-        one, two = row("box", 1000, 1, 1.0, None), row("box", 1000, 2, 0.8, 400.0)
-        self.assertEqual(auto_rules.several_devices([]), [])
-        self.assertEqual(auto_rules.several_devices([{"scaling": [one]}]), [])
-        advised = [{"backend": "cuda_march", "devices": 2, "particles": 600}]
-        heart = row("heart", 900, 2, 0.7, 600.0)
-        self.assertEqual(auto_rules.several_devices([{"scaling": [one, two]}, {"scaling": [heart]}]), advised)
-        # A slower way, ranks that share a device, scenes that grow, and a smaller body that does not pay.
+        one, two, heart = row("box", 1000, 1, 1.0, None), row("box", 1000, 2, 0.8, 400.0), row("heart", 900, 2, 0.7, 600.0)
+        # A slower way, ranks that share a device, scenes that grow, a smaller body that does not pay, and a processor.
         more = [row("heart", 900, 2, 0.6, 5000.0), row("ball", 900, 2, 0.9, 9000.0, noisy=["ranks share a device"]),
                 row("growing", 900, 2, 0.9, 9000.0, scaling="weak"), row("small", 100, 2, 0.3, 800.0),
                 row("box", 1000, 2, 0.9, 1.0, backend="cpu_parallel")]
-        self.assertEqual(auto_rules.several_devices([{"scaling": [one, two, heart, *more]}]), advised)
-        # A larger body that does not pay contradicts them.
-        self.assertEqual(auto_rules.several_devices([{"scaling": [two, row("net", 5000, 2, 0.4, None)]}]), [])
-        resident = row("box", 1000, 2, 0.8, None, backend="cuda_resident")
-        self.assertEqual(auto_rules.several_devices([{"scaling": [resident]}]),
-                         [{"backend": "cuda_resident", "devices": 2, "particles": 1000}])
+        advised = [{"backend": "cuda_march", "devices": 2, "particles": 600}]
+        for results, said in (([], []), ([[one]], []), ([[one, two], [heart]], advised), ([[one, two, heart, *more]], advised),
+                              # A larger body that does not pay contradicts them.
+                              ([[two, row("net", 5000, 2, 0.4, None)]], []),
+                              ([[row("box", 1000, 2, 0.8, None, backend="cuda_resident")]],
+                               [{"backend": "cuda_resident", "devices": 2, "particles": 1000}])):
+            self.assertEqual(auto_rules.several_devices([context | {"scaling": own} for own in results]), said)
 
-    @staticmethod
-    def row(scene, particles, backend, time, tuning="", formulation="position", voxels=None):
-        name = "/".join(part for part in (scene, backend, formulation, "float32", tuning) if part)
-        return {"name": f"{name}/iterations:9", "scene": scene, "particles": particles, "voxels": voxels or particles, "backend": backend,
-                "formulation": formulation, "precision": "float32", "real_time": time}
+    def test_the_fastest_goes_first_within_particles_and_occupancy(self):
+        def row(scene, particles, backend, time, tuning="", formulation="position", voxels=None):
+            name = "/".join(part for part in (scene, backend, formulation, "float32", tuning) if part)
+            return {"name": f"{name}/iterations:9", "scene": scene, "particles": particles, "voxels": voxels or particles, "backend": backend,
+                    "formulation": formulation, "precision": "float32", "real_time": time, "limits_of": "CUDA", "on_card": True, "family": "CUDA"}
 
-    def rules_of(self, medians):
-        with mock.patch.object(auto_rules.rows, "medians", lambda study, machine: medians if study == "fastest" else []):
-            return [rule for rule in auto_rules.rules() if rule["of"] == "CUDA"]
-
-    def test_the_fastest_goes_first_and_what_was_not_measured_last(self):
-        dense = self.rules_of([self.row("box@4", 100, "cuda_a", 2), self.row("box@4", 100, "cuda_b", 3),
-                               self.row("box@4", 100, "cuda_b", 1, "fetch=l1"), self.row("box@9", 10000, "cuda_a", 5)])
-        self.assertEqual([(rule["particles"], rule["order"]) for rule in dense],
-                         [([0, 1000], ["cuda_b:fetch=l1", "cuda_a"]), ([1000, None], ["cuda_a", "cuda_b:fetch=l1"])])
-
-    def test_the_worst_formulation_counts_and_equal_neighbours_are_one(self):
-        dense = self.rules_of([self.row("box@4", 100, "cuda_a", 1), self.row("box@4", 100, "cuda_b", 1.2),
-                               self.row("box@4", 100, "cuda_a", 3, formulation="increment"),
-                               self.row("box@4", 100, "cuda_b", 2, formulation="increment"),
-                               self.row("box@9", 900, "cuda_b", 1), self.row("box@9", 900, "cuda_a", 2)])
-        self.assertEqual([(rule["particles"], rule["order"]) for rule in dense], [([0, None], ["cuda_b", "cuda_a"])])
-
-    def test_sparse_bodies_have_rules_of_their_own_and_scenes_that_lack_springs_none(self):
-        found = self.rules_of([self.row("heart", 100, "cuda_a", 1, voxels=500), self.row("box@4", 100, "cuda_b", 1),
-                               self.row("incision@9", 729, "cuda_c", 1)])
-        self.assertEqual([(rule["occupancy"], rule["order"]) for rule in found], [([0, 0.5], ["cuda_a"]), ([0.5, None], ["cuda_b"])])
+        full = [0.5, None]
+        for medians, said in (
+                # What was not measured comes last.
+                ([row("box@4", 100, "cuda_a", 2), row("box@4", 100, "cuda_b", 3), row("box@4", 100, "cuda_b", 1, "fetch=l1"),
+                  row("box@9", 10000, "cuda_a", 5)],
+                 [(full, [0, 1000], ["cuda_b:fetch=l1", "cuda_a"]), (full, [1000, None], ["cuda_a", "cuda_b:fetch=l1"])]),
+                # The worst formulation counts, and equal neighbours are one.
+                ([row("box@4", 100, "cuda_a", 1), row("box@4", 100, "cuda_b", 1.2), row("box@4", 100, "cuda_a", 3, formulation="increment"),
+                  row("box@4", 100, "cuda_b", 2, formulation="increment"), row("box@9", 900, "cuda_b", 1), row("box@9", 900, "cuda_a", 2)],
+                 [(full, [0, None], ["cuda_b", "cuda_a"])]),
+                # Sparse bodies have separate rules, and scenes that lack springs none.
+                ([row("heart", 100, "cuda_a", 1, voxels=500), row("box@4", 100, "cuda_b", 1), row("incision@9", 729, "cuda_c", 1)],
+                 [([0, 0.5], [0, None], ["cuda_a"]), (full, [0, None], ["cuda_b"])])):
+            with mock.patch.object(auto_rules.rows, "medians",
+                                   lambda study, machine, own=medians: own if (study, machine) == ("fastest", auto_rules.rows.GPU) else []):
+                self.assertEqual([(rule["occupancy"], rule["particles"], rule["order"]) for rule in auto_rules.rules()], said)
 
 
 class InTemporaryFolder(unittest.TestCase):

@@ -26,7 +26,7 @@ TYPES = {"Q": "quantitative", "N": "nominal", "O": "ordinal"}
 # page.css has so many colours for backends, and charts so many shapes for families of them.
 COLOURS = 22
 SHAPES = ("diamond", "triangle-right", "triangle-up", "circle", "square")
-# With this in front of them, the names of the backends and families of this repository have different places.
+# Chosen so that no two backends, and no two APIs, of this repository hash to one place.
 SALT = 3942899
 LABEL_SIZE = 10
 CONFIG = {
@@ -101,8 +101,8 @@ def columns(keys, named=None):
 
 
 def with_end_labels(rows, line, x, y, height):
-    """The rows, of which the last of each line says as well what the line is (`end_label`) and where that can be read beside the
-    others (`label_at`), in a chart of this height."""
+    """Adds a label (`end_label`) and its place (`label_at`) to the last row of each line, such that labels do not overlap in a chart of this
+    height."""
     values = [row[y] for row in rows]
     log = scale(values)["type"] == "log"
     forth, back = (math.log, math.exp) if log else (float, float)
@@ -112,7 +112,7 @@ def with_end_labels(rows, line, x, y, height):
     at = {}
     for beside in groups(ends, x).values():
         beside = sorted(beside, key=lambda row: row[y])
-        # The places, ascending, that lie nearest to the ends and at least a gap apart.
+        # The ascending places nearest to the ends of the lines that are at least a gap apart.
         steps = gap * numpy.arange(len(beside))
         apart = scipy.optimize.isotonic_regression(numpy.asarray([forth(row[y]) for row in beside]) - steps).x + steps
         at |= {id(row): back(place) for row, place in zip(beside, apart)}

@@ -15,7 +15,7 @@ import result_files
 
 from . import charts, figures, reading
 
-# What a rounding error is small beside: the time step's own error on the datasets here is above it.
+# Rounding errors up to this are called small: the error of the time step is larger on these datasets.
 SMALL_ERROR = 1e-5
 
 

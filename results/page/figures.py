@@ -1,4 +1,4 @@
-"""The figures of the page: their rows, and what these say in words. figures.vegalite says of each what its table and its charts show.
+"""The figures of the page: their rows and their findings in words. figures.vegalite describes the table and the charts of each.
 
 A figure has a panel for each machine, or for each machine and scene. A panel's chart takes the rows of its figure that match the panel
 (the page hands them over under the name `rows`), less those that the reader's filters hide: the parameters `shown`, a
@@ -17,10 +17,10 @@ from result_files import distinct, groups, listed
 from . import charts, reading
 from .charts import ABOUT
 
-# Binds a figure to its unit.
+# Keeps a number and its unit on one line.
 SPACE = "\N{NO-BREAK SPACE}"
 TARGETS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
-# A headline names no more of anything.
+# The most names in a headline.
 FEW = 3
 
 
@@ -85,7 +85,7 @@ def is_clearly_slower(times, other, marked):
 
 
 def as_fast(best, group):
-    """Of the other backends, each at its best, those that repetitions do not tell from the fastest, fastest first."""
+    """The best rows of other backends that repetitions cannot tell from the fastest one, fastest first."""
     others = [fastest(own) for (backend,), own in groups(group, "backend").items() if backend != best["backend"]]
     return sorted((row for row in others if not is_clearly_slower(
         best["repetition_times"], row["repetition_times"], bool(best["noisy"] or row["noisy"]))),
@@ -107,7 +107,7 @@ class Outcome:
 
 
 def outcomes(results, rows):
-    """By machine the outcome of each dataset, small ones first; the machine with most datasets first."""
+    """The outcomes of each machine's datasets, small datasets first; the machine with most datasets comes first."""
     tried = {(result.machine, row["scene"], row["backend"]) for result in results
              for name in ("skipped", "failed") for row in result.lists[name]}
     found = {}
@@ -125,8 +125,8 @@ def outcomes(results, rows):
 
 
 def ladder(entries):
-    """Up to which size which backend wins the sizes of one dataset, (dataset, [(backends, on chip, particles)]): of that with
-    most of them, if each backend wins sizes that lie beside each other. Backends whose state stays on the chip count as one."""
+    """(dataset, [(backends, on chip, particles)]): which backend wins up to which size, for the dataset with the most sizes. None unless each
+    backend wins sizes beside each other. Backends whose state stays on the chip count as one."""
     families = groups([entry.best | {"family_name": entry.best["scene"].split("@")[0]} for entry in entries if entry.won], "family_name")
     (family,), rows = max(families.items(), key=lambda item: len(item[1]), default=((None,), []))
     steps = []
@@ -211,7 +211,7 @@ class Figure:
         return Panel(heading, match, spec, about.get("step"))
 
 
-# What makes the rows of a figure of the Page, without which there is no figure; what is drawn below them; and what says what was found.
+# By figure: what makes its rows of the Page (without rows there is no figure), what tells its finding, and what draws layers below its marks.
 MADE_BY = {}
 
 
@@ -224,7 +224,7 @@ def figure_of(name, rows, below=None):
 
 
 def labelled(rows):
-    """With what tells the rows of a figure apart, beyond what they all share."""
+    """Adds labels to rows: what tells them apart, without the formulation if all share it."""
     common = len({row["formulation"] for row in rows}) == 1
     words = [row["contender"].split(" ") for row in rows]
     return [{**row, "label": " ".join(own[:1] + own[2:] if common else own)} for row, own in zip(rows, words)]
@@ -368,10 +368,10 @@ def roofline(figure, rows):
         figure.tell(machine, text, f"{text}; the median row reaches {percent(middle)}, and {bound} binds {percent(share)} of them")
 
 
-# The datasets of a panel each: one that lies in a card's cache, and one far beyond it. Without them the smallest and the largest.
+# One panel per dataset: one that fits a card's cache, and one far beyond it. If neither was measured: the smallest and the largest.
 INTENSITY_SCENES = ("box@32", "box@256")
 ROOF_DASHES = {"memory": [1, 0], "memory, half written": [4, 4], "cache": [1, 3]}
-# How far right of the last roof's bend the strategies stand that move no bytes.
+# Strategies that move no bytes stand at this multiple of the right end of the roofs.
 ON_CHIP = 1.9
 
 
@@ -385,7 +385,7 @@ def intensities(page):
     for (machine, _), group in groups(rows, "machine", "scene").items():
         roofs = reading.rooflines([result for result in page.results if result.machine == machine], group)
         known = [row["operations_a_byte"] for row in group if row["operations_a_byte"]] or [1.0]
-        # From the left of all rows and of where the roofs meet to the right of both.
+        # The axis spans all rows and all bends of the roofs.
         known += [operations / rate for bandwidths, operations in roofs.values() for rate in bandwidths.values()]
         edge = 2 * max(known)
         end = edge if all(row["operations_a_byte"] for row in group) else edge * ON_CHIP**1.5
@@ -438,7 +438,7 @@ def map_cells(page):
 @figure_of("map", map_cells)
 def stability_map(figure, rows):
     for (machine, _), cells in groups(rows, "machine", "scene").items():
-        # How far each damping stays bounded, without a gap below.
+        # The largest fraction of each damping up to which all are bounded.
         reach = {}
         for (damping,), line in groups(cells, "damping").items():
             first = min((cell["fraction"] for cell in line if cell["region"] != "bounded"), default=math.inf)
@@ -575,7 +575,7 @@ def histograms(page):
     shown = []
     for group in groups(found, "machine", "scene", "hertz", "edited").values():
         period = group[0]["period"]
-        # The period lies inside.
+        # The axis includes the period.
         domain = [min(period, *(row["begin"][0] for row in group)) / 1.2, max(period, *(row["end"][-1] for row in group)) * 1.2]
         least = min(min(row["share"]) for row in group)
         by_median = groups(sorted(group, key=lambda row: row["median"]), "contender").values()
@@ -608,7 +608,7 @@ def latencies(figure, rows):
         figure.tell(machine, line, "; ".join(more))
 
 
-# What diff.py takes unless it is told otherwise.
+# The defaults of diff.py.
 RULE = comparison.Rule()
 
 
@@ -623,8 +623,7 @@ def judged(first, last):
 
 
 def changes(rows, first, last):
-    """What became of the times between two files, in a line and in more words: the largest change that is one, and how many cannot
-    be told."""
+    """How times changed between two files, in a line and in more words: the largest change, and the number of rows per verdict."""
     commits = f"from commit {first.short_commit} to {last.short_commit}"
     counts = collections.Counter(row["verdict"] for row in rows)
     verdicts = listed(f"{counts[verdict]} {verdict}" for verdict in comparison.VERDICTS if counts[verdict])

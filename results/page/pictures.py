@@ -17,16 +17,16 @@ import result_files
 
 from . import reading
 
-# What a PNG file that is whole ends with.
+# The last bytes of a complete PNG file.
 END = b"IEND\xaeB`\x82"
 COLOURED_BY = ("displacement", "error")
 SIZE = "560x420"
-# Particle updates of a run, which float64 on one core takes about two seconds for, and the most steps.
+# Particle updates per run (about two seconds of float64 on one core), and the most steps.
 UPDATES = 30_000_000
 MAX_STEPS = 2000
-# The largest of several sizes up to this one is drawn, which leaves it some hundred steps to move; without one the smallest is.
+# The largest of several sizes up to this one is drawn, so that it moves for some hundred steps; if all are larger, the smallest.
 FAMILIAR = 100_000
-# Beyond this not even a few steps are drawn.
+# Larger bodies are not drawn.
 MAX_PARTICLES = 4_000_000
 SECONDS = 120
 ANOTHER_SIZE = "as those shown, in another size"
@@ -95,7 +95,7 @@ def choose(results):
         left_out.append((others, "no built-in scene has such a name"))
     if large:
         left_out.append((large, f"more than {MAX_PARTICLES // 1_000_000} million particles"))
-    # A reader remembers a heart sooner than a box.
+    # The heart comes first, since readers remember it best.
     chosen.sort(key=lambda wanted: (not wanted.scene.startswith("heart"), reading.natural(wanted.scene)))
     return chosen, left_out
 
@@ -129,7 +129,7 @@ def draw(program, folder, wanted, coloured_by):
     try:
         if path.exists() and path.stat().st_mtime > program.stat().st_mtime:
             return ""
-        # What an older program drew is not what this one draws.
+        # A picture by an older program is out of date.
         path.unlink(missing_ok=True)
         done = subprocess.run(wanted.command(program, path, coloured_by), capture_output=True, text=True, timeout=SECONDS)
     except OSError as error:
@@ -165,6 +165,6 @@ def gather(results, folder, program):
                 found[wanted.scene] = drawn
             else:
                 missing.setdefault("the built-in scene of that name is another body", []).append(wanted.scene)
-    # Without any, no other size is shown.
+    # The reason "another size" only makes sense if some picture is shown.
     return found, [(scenes, reason) for scenes, reason in left_out if found or reason != ANOTHER_SIZE] + [
         (scenes, reason) for reason, scenes in missing.items()]

@@ -26,7 +26,7 @@ MEASURED = tuple(name for name in LISTS if name not in ("fastest", "failed", "sk
 
 @dataclass
 class Result:
-    """One file. machine is what its times are of: the GPU, or the processor where there is none, and what tells it apart from others
+    """One file. `machine` is the GPU, or the processor if there is no GPU, and whatever tells it apart from others
     on the page that are called alike."""
 
     path: pathlib.Path
@@ -36,9 +36,9 @@ class Result:
     commit: str
     date: str
     lists: dict = field(repr=False)
-    backends: dict = field(repr=False)  # what the file says of each
-    limits: dict = field(repr=False)  # what was measured of devices, by what the backends call it
-    counters: dict = field(repr=False)  # what further fields of its rows are
+    backends: dict = field(repr=False)  # what the context says of each
+    limits: dict = field(repr=False)  # measured limits of devices, by the name that backends refer to
+    counters: dict = field(repr=False)  # descriptions of counters, by name
     cores: int = None
     host: str = ""
     cards: tuple = ()  # their identities
@@ -79,12 +79,12 @@ def check_histogram(path, where, row):
                            "the one before, and a count above 0")
 
 
-# Rates of arithmetic: of a device the highest counts.
+# Rates of arithmetic; the highest of a device is its roof.
 OPERATIONS = ("float32_operations_per_second", "compute_shader_float32_operations_per_second")
 
 
 def roofs(limits):
-    """Of a device: bytes per second through memory and through the cache, by what they are, and operations per second."""
+    """The roofs of a device: bytes per second of memory and of the cache, by name, and operations per second."""
     table = limits["bandwidth"]
     beyond = max(entry["footprint_bytes"] for entry in table)
     memory = {entry["written_share"]: entry["bytes_per_second"] for entry in table if entry["footprint_bytes"] == beyond}
@@ -93,7 +93,7 @@ def roofs(limits):
     return bytes_per_second, max(limits[key] for key in OPERATIONS if key in limits)
 
 
-# Below which of them a line of text says what they are.
+# The roofs that have a label, and what it says.
 ROOF_LABELS = {"memory, half written": "memory (dashed: half written)", "cache": "cache"}
 
 
@@ -120,7 +120,7 @@ def read(path):
     about = context["voxspring"]
     machine = about["gpu"] if isinstance(about.get("gpu"), str) else about["cpu"]
     driver = about.get("driver") if isinstance(about.get("driver"), str) else ""
-    # The identities of the cards; none of a processor or of a device that has none.
+    # Identities of cards; processors have none.
     backends = {name: one for name, one in about.get("backends", {}).items() if isinstance(one, dict)}
     cards = {one["uuid"] for one in backends.values() if one.get("uuid")}
     return Result(path, about["study"]["name"], machine, driver, about["commit"], context["date"], lists, backends,
@@ -155,7 +155,7 @@ def read_all(paths):
         if not found:
             raise BadInput(f"{path}: holds no .json or .json.gz file: expected results of studies")
         files += found
-    # A file that is named beside its folder counts once.
+    # A file that is given by name and within its folder counts once.
     unique = {file.resolve(): file for file in files}
     return tell_apart(sorted((read(file) for file in unique.values()), key=lambda result: result.date))
 
@@ -213,13 +213,13 @@ def measured(results):
 
 
 def latest(rows, *keys):
-    """Of rows in the order of their dates, the last one for each combination of the keys."""
+    """The last row of each combination of the keys, of rows in the order of their dates."""
     return list({tuple(row[key] for key in keys): row for row in rows}.values())
 
 
 def strategies(rows):
-    """Of measured rows one a contender and scene: the latest of each study, and of these the one of most steps, among whose steps
-    what a launch costs is spread the most."""
+    """One measured row per contender and scene: of the latest row of each study the one with the most steps, which spreads the cost of a
+    launch over the most steps."""
     rows = latest(rows, "machine", "scene", "contender", "study")
     return latest(sorted(rows, key=lambda row: row["steps"]), "machine", "scene", "contender")
 
@@ -243,7 +243,7 @@ def scaling(results):
             for row in rows_of(results, "scaling") if row.get("efficiency") and row.get("predicted_seconds")]
 
 
-# Ranks that nobody here has measured.
+# Numbers of ranks to predict.
 FORECAST_RANKS = (8, 64, 1024)
 
 
@@ -278,7 +278,7 @@ def forecast(one, most):
 
     counts = [(count, *predicted(particles / (ranks if weak else count))) for count in FORECAST_RANKS if count > ranks]
     found = [(count, seconds, efficiency) for count, seconds, efficiency, thick in counts if thick]
-    # The more ranks the less efficient, and one the most.
+    # Efficiency falls with the number of ranks.
     def beyond_half(exponent):
         return predicted(particles ** (1 - exponent))[1] - 0.5
 

@@ -3,12 +3,12 @@
 from readme.rows import PAPER, contender, fastest_of, medians, microseconds, percent, table, time_of
 from result_files import groups, listed
 
-# Beyond so many particles positions (48 bytes) and lists (72 bytes) are more than the 60 MB of an H200's L2.
+# Positions (48 bytes per particle) and lists (72 bytes) of more particles exceed the 60 MB of an H200's L2.
 LARGE = 500_000
 # A body that fills less of its grid than this is sparse.
 SPARSE = 0.5
 KINDS = ("small sparse", "small full", "large sparse", "large full")
-# Two times that are nearer to each other than this are called the same.
+# Two times that differ by less than this share are called the same.
 ALIKE = 0.03
 
 

@@ -1,4 +1,4 @@
-"""What a template's sentences may ask of the committed results: a small function a figure or verdict.
+"""Figures and verdicts for the sentences of README.in.md: one small function each, over the committed results.
 
 A case is named as in the tables: `cuda_implicit_cached fetch=l1`. Formulation and precision are `position` and `float32` unless
 said otherwise.
@@ -15,9 +15,9 @@ from readme.rows import (CPU, GPU, Missing, about_backend, by_name, fastest_of, 
 from readme.tables import slow_down
 from result_files import distinct, groups, listed
 
-# A time a particle that stays within this share of that of the largest box grows linearly.
+# Time is linear in size while the time per particle is within this share of that of the largest box.
 LINEAR = 0.2
-# Edits that cost a step no more than this are called free of cost in the verdict.
+# The verdict calls edits free if they slow steps down by at most this share.
 CHEAP = 0.05
 
 
@@ -79,7 +79,7 @@ def verdict(ratios):
 # --- Where the files are from -----------------------------------------------------------------------------
 
 def provenance(machine=GPU):
-    """Of how many commits and cards the files of a machine are."""
+    """From how many commits and cards the files of a machine come."""
     results = tables.results_of(machine)
     commits = {one["context"]["voxspring"]["commit"][:8] for one in results}
     cards = {uuid for one in results for uuid in tables.cards_of(one)}
@@ -88,7 +88,7 @@ def provenance(machine=GPU):
 
 
 def above_limit(rows):
-    """Of rows, those that are faster than their own measured limit."""
+    """The rows that are faster than their measured limit."""
     return [one for one in rows if (one["fraction_of_limit"] or 0) > 1]
 
 
@@ -337,7 +337,7 @@ def best_of(study, scene, backend, formulation="position"):
     return fastest_of(rows)["real_time"]
 
 
-# What a template may name.
+# The names that the template may use.
 NAMES = {name: value for name, value in globals().items() if not name.startswith("_")} | {
     "addressing_verdict": addressing.verdict, "IMPLICIT": addressing.IMPLICIT, "EXPLICIT": addressing.EXPLICIT,
     "CPU": CPU, "min": min, "max": max}

@@ -79,7 +79,7 @@ def alike(rows, row):
     return [other for other in rows if all(other[key] == row[key] for key in ("scene", "formulation", "precision"))]
 
 
-# Fewer repetitions are not divided, as in harness/study/fastest.cpp.
+# With fewer repetitions, all of them choose and are reported, as in harness/study/fastest.cpp.
 FEWEST_TO_DIVIDE = 4
 
 

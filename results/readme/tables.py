@@ -242,7 +242,7 @@ def cards_of(one):
 
 
 def files():
-    """Of which commit, day and card each file is, and what its runs say of themselves."""
+    """The commit, day and card of each file, and how many of its rows its run marked."""
     lines, cards = [], {}
     for path in result_files.within(RESULTS / GPU):
         one = loaded(path)
