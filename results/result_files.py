@@ -168,7 +168,7 @@ def medians(benchmarks):
     return [(row, [one["real_time"] for one in times.get((row["run_name"], row["steps"]), [row])]) for row in medians_of]
 
 
-# Lists of a result without measurements of their own, or that repeat those of other lists.
+# Lists of a result that have no measurements, or that repeat those of other lists.
 NOT_MEASURED = ("failed", "skipped", "verification", "fastest", "auto")
 
 

@@ -4,7 +4,6 @@ import collections
 import math
 
 import result_files
-from readme import addressing
 from readme.rows import (
     GPU, PAPER, RESULTS, alike, by_machine, by_name, contender, fastest_of, giga, held_out, is_papers, loaded, marked, medians, medians_of,
     microseconds, name_of, percent, result, spread_text, table, table_of, three_digits, time_of, tuning_of,
