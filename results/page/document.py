@@ -154,7 +154,7 @@ def page(results, pictures, left_out):
     weight = collections.Counter(result.machine for result in results for _ in result.lists["benchmarks"])
     results = sorted(results, key=lambda result: -weight[result.machine])
     shown, drawn = figures.all_figures(results)
-    runs, found = figures.latest_runs(shown), figures.outcomes(results, shown.measured)
+    runs, found = figures.latest_runs(shown), shown.outcomes
     machine, title, lead = headline(found, runs, drawn)
     answers = {name: answer([result for result in results if result.machine == name], found.get(name),
                             [row for row in runs if row["machine"] == name])

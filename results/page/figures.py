@@ -158,6 +158,10 @@ class Page:
                 if any(isinstance(row.get(name), (int, float)) for row in rows)]
 
     @functools.cached_property
+    def outcomes(self):
+        return outcomes(self.results, self.measured)
+
+    @functools.cached_property
     def histories(self):
         """Files with times of one study on one machine, by date, where there are several, and what diff.py has for the first and the last."""
         found = groups((result for result in self.results if result.lists["benchmarks"]), lambda one: one.machine, lambda one: one.study)
@@ -176,15 +180,15 @@ class Panel:
 class Figure:
     """A figure as it is drawn: the rows of its table, its panels, and what was found; a backend has one colour in all of them."""
 
-    def __init__(self, name, rows, page, tell, below):
+    def __init__(self, name, rows, page, tell, by, below):
         self.name, self.rows, self.page, self.below, self.about = name, rows, page, below, ABOUT["figures"][name]
         self.columns, self.legend = charts.columns(self.about["columns"], self.about.get("named")), self.about.get("legend", "backend")
         self.columns += page.counters(rows, {key for key, *_ in self.columns})
         # Captions name the results with a list, or of a study.
         having = self.about.get("having", "benchmarks")
         self.results = [one for one in page.results if (one.lists[having] if having in one.lists else one.study == having)]
-        self.findings = []  # (machine, a line, more of it or nothing)
-        tell(self, rows)
+        groups_told = groups(rows, *by.split(" ")) if by else {(listed(distinct(rows, "machine")),): rows}
+        self.findings = [(machine, *tell(self, own)) for (machine, *_), own in groups_told.items()]  # a line, and more of it or nothing
         keys = self.about["by"].split(" ")
         self.panels = [self.panel(dict(zip(keys, values)), group) for values, group in groups(rows, *keys).items()]
 
@@ -199,9 +203,6 @@ class Figure:
         told = [(machine, more or line) for machine, line, more in self.findings]
         return by_machine(told) + "." if len(told) > 1 or self.findings[0][2] else ""
 
-    def tell(self, machine, line, more=""):
-        self.findings.append((machine, line, more))
-
     def panel(self, match, rows):
         about = self.about | self.about.get(rows[0].get("form"), {})
         heading = about.get("heading", ", ".join(f"{{{key}}}" for key in reversed(match))).format_map(rows[0])
@@ -215,10 +216,11 @@ class Figure:
 MADE_BY = {}
 
 
-def figure_of(name, rows, below=None):
-    """Registers what makes a figure of figures.vegalite; the function that it decorates tells what was found, machine by machine."""
+def figure_of(name, rows, below=None, by="machine"):
+    """Registers what makes a figure of figures.vegalite. The function that it decorates tells what was found in the rows of each machine, or of
+    other keys: a line, and more words or none."""
     def register(tell):
-        MADE_BY[name] = (rows, tell, below)
+        MADE_BY[name] = (rows, tell, by, below)
         return tell
     return register
 
@@ -259,29 +261,27 @@ def with_end_labels(rows, x, y, height):
 
 
 @figure_of("datasets", best_of_each_backend)
-def datasets(figure, _):
-    for machine, entries in outcomes(figure.page.results, figure.page.measured).items():
-        winners = collections.Counter(entry.best["backend"] for entry in entries if entry.won)
-        shares = [f"{name} wins {winners[name]}" for name in sorted(winners, key=lambda name: (-winners[name], name))]
-        more = listed(shares) or "no backend wins any"
-        if untold := sum(bool(entry.equals) for entry in entries):
-            more += f"; on {untold} the fastest cannot be told"
-        if absent := [entry.best["scene"] for entry in entries if entry.absent and not entry.equals]:
-            more += f"; nobody wins {listed(absent)}, where what wins smaller and larger ones was not measured"
-        figure.tell(machine, f"{listed(shares[:FEW]) or 'no backend wins any'} of {len(entries)} datasets", f"of {len(entries)} datasets {more}")
+def datasets(figure, rows):
+    entries = figure.page.outcomes[rows[0]["machine"]]
+    winners = collections.Counter(entry.best["backend"] for entry in entries if entry.won)
+    shares = [f"{name} wins {winners[name]}" for name in sorted(winners, key=lambda name: (-winners[name], name))]
+    more = listed(shares) or "no backend wins any"
+    if untold := sum(bool(entry.equals) for entry in entries):
+        more += f"; on {untold} the fastest cannot be told"
+    if absent := [entry.best["scene"] for entry in entries if entry.absent and not entry.equals]:
+        more += f"; nobody wins {listed(absent)}, where what wins smaller and larger ones was not measured"
+    return f"{listed(shares[:FEW]) or 'no backend wins any'} of {len(entries)} datasets", f"of {len(entries)} datasets {more}"
 
 
 @figure_of("figure7", of_study("figure7"))
-def figure7(figure, rows):
-    leaders, told = {}, {}
-    for (machine, scene), group in groups(rows, "machine", "scene").items():
+def figure7(_, rows):
+    leaders, told = {}, []
+    for (scene,), group in groups(rows, "scene").items():
         first, last = fastest(group), max(group, key=lambda row: row["microseconds"])
-        leaders.setdefault(machine, {}).setdefault(first["backend"], []).append(scene)
-        told.setdefault(machine, []).append(
-            f"{first['label']} leads on {scene} with {time_text(first['microseconds'])} per step, "
-            f"{last['microseconds'] / first['microseconds']:.1f} times as fast as {last['label']}")
-    for machine, of_machine in leaders.items():
-        figure.tell(machine, listed(f"{name} leads on {listed(scenes)}" for name, scenes in of_machine.items()), "; ".join(told[machine]))
+        leaders.setdefault(first["backend"], []).append(scene)
+        told.append(f"{first['label']} leads on {scene} with {time_text(first['microseconds'])} per step, "
+                    f"{last['microseconds'] / first['microseconds']:.1f} times as fast as {last['label']}")
+    return listed(f"{name} leads on {listed(scenes)}" for name, scenes in leaders.items()), "; ".join(told)
 
 
 def sizes_of_boxes(page):
@@ -291,14 +291,13 @@ def sizes_of_boxes(page):
 
 
 @figure_of("figure8", sizes_of_boxes)
-def figure8(figure, rows):
-    for (machine,), group in groups(rows, "machine").items():
-        sizes = sorted({row["particles"] for row in group})
-        small, large = (fastest(row for row in group if row["particles"] == size) for size in (sizes[0], sizes[-1]))
-        text = f"{large['label']} leads at {engineering(sizes[-1], 'particles')} with {time_text(large['microseconds'])} per step"
-        figure.tell(machine, text, f"{text}; {sizes[-1] / sizes[0]:,.0f} times fewer take "
-                    f"{large['microseconds'] / small['microseconds']:.0f} times less, "
-                    f"{time_text(small['microseconds'])} with {small['label']}")
+def figure8(_, group):
+    sizes = sorted({row["particles"] for row in group})
+    small, large = (fastest(row for row in group if row["particles"] == size) for size in (sizes[0], sizes[-1]))
+    text = f"{large['label']} leads at {engineering(sizes[-1], 'particles')} with {time_text(large['microseconds'])} per step"
+    return (text, f"{text}; {sizes[-1] / sizes[0]:,.0f} times fewer take "
+            f"{large['microseconds'] / small['microseconds']:.0f} times less, "
+            f"{time_text(small['microseconds'])} with {small['label']}")
 
 
 def fastest_within(rows, target):
@@ -306,8 +305,8 @@ def fastest_within(rows, target):
     return min((row for row in rows if row["total"] <= target), key=lambda row: row["seconds"], default=None)
 
 
-@figure_of("front", latest_runs)
-def front(figure, runs):
+@figure_of("front", latest_runs, by="")
+def front(_, runs):
     costs = []
     for group in groups(runs, "machine", "scene").values():
         coarse, fine = fastest_within(group, 1e-4), fastest_within(group, 1e-6)
@@ -317,15 +316,15 @@ def front(figure, runs):
     title = (f"{most} is most often on a Pareto front, in {percent(on_front.count(most) / len(on_front))} of its runs" if most else
              "no run is on a Pareto front")
     cost = f"an error of 1e-6 takes {between(costs, lambda c: f'{c:.2g}')} times as long as one of 1e-4" if costs else ""
-    figure.tell(listed(distinct(runs, "machine")), cost or title, f"{cost}; {title}" if cost else "")
+    return cost or title, f"{cost}; {title}" if cost else ""
 
 
 def step_text(fraction):
     return f"1/{1 / fraction:.3g}"
 
 
-@figure_of("curves", latest_runs)
-def curves(figure, runs):
+@figure_of("curves", latest_runs, by="")
+def curves(_, runs):
     turns = {}
     in_float32 = [row for row in runs if row["precision"] == "float32"]
     for (_, _, formulation), group in groups(in_float32, "machine", "scene", "formulation").items():
@@ -341,7 +340,7 @@ def curves(figure, runs):
         title += ("; " if title else "in float32 ") + f"{listed(pays)} gain{'s' * (len(pays) == 1)} down to {step_text(finest)}"
     line = "finer steps pay off in float32" if pays else "finer steps do not always pay off in float32"
     alone = f" for {listed(pays)} alone," if pays and grows else ""
-    figure.tell(listed(distinct(runs, "machine")), line + alone + (f" down to {step_text(finest)}" if pays else ""), title)
+    return line + alone + (f" down to {step_text(finest)}" if pays else ""), title
 
 
 def limits_below(rows):
@@ -358,14 +357,13 @@ def limits_below(rows):
 
 @figure_of("roofline", lambda page: [row for row in reading.strategies(page.measured) if row["limit_microseconds"] and row["of_limit"]],
            below=limits_below)
-def roofline(figure, rows):
-    for (machine,), group in groups(rows, "machine").items():
-        best = max([row for row in group if row["of_limit"] <= 1] or group, key=lambda row: row["of_limit"])
-        middle = statistics.median(row["of_limit"] for row in group)
-        bound = statistics.mode(row["limited_by"] for row in group)
-        share = sum(row["limited_by"] == bound for row in group) / len(group)
-        text = f"{best['backend']} comes closest to its limit, {percent(best['of_limit'])} on {best['scene']}"
-        figure.tell(machine, text, f"{text}; the median row reaches {percent(middle)}, and {bound} binds {percent(share)} of them")
+def roofline(_, group):
+    best = max([row for row in group if row["of_limit"] <= 1] or group, key=lambda row: row["of_limit"])
+    middle = statistics.median(row["of_limit"] for row in group)
+    bound = statistics.mode(row["limited_by"] for row in group)
+    share = sum(row["limited_by"] == bound for row in group) / len(group)
+    text = f"{best['backend']} comes closest to its limit, {percent(best['of_limit'])} on {best['scene']}"
+    return text, f"{text}; the median row reaches {percent(middle)}, and {bound} binds {percent(share)} of them"
 
 
 # One panel per dataset: one that fits a card's cache, and one far beyond it. If neither was measured: the smallest and the largest.
@@ -416,14 +414,13 @@ def roofs_below(rows):
 
 
 @figure_of("intensity", intensities, below=roofs_below)
-def intensity(figure, rows):
-    for (machine,), of_machine in groups(rows, "machine").items():
-        told = []
-        for (scene,), group in groups(of_machine, "scene").items():
-            best = max(group, key=lambda row: row["operation_rate"])
-            where = f"at {best['operations_a_byte']:.2g} operations per byte" if best["operations_a_byte"] else "on the chip"
-            told.append((f"{best['backend']} computes most on {scene}, {engineering(best['operation_rate'] * 1e9, 'op/s')}", where))
-        figure.tell(machine, told[-1][0], listed(f"{text} {where}" for text, where in told))
+def intensity(_, rows):
+    told = []
+    for (scene,), group in groups(rows, "scene").items():
+        best = max(group, key=lambda row: row["operation_rate"])
+        where = f"at {best['operations_a_byte']:.2g} operations per byte" if best["operations_a_byte"] else "on the chip"
+        told.append((f"{best['backend']} computes most on {scene}, {engineering(best['operation_rate'] * 1e9, 'op/s')}", where))
+    return told[-1][0], listed(f"{text} {where}" for text, where in told)
 
 
 def map_cells(page):
@@ -435,19 +432,18 @@ def map_cells(page):
             for fraction, region in zip(row["fraction"], line)]
 
 
-@figure_of("map", map_cells)
-def stability_map(figure, rows):
-    for (machine, _), cells in groups(rows, "machine", "scene").items():
-        # The largest fraction of each damping up to which all are bounded.
-        reach = {}
-        for (damping,), line in groups(cells, "damping").items():
-            first = min((cell["fraction"] for cell in line if cell["region"] != "bounded"), default=math.inf)
-            reach[damping] = max((cell["fraction"] for cell in line if cell["fraction"] < first), default=0)
-        least, most = min(reach), max(reach.values())
-        enough = min(damping for damping in reach if reach[damping] == most)
-        figure.tell(machine, f"damping {enough:g} keeps a random start bounded up to {most:g} of the limit",
-                    f"a random start of ±{cells[0]['amplitude']:g} spacings stays bounded up to "
-                    f"{reach[least]:g} of the limit at damping {least:g}, and up to {most:g} at {enough:g}")
+@figure_of("map", map_cells, by="machine scene")
+def stability_map(_, cells):
+    # The largest fraction of each damping up to which all are bounded.
+    reach = {}
+    for (damping,), line in groups(cells, "damping").items():
+        first = min((cell["fraction"] for cell in line if cell["region"] != "bounded"), default=math.inf)
+        reach[damping] = max((cell["fraction"] for cell in line if cell["fraction"] < first), default=0)
+    least, most = min(reach), max(reach.values())
+    enough = min(damping for damping in reach if reach[damping] == most)
+    return (f"damping {enough:g} keeps a random start bounded up to {most:g} of the limit",
+            f"a random start of ±{cells[0]['amplitude']:g} spacings stays bounded up to "
+            f"{reach[least]:g} of the limit at damping {least:g}, and up to {most:g} at {enough:g}")
 
 
 def starts(page):
@@ -458,13 +454,13 @@ def starts(page):
     return reading.latest(rows, "machine", "scene", "contender", "kind")
 
 
-@figure_of("stability", starts)
-def stability(figure, rows):
+@figure_of("stability", starts, by="")
+def stability(_, rows):
     small = [abs(row["ratio"] - 1) for row in rows if row["held"]]
     lowest = min(rows, key=lambda row: row["ratio"])
     ends = f"a start of {lowest['start']} spacings ends at {lowest['ratio']:.2f} of it"
     line = f"where theory holds, measured limits differ from it by at most {100 * max(small):.2g}{SPACE}%" if small else ""
-    figure.tell(listed(distinct(rows, "machine")), line or ends.replace(" of it", " of the limit of theory"), f"{line}; {ends}" if line else "")
+    return line or ends.replace(" of it", " of the limit of theory"), f"{line}; {ends}" if line else ""
 
 
 QUANTITIES = {"slower": ("Slow-down", "slower by (%)"), "edit_microseconds": ("Latency of an edit", "an edit by itself (µs)")}
@@ -493,15 +489,14 @@ def edited(page):
 @figure_of("edits", edited)
 def edits(figure, rows):
     figure.results = [result for result in figure.results if any(row.get("edits") for row in result.lists["benchmarks"])]
-    for (machine,), of_machine in groups([row for row in rows if row["quantity"] == "slower"], "machine").items():
-        told = []
-        for (steps,), group in by_edited_steps(of_machine).items():
-            middles = [(count, f"{statistics.median(row['slower'] for row in of_count):.2g}{SPACE}%")
-                       for (count,), of_count in sorted(groups(group, "edits").items())]
-            several = f"{counted(middles[-1][0], 'edit')} slow {steps} steps down by {middles[-1][1]}"
-            told.append((f"{several} in the median of {len(distinct(group, 'contender'))} strategies",
-                         f"{steps} steps by " + ", ".join(f"{text} ({counted(count, 'edit')})" for count, text in middles)))
-        figure.tell(machine, told[0][0], "edits slow, in the median of all strategies, " + listed(text for _, text in told))
+    told = []
+    for (steps,), group in by_edited_steps([row for row in rows if row["quantity"] == "slower"]).items():
+        middles = [(count, f"{statistics.median(row['slower'] for row in of_count):.2g}{SPACE}%")
+                   for (count,), of_count in sorted(groups(group, "edits").items())]
+        several = f"{counted(middles[-1][0], 'edit')} slow {steps} steps down by {middles[-1][1]}"
+        told.append((f"{several} in the median of {len(distinct(group, 'contender'))} strategies",
+                     f"{steps} steps by " + ", ".join(f"{text} ({counted(count, 'edit')})" for count, text in middles)))
+    return told[0][0], "edits slow, in the median of all strategies, " + listed(text for _, text in told)
 
 
 def overheads(page):
@@ -511,25 +506,23 @@ def overheads(page):
 
 
 @figure_of("overhead", overheads)
-def overhead(figure, rows):
-    for (machine,), group in groups(rows, "machine").items():
-        least = min(row["particles"] for row in group)
-        small = [fastest(row for row in group if row["particles"] == least and row["handed_over"] == how) for how in charts.MARKS["handed_over"]]
-        told = [(time_text(row["microseconds"]), row["handed_over"], row["label"]) for row in small if row]
-        line = f"a step of {least} particles takes at least "
-        figure.tell(machine, line + listed(f"{time} {how}" for time, how, _ in told),
-                    line + listed(f"{time} with {label} where steps are handed over {how}" for time, how, label in told))
+def overhead(_, group):
+    least = min(row["particles"] for row in group)
+    small = [fastest(row for row in group if row["particles"] == least and row["handed_over"] == how) for how in charts.MARKS["handed_over"]]
+    told = [(time_text(row["microseconds"]), row["handed_over"], row["label"]) for row in small if row]
+    line = f"a step of {least} particles takes at least "
+    return (line + listed(f"{time} {how}" for time, how, _ in told),
+            line + listed(f"{time} with {label} where steps are handed over {how}" for time, how, label in told))
 
 
 @figure_of("energy", latest_of(in_units("energy", millijoules=("joules_per_step", 1e3), microseconds=("seconds_per_step", 1e6)), "scene", "contender"))
-def energy(figure, rows):
-    for (machine,), group in groups(rows, "machine").items():
-        told = []
-        for (scene,), of_scene in sorted(groups(group, "scene").items(), key=lambda item: item[1][0]["particles"]):
-            least = min(of_scene, key=lambda row: row["millijoules"])
-            told.append(f"a step of {scene} takes {least['millijoules']:.3g}{SPACE}mJ with {least['label']}"
-                        + f", the least of {len(of_scene)} strategies" * (len(of_scene) > 1))
-        figure.tell(machine, told[-1], "; ".join(told) if len(told) > 1 else "")
+def energy(_, group):
+    told = []
+    for (scene,), of_scene in sorted(groups(group, "scene").items(), key=lambda item: item[1][0]["particles"]):
+        least = min(of_scene, key=lambda row: row["millijoules"])
+        told.append(f"a step of {scene} takes {least['millijoules']:.3g}{SPACE}mJ with {least['label']}"
+                    + f", the least of {len(of_scene)} strategies" * (len(of_scene) > 1))
+    return told[-1], "; ".join(told) if len(told) > 1 else ""
 
 
 def ranks_measured(page):
@@ -538,23 +531,22 @@ def ranks_measured(page):
 
 
 @figure_of("scaling", ranks_measured)
-def scaling(figure, rows):
-    for (machine,), group in groups([row for row in rows if row["ranks"] > 1], "machine").items():
-        told = [row for row in group if not row["noisy"]] or group
-        most = max(row["ranks"] for row in told)
-        reached = [row["efficiency"] for row in told if row["ranks"] == most]
-        figure.tell(machine, f"{most} ranks have {between(reached, percent)} of the efficiency of one", "")
+def scaling(_, group):
+    several = [row for row in group if row["ranks"] > 1]
+    told = [row for row in several if not row["noisy"]] or several or group
+    most = max(row["ranks"] for row in told)
+    reached = [row["efficiency"] for row in told if row["ranks"] == most]
+    return f"{most} ranks have {between(reached, percent)} of the efficiency of one", ""
 
 
 @figure_of("forecast", latest_of(reading.scaling_forecast, "compared", "contender", "parts", "way", "ranks"))
-def scaling_forecast(figure, rows):
-    for (machine,), group in groups(rows, "machine").items():
-        halves = [row["half"] for row in group if row["half"]]
-        most = max(row["ranks"] for row in group)
-        reached = [row["efficiency"] for row in group if row["ranks"] == most]
-        finding = f"a model predicts {between(reached, percent)} of the efficiency of one for {most} ranks"
-        half = f"{finding}, and half of it at {between(halves, lambda value: f'{value:.0f}')}" if halves else ""
-        figure.tell(machine, finding, half)
+def scaling_forecast(_, group):
+    halves = [row["half"] for row in group if row["half"]]
+    most = max(row["ranks"] for row in group)
+    reached = [row["efficiency"] for row in group if row["ranks"] == most]
+    finding = f"a model predicts {between(reached, percent)} of the efficiency of one for {most} ranks"
+    half = f"{finding}, and half of it at {between(halves, lambda value: f'{value:.0f}')}" if halves else ""
+    return finding, half
 
 
 def drawing_costs(rows):
@@ -592,20 +584,19 @@ def period_line(rows):
 
 
 @figure_of("latency", histograms, below=period_line)
-def latencies(figure, rows):
-    for (machine,), group in groups(rows, "machine").items():
-        highest = max(row["hertz"] for row in group)
-        plain = [row for row in group if row["hertz"] == highest and (row["edited"], row["drawn"]) == ("no", "no")]
-        line, more = f"{len(group)} rows are of edits or drawing alone", []
-        if plain:
-            first = min(plain, key=lambda row: row["p999"])
-            within = sum(row["p999"] <= row["period"] for row in plain)
-            line = f"99.9{SPACE}% of the forces at {rate_text(highest)} are there within {time_text(first['p999'])} with {first['backend']}"
-            more.append(f"the force of 99.9{SPACE}% of the ticks at {rate_text(highest)} is there in time in {within} of {len(plain)} "
-                        f"rows, soonest with {first['contender']} on {first['scene']}: within {time_text(first['p999'])}")
-        if costs := drawing_costs(group):
-            more.append(f"drawing costs {percent(max(0, statistics.median(costs)))} of the steps that fit into a tick at the median")
-        figure.tell(machine, line, "; ".join(more))
+def latencies(_, group):
+    highest = max(row["hertz"] for row in group)
+    plain = [row for row in group if row["hertz"] == highest and (row["edited"], row["drawn"]) == ("no", "no")]
+    line, more = f"{len(group)} rows are of edits or drawing alone", []
+    if plain:
+        first = min(plain, key=lambda row: row["p999"])
+        within = sum(row["p999"] <= row["period"] for row in plain)
+        line = f"99.9{SPACE}% of the forces at {rate_text(highest)} are there within {time_text(first['p999'])} with {first['backend']}"
+        more.append(f"the force of 99.9{SPACE}% of the ticks at {rate_text(highest)} is there in time in {within} of {len(plain)} "
+                    f"rows, soonest with {first['contender']} on {first['scene']}: within {time_text(first['p999'])}")
+    if costs := drawing_costs(group):
+        more.append(f"drawing costs {percent(max(0, statistics.median(costs)))} of the steps that fit into a tick at the median")
+    return line, "; ".join(more)
 
 
 # The defaults of diff.py.
@@ -654,14 +645,13 @@ def repeated(page):
     return found
 
 
-@figure_of("history", repeated)
+@figure_of("history", repeated, by="machine study")
 def history(figure, rows):
-    for (machine, study), (files, verdicts, refused) in figure.page.histories.items():
-        nothing = f"nothing can be told of {study}"
-        figure.tell(machine, *(changes(list(verdicts.values()), files[0], files[-1]) if verdicts else
-                               (nothing, f"{nothing}: " + (refused or "its runs share no time"))))
-    runs = {(row["machine"], row["study"], row["date"]) for row in rows}
+    runs = {(row["machine"], row["study"], row["date"]) for row in figure.rows}
     figure.results = [result for result in figure.results if (result.machine, result.study, result.date) in runs]
+    files, verdicts, refused = figure.page.histories[rows[0]["machine"], rows[0]["study"]]
+    nothing = f"nothing can be told of {files[0].study}"
+    return changes(list(verdicts.values()), files[0], files[-1]) if verdicts else (nothing, f"{nothing}: {refused or 'its runs share no time'}")
 
 
 MIN_SHARE = 1e-6
@@ -685,17 +675,17 @@ def gates(page):
     return rows
 
 
-@figure_of("stress", gates)
+@figure_of("stress", gates, by="")
 def stress(figure, rows):
     figure.results = latest_suites(figure.results)
     missed = [row for row in rows if row["passed"] == "no"]
     title = f"{len(rows) - len(missed)} of {len(rows)} gates of the stress suite hold"
     others = f"{title}; the others are of {listed(sorted(set(distinct(missed, 'backend'))))}" if missed else ""
-    figure.tell(listed(distinct(rows, "machine")), title, others)
+    return title, others
 
 
 def all_figures(results):
     """The page of these results, and the figures that they have something for, in the order of figures.vegalite."""
     page = Page(results)
     made = [(name, *MADE_BY[name]) for name in ABOUT["figures"]]
-    return page, [Figure(name, rows, page, tell, below) for name, rows_of, tell, below in made if (rows := rows_of(page))]
+    return page, [Figure(name, rows, page, *how) for name, rows_of, *how in made if (rows := rows_of(page))]
