@@ -4,12 +4,13 @@
 Usage: paper.py [--check]
 
 The template is Jinja2: `{{ expression }}` stands for a figure, a verdict or, as `{{ tables.NAME() }}`, a table: functions of
-readme/facts.py and readme/tables.py over MACHINE/STUDY.json.gz. A float is written with three digits, and a paragraph that had an expression is
+readme/facts.py and readme/tables.py, and macros of readme/tables.jinja, over MACHINE/STUDY.json.gz. A float is written with three digits, and a paragraph that had an expression is
 broken into lines anew. `{{ holds(condition) }}` writes nothing, and refuses the page where the condition is false: what its sentence
 claims is then no longer what the results say. Every such sentence is named, with its line, and nothing is written.
 --check changes nothing and exits with 1 if the page is not what the results say.
 """
 
+import functools
 import pathlib
 import re
 import sys
@@ -18,7 +19,7 @@ import traceback
 
 import jinja2
 
-from readme import facts, rows
+from readme import facts, rows, tables
 
 HERE = pathlib.Path(__file__).resolve().parent
 TEMPLATE, PAGE = HERE / "README.in.md", HERE / "README.md"
@@ -61,16 +62,32 @@ def sentence_of(paragraph, line):
     return " ".join((found[0][0] if found else paragraph).split())
 
 
+ENVIRONMENT = jinja2.Environment(loader=jinja2.FileSystemLoader(HERE / "readme"), finalize=written, undefined=jinja2.StrictUndefined,
+                                 keep_trailing_newline=True, trim_blocks=True, lstrip_blocks=True)
+
+
+class Tables:
+    """The tables of the page by name: macros of tables.jinja, and functions of tables.py."""
+
+    def __getattr__(self, name):
+        if not hasattr(self.macros, name):
+            return getattr(tables, name)
+        return lambda *arguments: str(getattr(self.macros, name)(*arguments)).strip()
+
+    @functools.cached_property
+    def macros(self):
+        return ENVIRONMENT.get_template("tables.jinja", globals=vars(rows) | vars(tables) | facts.NAMES).module
+
+
 def render(text, names, page):
     """The page that a template makes; Stale names the line and the sentence of everything that is wrong with it."""
-    environment = jinja2.Environment(finalize=written, undefined=jinja2.StrictUndefined, keep_trailing_newline=True)
     wrong, made, line = [], [], 1
     # A blank line ends a paragraph; none stands in an expression.
     for paragraph in re.split(r"(\n{2,})", text):
         filled = paragraph
         if "{{" in paragraph:
             try:
-                filled = broken_anew(environment.from_string(paragraph, names | {"holds": holds}).render())
+                filled = broken_anew(ENVIRONMENT.from_string(paragraph, names | {"holds": holds}).render())
             except Exception as error:  # pylint: disable=broad-except
                 at = next((frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == "<template>"), 1)
                 reason = error if isinstance(error, (Untrue, rows.Missing)) else f"{type(error).__name__}: {error}"
@@ -84,7 +101,7 @@ def render(text, names, page):
 
 def main():
     try:
-        page = render(TEMPLATE.read_text(), facts.NAMES, TEMPLATE.name)
+        page = render(TEMPLATE.read_text(), facts.NAMES | {"tables": Tables()}, TEMPLATE.name)
     except Stale as stale:
         sys.exit(str(stale))
     if "--check" in sys.argv[1:]:

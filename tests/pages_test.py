@@ -242,7 +242,7 @@ class Tables(unittest.TestCase):
         for time, said in ((9.9, ["10", "10", "2", "the default"]), (9.0, ["10", "9", "2", "block=64"]), (11.0, ["10", "10", "2", "the default"])):
             found = [case("a", "cuda_march", 10, times=[10] * 9), case("a", "cuda_march", time, tuning="block=64", times=[time] * 9)]
             with mock.patch.object(tables, "medians", return_value=found):
-                self.assertEqual(cells_of(tables.tuning())[2][2:], said)
+                self.assertEqual(cells_of(paper.Tables().tuning())[2][2:], said)
 
     def test_one_half_of_the_repetitions_chooses_and_the_other_is_reported(self):
         def row(backend, *times):
@@ -259,7 +259,7 @@ class Tables(unittest.TestCase):
 
     def test_best_of_rows_are_those_that_the_program_chose(self):
         """The list `fastest` of each file, by harness/study/fastest.cpp, and the table of it."""
-        cells = cells_of(tables.fastest())
+        cells = cells_of(paper.Tables().fastest())
         for machine in (rows.GPU, rows.CPU):
             found = rows.medians("fastest", machine)
             for block in rows.result("fastest", machine)["fastest"]:
@@ -289,7 +289,7 @@ class Tables(unittest.TestCase):
         for row, said in (({"watts": 200, "sampled_watts": 199}, "yes, 0.5 %"), ({"watts": 200}, "no"), ({"watts": 200, "sampled_watts": None}, "no")):
             self.assertEqual(tables.cross_check(row), said)
         found = rows.result("energy")["energy"]
-        lines = cells_of(tables.energy())[2:]
+        lines = cells_of(paper.Tables().energy())[2:]
         self.assertEqual(len(lines), len(found))
         for line, row in zip(lines, found):
             self.assertAlmostEqual(float(line[1]) / 1e3 / row["joules_per_step"], 1, 2)

@@ -1,6 +1,6 @@
 """Explicit against implicit addressing, by size and by sparsity: the paper's first question."""
 
-from readme.rows import PAPER, contender, fastest_of, medians, microseconds, percent, table, time_of
+from readme.rows import PAPER, fastest_of, medians
 from result_files import groups, listed
 
 # Positions (48 bytes per particle) and lists (72 bytes) of more particles exceed the 60 MB of an H200's L2.
@@ -64,22 +64,3 @@ def verdict():
         return next(iter(ratios.values()))
     said = {word: [kind for kind, verdict_of in ratios.items() if verdict_of == word] for word in ("holds", "is undecided", "inverts")}
     return ", ".join(f"{word} for {listed(kinds)} bodies" for word, kinds in said.items() if kinds)
-
-
-def best_cell(rows):
-    row = fastest_of(rows)
-    return f"{time_of(row)} ({contender(row).replace('`', '')}, of {len(rows)})"
-
-
-def table_of_datasets():
-    """The paper's best lists against its best implicit kernel on each dataset, and what later lists make of it."""
-    lines = []
-    for one in datasets():
-        later = "-"
-        if one.later:
-            time = fastest_of(one.later)["real_time"]
-            later = f"{microseconds(time)} ({time / fastest_of(one.implicit)['real_time']:.2f})"
-        lines.append([one.scene, one.kind, str(one.particles), percent(one.active), best_cell(one.implicit),
-                      best_cell(one.explicit), f"{one.ratio:.2f}", later])
-    return table(["dataset", "kind", "particles", "active", "best implicit (us, of so many)", "best explicit (us, of so many)",
-                  "explicit / implicit", "later lists (us, over implicit)"], lines)

@@ -151,11 +151,6 @@ def table(header, rows):
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
 
 
-def table_of(rows, **columns):
-    """A table of rows: what each column writes of one. A heading is written as an argument, or in a dictionary of them."""
-    return table(list(columns), [[write(row) for write in columns.values()] for row in rows])
-
-
 def by_machine(study, header, lines_of, titled):
     """A table for each machine that has a study and lines for it, as `titled` has it of a result and a table."""
     return "\n\n".join(titled(one, table(header, lines)) for one in machines(study) if (lines := lines_of(one)))

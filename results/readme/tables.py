@@ -5,8 +5,8 @@ import math
 
 import result_files
 from readme.rows import (
-    GPU, PAPER, RESULTS, alike, by_machine, by_name, contender, fastest_of, giga, held_out, is_papers, loaded, marked, medians, medians_of,
-    microseconds, name_of, percent, result, spread_text, table, table_of, three_digits, time_of, tuning_of,
+    GPU, RESULTS, by_name, contender, fastest_of, giga, held_out, is_papers, loaded, marked, medians, medians_of, microseconds, percent,
+    result, spread_text, table, three_digits, time_of, tuning_of,
 )
 from result_files import distinct, groups
 
@@ -33,19 +33,6 @@ def matrix(corner, rows, heads, cells, key=None, whose=True, ends=None):
         [name] + [papers(next(iter(own.values())))] * whose
         + [cell for scene in scenes for cell in (cells(own[scene]) if scene in own else blank)] + (ends[1](own) if ends else [])
         for name, own in (sorted(found, key=key) if key else found)])
-
-
-def limits(study):
-    context = result(study)["context"]["voxspring"]
-    columns = {"copy": ("copy_bytes_per_second", 1e9, "GB/s"), "in cache": ("cached_copy_bytes_per_second", 1e9, "GB/s"),
-               "launch": ("launch_seconds", 1e-6, "us"), "float32": ("float32_operations_per_second", 1e9, "Gop/s"),
-               "float64": ("float64_operations_per_second", 1e9, "Gop/s"),
-               "float32 in compute shaders": ("compute_shader_float32_operations_per_second", 1e9, "Gop/s")}
-    rows = [[api] + [f"{three_digits(limit[key] / scale)} {unit}" if limit.get(key) else "-" for key, scale, unit in columns.values()]
-            for api, limit in context["limits"].items()]
-    machine = (f"{context['gpu']}, driver {context['driver']}; {context['cpu']}; commit {context['commit']}"
-               f"{'' if context['clean'] else ' (not clean)'}; {context['compiler']}, {context['cuda_compiler']}.")
-    return machine + "\n\n" + table(["", *columns], rows)
 
 
 def steps(study):
@@ -78,58 +65,53 @@ def edits():
                   ends=(["an edit (us)", "a step (us)"], by_itself))
 
 
-def tuning():
-    def line(rows):
+def tunings():
+    """(default or None, best, number tried) of each strategy and scene."""
+    for _, rows in sorted(groups(medians("tuning"), "backend", "scene").items()):
         default = next((row for row in rows if not tuning_of(row)), None)
         if default and len(rows) > 1:
             default = held_out(default)
-        row = fastest_of(rows)
-        if default and default["real_time"] < row["real_time"] * (1 + result_files.MIN_SPREAD):
-            row = default
-        return [f"`{row['backend']}`", row["scene"], time_of(default) if default else "-", time_of(row), str(len(rows)),
-                " ".join(tuning_of(row)) or "the default"]
-    return table(["strategy", "scene", "default (us)", "best (us)", "of so many", "with"],
-                 [line(rows) for _, rows in sorted(groups(medians("tuning"), "backend", "scene").items())])
+        best = fastest_of(rows)
+        slower = default and default["real_time"] >= best["real_time"] * (1 + result_files.MIN_SPREAD)
+        yield default, best if slower or not default else default, len(rows)
 
 
-def formulations():
-    """Time of position, and for each formulation its multiple and its rounding error, of cases with nothing but the fetch path tuned."""
-    lines = []
+def multiples():
+    """(case, row of `position`, row or None of each formulation) of cases with nothing but the fetch path tuned."""
     rows = [row for row in medians("formulations") if all(part.startswith("fetch=") for part in tuning_of(row))]
     for (scene, count, name), group in groups(rows, "scene", "steps", contender).items():
         known = {row["formulation"]: row for row in group}
         if "position" in known:
-            base = known["position"]["real_time"]
-            cells = [marked(row, f"{row['real_time'] / base:.2f}{spread_text(row)} ({row['error_relative_l2']:.1e})") if row else "-"
-                     for row in map(known.get, FORMULATIONS)]
-            lines.append([f"{name}, {scene}, {count} steps", time_of(known["position"])] + cells)
-    return table(["case", "position (us per step)"] + FORMULATIONS, lines)
+            yield f"{name}, {scene}, {count} steps", known["position"], [known.get(name) for name in FORMULATIONS]
 
 
-def stress():
-    """The largest figure of any backend against the gates about rounding."""
-    def measured(row):
-        return math.inf if row["measured"] is None else row["measured"]
+def worst_measurements():
+    """(measurement, (largest error, gate or None) of each formulation) of the gates about rounding."""
     rows = [row for row in result("stress")["stress"] if row["part"] in (7, 9) and row["precision"] == "float32"]
-    lines = []
     for (measurement, scene, count), group in groups(rows, "measurement", "scene", "steps").items():
-        own = {formulation: (max(map(measured, of)), of[-1]["gate"]) for (formulation,), of in groups(group, "formulation").items()}
+        own = {formulation: (max(math.inf if row["measured"] is None else row["measured"] for row in of), of[-1]["gate"])
+               for (formulation,), of in groups(group, "formulation").items()}
         if len(own) == len(FORMULATIONS):
-            lines.append([f"{measurement}, {scene}, {count} steps"] + [
-                f"{own[name][0]:.1e}" + (f" (gate {own[name][1]:.1e})" if own[name][1] is not None else "") for name in FORMULATIONS])
-    return table(["largest error of any strategy"] + FORMULATIONS, lines)
+            yield f"{measurement}, {scene}, {count} steps", [own[name] for name in FORMULATIONS]
 
 
-def stability():
-    """The range of measured over theoretical limits, over all backends and scenes."""
-    def kind(row):
-        start = row["start"]
-        return f"{start['kind']} {start['amplitude'] or start['stretch']:g}, damping {row['damping']:g}"
-    lines = []
-    for (name,), group in groups(result("stability")["stability"], kind).items():
-        ratios = {formulation: [row["ratio"] for row in of] for (formulation,), of in groups(group, "formulation").items()}
-        lines.append([name] + [f"{min(ratios[f]):.4f} to {max(ratios[f]):.4f}" for f in FORMULATIONS])
-    return table(["measured over theory"] + FORMULATIONS, lines)
+def start_of(row):
+    start = row["start"]
+    return f"{start['kind']} {start['amplitude'] or start['stretch']:g}, damping {row['damping']:g}"
+
+
+def aims(one):
+    """The measured targets of a result, each with its block."""
+    return [(block, target) for block in one["fastest"] for target in block["targets"] if target["met"] is not None]
+
+
+def title_of(block):
+    return f"{block['scene']} {block['formulation']} {block['precision']}"
+
+
+def best_cell(rows):
+    row = fastest_of(rows)
+    return f"{time_of(row)} ({contender(row).replace('`', '')}, of {len(rows)})"
 
 
 def quantity(target, value):
@@ -141,24 +123,6 @@ def quantity(target, value):
     if kind == "speed_ratio":
         return f"{value:.2f} of the speed of `{target['over']}`"
     return f"{giga(value)} G {kind.split('_')[0]}s/s"
-
-
-def titled(one, text):
-    context = one["context"]["voxspring"]
-    clean = "" if context["clean"] else " (not clean)"
-    return f"{context['gpu'] or context['cpu']}; commit {context['commit']}{clean}.\n\n{text}"
-
-
-def targets():
-    """What became of the targets that the study file names, machine by machine."""
-    def lines(one):
-        known = by_name(one)
-        aims = [(block, target) for block in one["fastest"] for target in block["targets"] if target["met"] is not None]
-        return [[f"{block['scene']} {block['formulation']} {block['precision']}", quantity(target, target["value"]),
-                 marked(row, quantity(target, target["measured"])), contender(row), limit_of(row),
-                 f"{'met' if target['met'] else 'missed'}, {percent(target['reached'])}"]
-                for block, target in aims for row in [known[target["name"]]]]
-    return by_machine("fastest", ["dataset", "target", "measured", "by", "of limit", "of the target"], lines, titled)
 
 
 def milliseconds(row, key):
@@ -178,25 +142,6 @@ def starts():
     """The cold and the warm start of every strategy."""
     return matrix("start (ms)", medians("table1"), lambda scene: [f"{scene}: cold (compiling)", f"{scene}: warm"], starts_of,
                   key=lambda line: line[0], whose=False)
-
-
-def fastest():
-    """For each machine the fastest strategy of each dataset."""
-    def lines_of(one):
-        lines, rows = [], medians_of(one)
-        known = {name_of(row): row for row in rows}
-        for block in one["fastest"]:
-            paper, times, row = block["paper"], block["auto"]["times_fastest"], held_out(known[block["name"]])
-            tried = alike(rows, row)
-            lines.append([f"{block['scene']} {block['formulation']} {block['precision']}", contender(row), str(len(tried)),
-                          time_of(row), giga(row["particle_updates_per_second"]), giga(row["spring_updates_per_second"]),
-                          limit_of(row), f"{row['error_max']:.1e}",
-                          f"{paper['ratio']:.2f} ({contender(paper)}, of {sum(other['backend'] in PAPER for other in tried)})"
-                          if paper else "-", f"{times:.2f}" if times else "not measured", *starts_of(row)])
-        return lines
-    header = ["dataset", "fastest", "of so many", "us per step", "G particles/s", "G springs/s", "of limit", "error",
-              "x the paper's best", "x auto", "cold start (compiling) (ms)", "warm start (ms)"]
-    return by_machine("fastest", header, lines_of, titled)
 
 
 def resting():
@@ -219,16 +164,6 @@ def cross_check(row):
     if row.get("sampled_watts") is None:
         return "no"
     return f"yes, {100 * abs(row['sampled_watts'] / row['watts'] - 1):.1f} %"
-
-
-def energy():
-    """What a step takes of the device's energy, and what the device draws meanwhile and idle."""
-    found = result("energy")
-    return titled(found, table_of(found["energy"], **{
-        "case": lambda row: f"{row['scene']}, {contender(row)}", "mJ per step": lambda row: three_digits(row["joules_per_step"] * 1e3),
-        "G springs/J": lambda row: giga(row["springs_per_joule"]), "power (W)": lambda row: three_digits(row["watts"]),
-        "idle (W)": lambda row: three_digits(row["idle_watts"]), "clocks held down by": lambda row: ", ".join(row.get("throttled", [])) or "-",
-        "counter": lambda row: row["meter"], "cross-checked by samples": cross_check, "measured (s)": lambda row: f"{row['seconds']:.1f}"}))
 
 
 def results_of(machine=GPU):
