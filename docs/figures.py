@@ -1,5 +1,6 @@
 #!/usr/bin/env python3
-"""Fills the tables of README.md, accuracy.md, apis.md and simulator.md from committed results, and the picture in docs/architecture.md from the sources' includes.
+"""Fills the tables of README.md, accuracy.md, apis.md and simulator.md from committed results by tables.jinja, and the picture in
+docs/architecture.md from the sources' includes.
 
 Usage: figures.py [--check]
 
@@ -7,6 +8,7 @@ A figure stands between `<!-- NAME -->` and `<!-- /NAME -->`. --check changes no
 result or the sources say.
 """
 
+import functools
 import json
 import pathlib
 import re
@@ -17,9 +19,12 @@ HERE = pathlib.Path(__file__).resolve().parent
 ROOT = HERE.parent
 sys.path[:0] = [str(ROOT / "results"), str(ROOT / "tests")]
 
+import jinja2  # noqa: E402  # pylint: disable=wrong-import-position
+
 import includes_test  # noqa: E402  # pylint: disable=wrong-import-position
+import paper  # noqa: E402  # pylint: disable=wrong-import-position
 from readme import facts, rows as results  # noqa: E402  # pylint: disable=wrong-import-position
-from result_files import distinct, groups  # noqa: E402  # pylint: disable=wrong-import-position
+from result_files import groups  # noqa: E402  # pylint: disable=wrong-import-position
 
 # The strategies of the table, one or two of each kind.
 SHOWN = ["cuda_resident", "cuda_explicit_delta", "cuda_explicit_cached_grid", "cuda_implicit_cached", "gl_compute_implicit",
@@ -29,29 +34,16 @@ SHOWN = ["cuda_resident", "cuda_explicit_delta", "cuda_explicit_cached_grid", "c
 DRAWN = {"CUDA": "CUDA, one launch per tick", "CPU": "the processor"}
 
 
-def origin(result, before="", after=""):
-    """What a table was measured on, below it."""
-    context = result["context"]["voxspring"]
-    return f"\n\n{before}{context['gpu'] or context['cpu']}{after}; commit {context['commit'][:8]}"
-
-
 def plain_rows(backends):
     """The rows of the study fastest, in float32 by `position`, of some backends."""
     return [row for row in results.medians("fastest")
             if (row["formulation"], row["precision"]) == ("position", "float32") and row["backend"] in backends]
 
 
-def heart():
-    """The best row of each shown backend on the heart, and the number of tunings that were tried."""
-    found = results.result("fastest")
-    tried = groups((row for row in plain_rows(SHOWN) if row["scene"] == "heart"), "backend")
-    rows = sorted(map(results.fastest_of, tried.values()), key=lambda row: row["real_time"])
-    lines = [[f"`{row['backend']}`", results.time_of(row), f"{row['real_time'] / rows[0]['real_time']:.2f}",
-              results.giga(row["particle_updates_per_second"]), results.percent(row["fraction_of_limit"]),
-              f"{row['error_max']:.1e}", str(len(tried[row["backend"],]))] for row in rows]
-    about = (f"{rows[0]['particles']:,} particles, {rows[0]['formulation']} in {rows[0]['precision']}, {rows[0]['error_steps']} steps, on ")
-    return (results.table(["backend", "us per step", "x fastest", "G particles/s", "% of roofline", "error", "best of"], lines) +
-            origin(found, about, f" and {found['context']['voxspring']['cpu']}") + ".")
+def best_on_heart():
+    """(row, number of tunings) of each shown backend on the heart, the fastest first."""
+    tried = groups((row for row in plain_rows(SHOWN) if row["scene"] == "heart"), "backend").values()
+    return sorted(((results.fastest_of(own), len(own)) for own in tried), key=lambda best: best[0]["real_time"])
 
 
 def architecture():
@@ -78,30 +70,12 @@ def architecture():
     return "\n".join(lines + ["```"])
 
 
-def gates():
-    """What tests/gate_test.cpp recorded of honest runs and of wrong ones."""
-    rows = json.loads((HERE / "gates.json").read_text())
-    lines = []
-    for row in rows:
-        name, least = min(row["wrong_in_gates"].items(), key=lambda item: item[1])
-        lines.append([row["scene"], f"{row['steps']:,}", f"`{row['formulation']}`", f"{row['spread_share']:.1e}",
-                      f"{row['gate_share']:.1e}", f"{row['honest_in_spreads']:.2f}", f"{least:.3g} ({name})"])
-    return results.table(["scene", "steps", "formulation", "spread / motion", "threshold / motion", "honest error / spread",
-                        "least wrong error / threshold"], lines)
+def recorded_gates():
+    return json.loads((HERE / "gates.json").read_text())
 
 
 # The backend of each machine whose float64 is compared with its float32.
 PRECISE = {results.CPU: "cpu_parallel", results.GPU: "cuda_implicit_cached"}
-
-
-def float64():
-    """What float64 costs on a processor and on a card."""
-    lines, origins = [], []
-    for machine, backend in PRECISE.items():
-        origins.append(origin(results.result("pareto", machine)).strip().replace("; ", ": "))
-        for scene, ratios in facts.float64_ratios(machine, backend).items():
-            lines.append([f"`{backend}`, {scene}", *(f"{of(ratios):.2f}" for of in (min, statistics.median, max)), str(len(ratios))])
-    return results.table(["float64 over float32", "least", "median", "most", "pairs of runs"], lines) + f"\n\n{'; '.join(origins)}."
 
 
 # What apis.md compares: a step of implicit addressing in each API, and CUDA's resident kernel.
@@ -113,124 +87,81 @@ def seconds_text(seconds):
     return f"{results.three_digits(seconds * 1e6)} us" if seconds >= 1e-7 else f"{results.three_digits(seconds * 1e9)} ns"
 
 
-def launches():
-    """Each API's time of a step and of the host's calls, one by one and at once, by size."""
-    found = results.result("overhead")
-    context = found["context"]["voxspring"]
-    rows = {(row["backend"], row["scene"], row["handed_over"]): row for row in found["overhead"]}
-    lines = [[api, f"{rows[backend, scene, 'at once']['particles']:,}",
-              *(seconds_text(rows[backend, scene, way][key]) for way in ("one by one", "at once")
-                for key in ("seconds_per_step", "host_seconds_per_step"))]
-             for backend, api in APIS.items() for scene in distinct(found["overhead"], "scene")]
-    return (results.table(["API", "particles", "one by one: device", "host", "at once: device", "host"], lines) +
-            origin(found, after=f", driver {context['driver']}, {context['cpu']}") + ".")
+def handed_over(rows, backend):
+    """The rows of a backend whose steps were handed over one by one, and at once."""
+    return [next(row for row in rows if (row["backend"], row["handed_over"]) == (backend, way)) for way in ("one by one", "at once")]
 
 
-def empty_steps():
-    """DeviceLimits::launch_seconds of each API."""
-    limits = results.result("fastest")["context"]["voxspring"]["limits"]
-    names = {"CUDA": "CUDA", "Vulkan": "Vulkan", "OpenGL compute": "OpenGL, compute", "OpenGL": "OpenGL, fragments"}
-    return results.table(list(names.values()), [[seconds_text(limits[name]["launch_seconds"]) for name in names]])
-
-
-def sizes():
-    """The fastest row of each API's implicit strategies by scene, `position` in float32."""
-    others = [backend for backend in APIS if backend not in ("cuda_implicit_cached", "cuda_resident")]
-    lines = []
+def fastest_by_size():
+    """(scene, particles, CUDA's row, the row of each backend) of scenes that several implicit strategies were measured on, by size."""
     for (scene, particles), group in sorted(groups(plain_rows(APIS), "scene", "particles").items(), key=lambda item: item[0][1]):
-        rows = {backend: results.fastest_of(own) for (backend,), own in groups(group, "backend").items()}
-        cuda = rows.get("cuda_implicit_cached")
-        if cuda and len(rows) > 1:
-            cells = [f"{results.time_of(rows[backend])} ({rows[backend]['real_time'] / cuda['real_time']:.2f})" if backend in rows else "-"
-                     for backend in others]
-            lines.append([scene, f"{particles:,}", results.time_of(cuda), *cells])
-    return (results.table(["scene", "particles", "CUDA", *map(APIS.get, others)], lines) +
-            origin(results.result("fastest")) + "; of CUDA and OpenGL the faster of what was tried of each strategy.")
+        best = {backend: results.fastest_of(own) for (backend,), own in groups(group, "backend").items()}
+        if len(best) > 1 and "cuda_implicit_cached" in best:
+            yield scene, particles, best["cuda_implicit_cached"], best
 
 
-def tick_rows(rows):
-    """Lines for the rows of a study haptic without edits, by scene and rate; each says what drawing the body costs, if that was measured."""
-    plain = [row for row in rows if not row["edited"]]
-    key = ("scene", "hertz", "name")
-    drawn = {tuple(row[k] for k in key): row for row in plain if row.get("drawn")}
-    lines = []
-    for row in sorted((row for row in plain if not row.get("drawn")), key=lambda row: (row["scene"], row["hertz"], row["median_seconds"])):
-        beside = drawn.get(tuple(row[k] for k in key))
-        costs = f"{100 * (1 - beside['steps_that_fit'] / row['steps_that_fit']):.0f} %" if beside and row["steps_that_fit"] else "-"
-        times = [seconds_text(row[f"{name}_seconds"]) for name in ("median", "p99", "p999", "worst")]
-        lines.append([row["scene"], results.contender(row), f"{row['hertz'] / 1000:g}", *times, f"{row['missed']:,} of {row['missed'] + row['ticks']:,}",
-                      str(row["steps_that_fit"]), costs, f"{row['force_error']:.0e}" if row["force_error"] is not None else "-"])
-    return lines
+def undrawn_rows(rows):
+    """(row, the share of the steps that drawing costs, or None) of a study haptic without edits, by scene and rate."""
+    plain = groups((row for row in rows if not row["edited"]), "scene", "hertz", "name").values()
+    pairs = [({bool(row.get("drawn")): row for row in own}) for own in plain]
+    for pair in sorted((pair for pair in pairs if False in pair), key=lambda pair: [pair[False][key] for key in ("scene", "hertz", "median_seconds")]):
+        fit = pair[False]["steps_that_fit"]
+        yield pair[False], 1 - pair[True]["steps_that_fit"] / fit if True in pair and fit else None
 
 
-def late_ticks():
-    """For motions of many ticks: how many late ones the pauses of the host's thread explain."""
-    header = ["scene", "backend", "ticks", "median", "99.9 %", "pauses of 10 us per second (ticks that meet one)", "of 20 us", "missed",
-              "pauses of a whole tick, between ticks"]
-    def lines_of(found):
-        lines = []
-        for row in found["haptic"]:
-            if row.get("waited_seconds", 0) < 10:
-                continue
-            period = 1 / row["hertz"]
-            often = {least: sum(count for begin, count in row["pauses"] if begin > 0.99 * least) / row["waited_seconds"]
-                     for least in (1e-5, 2e-5, period)}
-            met = [f"{often[least]:.0f} ({100 * often[least] * row['median_seconds']:.2f} %)" for least in (1e-5, 2e-5)]
-            lines.append([row["scene"], results.contender(row), f"{row['missed'] + row['ticks']:,}", seconds_text(row["median_seconds"]),
-                          seconds_text(row["p999_seconds"]), *met, f"{row['missed']:,}", f"{often[period] * row['waited_seconds']:.0f}"])
-        return lines
-    return results.by_machine("haptic", header, lines_of, lambda found, text: text + origin(found) + ".") or "No committed result has it yet."
+def pauses(row, least):
+    """Pauses per second that are at least so long."""
+    return sum(count for begin, count in row["pauses"] if begin > 0.99 * least) / row["waited_seconds"]
 
 
-def drawing():
-    """What drawing costs, by where displacements come from, for rows in which enough steps fit to tell a few percent."""
-    finest = 60
+# Rows in which so many steps fit tell a few percent.
+FINEST = 60
+
+
+def drawn_rows():
+    """(who steps and where displacements come from, the shares of steps lost, pictures per second, rows), the least loss first."""
     found = results.result("haptic")
-    plain = {(row["scene"], row["name"], row["hertz"]): row["steps_that_fit"] for row in found["haptic"]
-             if not row["drawn"] and not row["edited"]}
-    drawn = [row | {"lost": 1 - row["steps_that_fit"] / fit,
-                    "who": "CUDA, one launch for all ticks" if "ticks=resident" in row["tuning"] else results.about_backend(found, row)["family"]}
-             for row in found["haptic"] if row["drawn"] and not row["edited"]
-             and (fit := plain.get((row["scene"], row["name"], row["hertz"]))) and fit >= finest]
-    def median(rows, key):
-        return statistics.median(row[key] for row in rows)
-    lines = []
-    for (name, way), rows in sorted(groups(drawn, "who", "displacements_by").items(), key=lambda item: median(item[1], "lost")):
-        lost, rate = sorted(row["lost"] for row in rows), median(rows, "pictures_per_second")
-        lines.append([DRAWN.get(name, name), f"`{way}()`", str(len(rows)),
-                      *(f"{seconds_text(seconds)} ({100 * seconds * rate:.1f} %)"
-                        for seconds in (median(rows, "hand_over_seconds"), median(rows, "picture_seconds"))),
-                      f"{100 * statistics.median(lost):.1f} %", f"{100 * lost[0]:.1f} to {100 * lost[-1]:.1f} %"])
-    header = ["steps by", "displacements by", "rows", "hand-over (of a second)", "picture (of a second)", "fewer steps, median", "from, to"]
-    return results.table(header, lines) + origin(found) + f"; rows without edits in which {finest} steps fit."
+    plain = {(row["scene"], row["name"], row["hertz"]): row["steps_that_fit"] for row in found["haptic"] if not row["drawn"] and not row["edited"]}
+    drawn = []
+    for row in found["haptic"]:
+        fit = plain.get((row["scene"], row["name"], row["hertz"]), 0) if row["drawn"] and not row["edited"] else 0
+        if fit >= FINEST:
+            api = results.about_backend(found, row)["family"]
+            who = "CUDA, one launch for all ticks" if "ticks=resident" in row["tuning"] else DRAWN.get(api, api)
+            drawn.append(row | {"lost": 1 - row["steps_that_fit"] / fit, "who": who})
+    found = [(key, sorted(row["lost"] for row in own), statistics.median(row["pictures_per_second"] for row in own), own)
+             for key, own in groups(drawn, "who", "displacements_by").items()]
+    return sorted(found, key=lambda one: statistics.median(one[1]))
 
 
-def ticks():
-    """When the force comes back, on every machine that has the study haptic."""
-    header = ["scene", "backend", "kHz", "median", "99 %", "99.9 %", "worst", "missed", "steps fit", "of them for drawing", "force error"]
-    def titled(found, text):
-        real_time = {row["real_time"] for row in found["haptic"]}
-        thread = "real-time" if real_time == {True} else "not real-time" if real_time == {False} else "real-time in a part of the rows"
-        return text + origin(found, after=f"; the host's thread was {thread}") + "."
-    return (results.by_machine("haptic", header, lambda found: tick_rows(found["haptic"]), titled)
-            or "No committed result has it yet.")
+@functools.cache
+def tables():
+    """The macros of tables.jinja, which know what is defined here."""
+    environment = paper.ENVIRONMENT.overlay(loader=jinja2.ChoiceLoader([jinja2.PrefixLoader({"docs": jinja2.FileSystemLoader(HERE)}),
+                                                                       paper.ENVIRONMENT.loader]))
+    environment.filters["api_of"] = APIS.get
+    names = vars(results) | facts.NAMES | globals() | {"median": lambda values: statistics.median(list(values))}
+    return environment.get_template("docs/tables.jinja", globals=names).module
 
 
-PAGES = {ROOT / "README.md": {"heart": heart}, HERE / "architecture.md": {"architecture": architecture},
-         HERE / "accuracy.md": {"float64": float64, "gates": gates},
-         HERE / "apis.md": {"launches": launches, "empty_steps": empty_steps, "sizes": sizes},
-         HERE / "simulator.md": {"ticks": ticks, "late_ticks": late_ticks, "drawing": drawing}}
+def filled(name):
+    made = architecture() if name == "architecture" else getattr(tables(), name)(*([results.machines("haptic")] if name.endswith("ticks") else []))
+    return str(made).strip()
+
+
+PAGES = {ROOT / "README.md": ["heart"], HERE / "architecture.md": ["architecture"], HERE / "accuracy.md": ["float64", "gates"],
+         HERE / "apis.md": ["launches", "empty_steps", "sizes"], HERE / "simulator.md": ["ticks", "late_ticks", "drawing"]}
 
 
 def main():
     stale = []
-    for path, figures in PAGES.items():
+    for path, names in PAGES.items():
         page = path.read_text()
-        for name, make in figures.items():
+        for name in names:
             block = re.compile(rf"(<!-- {name} -->\n).*?(<!-- /{name} -->)", re.DOTALL)
             if not block.search(page):
                 sys.exit(f"{path.name} has no place for {name}")
-            page = block.sub(lambda match, text=make(): f"{match[1]}\n{text}\n\n{match[2]}", page)
+            page = block.sub(lambda match, text=filled(name): f"{match[1]}\n{text}\n\n{match[2]}", page)
         if page != path.read_text():
             stale.append(path)
             if "--check" not in sys.argv[1:]:
