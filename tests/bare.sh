@@ -129,6 +129,8 @@ else
     tar --extract --file "$kept/debian.tar" --directory "$system"
 fi
 printf '%s\n' "${listed[@]}" >"$system/etc/apt/sources.list"
+# This Debian is thrown away, so that its files need not reach the disk.
+echo force-unsafe-io >"$system/etc/dpkg/dpkg.cfg.d/thrown-away"
 apt-config dump | grep -iE '^Acquire::(https?|Check-Valid-Until|Retries)\b' >"$system/etc/apt/apt.conf.d/99-of-the-machine" || true
 cp /etc/resolv.conf "$system/etc/resolv.conf"
 echo "127.0.0.1 localhost $(hostname)" >"$system/etc/hosts"
