@@ -23,14 +23,18 @@ def call(*command, code=0, timeout=300):
     return result.stdout
 
 
-def configure_tree(*options):
-    """Configures this tree with a stand-in for a user's options, and returns CMake's errors, build.ninja and the cache."""
+def configure(source, *options, **environment):
+    """What CMake prints as errors and warnings for a project, its exit code, and the files build.ninja and CMakeCache.txt."""
+    inherited = {name: value for name, value in os.environ.items() if name != "CMAKE_BUILD_TYPE"}
     with tempfile.TemporaryDirectory() as folder:
-        environment = {key: value for key, value in os.environ.items() if key != "CMAKE_BUILD_TYPE"}
-        done = subprocess.run([CMAKE, "-S", ".", "-B", folder, "-G", "Ninja", f"-DCMAKE_CXX_COMPILER={CXX}", "-DVOXSPRING_TESTS=OFF",
-                               "-DVOXSPRING_CUDA=OFF", *options], capture_output=True, text=True, timeout=120, env=environment)
-        ninja = pathlib.Path(folder, "build.ninja")
-        return " ".join(done.stderr.split()), ninja.read_text() if ninja.exists() else "", pathlib.Path(folder, "CMakeCache.txt").read_text()
+        done = subprocess.run([CMAKE, "-S", source, "-B", folder, "-G", "Ninja", f"-DCMAKE_CXX_COMPILER={CXX}", *options],
+                              capture_output=True, text=True, timeout=120, env=inherited | environment)
+        files = [pathlib.Path(folder, name) for name in ("build.ninja", "CMakeCache.txt")]
+        return " ".join(done.stderr.split()), done.returncode, *(file.read_text() if file.exists() else "" for file in files)
+
+
+def configure_this_tree(*options):
+    return configure(".", "-DVOXSPRING_TESTS=OFF", "-DVOXSPRING_CUDA=OFF", *options)
 
 
 class Program(unittest.TestCase):
@@ -83,7 +87,8 @@ class Install(Program):
         shutil.copytree("tests/example_project", cls.project)
         cls.build = cls.project / "build"
         call(CMAKE, "--install", BUILD, "--prefix", cls.prefix)
-        call(CMAKE, "-S", cls.project, "-B", cls.build, "-G", "Ninja", f"-DCMAKE_CXX_COMPILER={CXX}", f"-DCMAKE_PREFIX_PATH={cls.prefix}",
+        cls.here = f"-DCMAKE_PREFIX_PATH={cls.prefix}"
+        call(CMAKE, "-S", cls.project, "-B", cls.build, "-G", "Ninja", f"-DCMAKE_CXX_COMPILER={CXX}", cls.here,
              # Without CUDA's toolkit; a library with CUDA backends needs only two libraries of it.
              "-DCMAKE_DISABLE_FIND_PACKAGE_CUDAToolkit=ON")
 
@@ -126,24 +131,22 @@ class Install(Program):
         self.assertEqual((result["skipped"], result["failed"]), ([], []))
         self.assertIn("my_backend increment float32", table)
 
+    def change(self, file, right, wrong):
+        """Changes a file of the program until the end of the test."""
+        path = self.project / file
+        text = path.read_text()
+        self.assertIn(right, text)
+        self.addCleanup(path.write_text, text)
+        path.write_text(text.replace(right, wrong))
+
     def test_another_programs_mistake_fails(self):
-        source = self.project / "my_backend.cpp"
-        right = source.read_text()
-        self.addCleanup(source.write_text, right)
-        wrong = right.replace("force_[spring.second] -= force;", "force_[spring.second] += force;")
-        self.assertNotEqual(wrong, right)
-        source.write_text(wrong)
+        self.change("my_backend.cpp", "force_[spring.second] -= force;", "force_[spring.second] += force;")
         result, _ = self.run_example(1)
         self.assertEqual({row["backend"] for row in result["failed"]}, {"my_backend"})
         self.assertEqual({row["backend"] for row in result["benchmarks"]}, {"cpu_reference"})
 
     def test_a_program_that_serves_no_workers_is_told(self):
-        source = self.project / "main.cpp"
-        right = source.read_text()
-        self.addCleanup(source.write_text, right)
-        without = right.replace("    worker_main(argc, argv);\n", "")
-        self.assertNotEqual(without, right)
-        source.write_text(without)
+        self.change("main.cpp", "    worker_main(argc, argv);\n", "")
         call(CMAKE, "--build", self.build)
         out = self.folder / "none.json"
         ran = subprocess.run([self.build / "example", out], capture_output=True, text=True, timeout=60)
@@ -152,55 +155,40 @@ class Install(Program):
         self.assertFalse(out.exists())
 
     def test_what_is_measured_is_optimised_without_a_word(self):
-        commands = (self.build / "build.ninja").read_text()
-        self.assertRegex(commands, r"FLAGS = .*-O3")
-
-    def configure_without_build_type(self, *options):
-        """What CMake prints for a project that has no build type and sets none."""
-        with tempfile.TemporaryDirectory() as folder:
-            pathlib.Path(folder, "CMakeLists.txt").write_text(
-                "cmake_minimum_required(VERSION 3.25)\nproject(mine LANGUAGES CXX)\nfind_package(voxspring 0.2 REQUIRED)\n")
-            done = subprocess.run([CMAKE, "-S", folder, "-B", f"{folder}/build", "-G", "Ninja",
-                                   f"-DCMAKE_CXX_COMPILER={CXX}", f"-DCMAKE_PREFIX_PATH={self.prefix}", *options],
-                                  capture_output=True, text=True, timeout=60)
-        self.assertEqual(done.returncode, 0, done.stderr)
-        return " ".join(done.stderr.split())
-
-    def test_warns_of_a_project_without_optimisation(self):
-        warning = "mine is compiled without optimisation"
-        self.assertIn(warning, self.configure_without_build_type())
-        self.assertNotIn(warning, self.configure_without_build_type("-DCMAKE_BUILD_TYPE=Debug"))
-        self.assertNotIn(warning, self.configure_without_build_type("-DCMAKE_CXX_FLAGS=-O2"))
-
-    def test_the_library_is_optimised_without_a_word(self):
-        errors, ninja, cache = configure_tree()
+        self.assertRegex((self.build / "build.ninja").read_text(), r"FLAGS = .*-O3")
+        errors, _, ninja, cache = configure_this_tree()
         self.assertEqual(errors, "")
         self.assertRegex(ninja, r"FLAGS = .*-O3")
         self.assertNotIn("CMAKE_BUILD_TYPE:STRING=Release", cache)
 
+    def test_warnings_are_errors_only_on_request(self):
+        for option, expected in (("-DVOXSPRING_WERROR=ON", self.assertIn), ("-DVOXSPRING_MPI=ON", self.assertNotIn)):
+            expected("-Werror", configure_this_tree(option)[2])
+
+    def test_warns_of_a_project_without_optimisation(self):
+        warning = "mine is compiled without optimisation"
+        with tempfile.TemporaryDirectory() as folder:
+            pathlib.Path(folder, "CMakeLists.txt").write_text(
+                "cmake_minimum_required(VERSION 3.25)\nproject(mine LANGUAGES CXX)\nfind_package(voxspring 0.2 REQUIRED)\n")
+            self.assertIn(warning, configure(folder, self.here)[0])
+            for option in ("-DCMAKE_BUILD_TYPE=Debug", "-DCMAKE_CXX_FLAGS=-O2"):
+                errors, code, *_ = configure(folder, self.here, option)
+                self.assertEqual((warning in errors, code), (False, 0), errors)
+
     def test_names_every_library_that_a_build_misses(self):
-        errors, _, _ = configure_tree("-DCMAKE_DISABLE_FIND_PACKAGE_fmt=ON", "-DCMAKE_DISABLE_FIND_PACKAGE_CLI11=ON")
+        errors, code, *_ = configure_this_tree("-DCMAKE_DISABLE_FIND_PACKAGE_fmt=ON", "-DCMAKE_DISABLE_FIND_PACKAGE_CLI11=ON")
+        self.assertEqual(code, 1)
         for named in ("fmt 9 or newer (Debian: libfmt-dev)", "CLI11 2.1 or newer (Debian: libcli11-dev)"):
             self.assertIn(named, errors)
 
-    def refusal(self, wanted="voxspring 0.2", **environment):
-        """What CMake says to a project that wants such a package."""
-        with tempfile.TemporaryDirectory() as folder:
-            lists = (self.project / "CMakeLists.txt").read_text()
-            self.assertIn("find_package(voxspring 0.2 ", lists)
-            pathlib.Path(folder, "CMakeLists.txt").write_text(lists.replace("voxspring 0.2", wanted))
-            result = subprocess.run([CMAKE, "-S", folder, "-B", f"{folder}/build", "-G", "Ninja",
-                                     f"-DCMAKE_CXX_COMPILER={CXX}", f"-DCMAKE_PREFIX_PATH={self.prefix}"],
-                                    capture_output=True, text=True, timeout=60, env=os.environ | environment)
-        self.assertNotEqual(result.returncode, 0)
-        return " ".join(result.stderr.split())
-
-    def test_another_version_is_not_taken(self):
-        self.assertIn("version: 0.2.0", self.refusal("voxspring 9"))
-
-    def test_says_what_it_needs_and_does_not_find(self):
-        self.assertIn("voxspring needs epoxy, which is not installed",
-                      self.refusal(PKG_CONFIG_LIBDIR=str(self.folder / "nothing")))
+    def test_says_which_library_or_version_is_not_there(self):
+        errors, code, *_ = configure(self.project, self.here, PKG_CONFIG_LIBDIR=str(self.folder / "nothing"))
+        self.assertEqual(code, 1)
+        self.assertIn("voxspring needs epoxy, which is not installed", errors)
+        self.change("CMakeLists.txt", "voxspring 0.2", "voxspring 9")
+        errors, code, *_ = configure(self.project, self.here)
+        self.assertEqual(code, 1)
+        self.assertIn("version: 0.2.0", errors)
 
 
 if __name__ == "__main__":

@@ -1,5 +1,6 @@
 """Tests of the script `run` with stand-ins for what it calls: dpkg-query, cmake, git and the program."""
 
+import json
 import os
 import pathlib
 import shutil
@@ -185,6 +186,14 @@ class Study(unittest.TestCase):
         self.assertEqual(done.stdout, "2 2 1\n")
         self.assertIn("FAILED: program, as a whole\n", done.stderr)
         self.assertIn("1 skipped: cuda_march", self.count(PROGRAM_RESULTS).stderr)
+
+    def test_every_preset_but_those_of_users_takes_warnings_for_errors(self):
+        presets = {preset["name"]: preset for preset in json.loads((ROOT / "CMakePresets.json").read_text())["configurePresets"]}
+
+        def value(name):
+            own = presets[name].get("cacheVariables", {}).get("VOXSPRING_WERROR")
+            return own if own is not None else value(presets[name]["inherits"])
+        self.assertEqual({name for name in presets if value(name) != "ON"}, {"release", "package"})
 
     def test_names_the_stages(self):
         done = self.run_script("test", "nosuch")
