@@ -997,7 +997,8 @@ TEST(SceneOf, ABodyOnNoLatticeIsExportedWithoutVoxels) {
 TEST_F(Corpus, BadDocumentsAreRefusedInOneLine) {
     ASSERT_GT(corpus_["refused"].size(), 50u);
     for (const auto& bad : corpus_["refused"]) {
-        EXPECT_EQ(refusal([&] { read_scene_file(parse_json(bad["scene"].dump(), "scene")); }), bad["message"])
+        EXPECT_EQ(refusal([&] { read_scene_file(parse_json(bad["scene"].dump(), "scene")); }),
+                  bad["message"].get<std::string>())
             << bad["scene"];
     }
 }
@@ -1005,7 +1006,8 @@ TEST_F(Corpus, BadDocumentsAreRefusedInOneLine) {
 TEST_F(Corpus, DocumentsThatDoNotFitTheirVoxelsAreRefused) {
     ASSERT_GT(corpus_["refused_with_voxels"].size(), 5u);
     for (const auto& bad : corpus_["refused_with_voxels"])
-        EXPECT_EQ(refusal([&] { parse(bad["scene"].dump()); }), bad["message"]) << bad["scene"];
+        EXPECT_EQ(refusal([&] { parse(bad["scene"].dump()); }), bad["message"].get<std::string>())
+            << bad["scene"];
 }
 
 }  // namespace
