@@ -16,7 +16,31 @@
 #include <string>
 #include <vector>
 
+#include "harness/base/bad_input.h"
+
 namespace voxspring::testing {
+
+/// The message with which `use` refuses an input, or "accepted".
+template <class Use>
+std::string refusal(const Use& use) {
+    try {
+        use();
+    } catch (const BadInput& refused) {
+        return refused.what();
+    }
+    return "accepted";
+}
+
+/// What `use` refuses: "KEY: VALUE" or "KEY is missing", without the name of the file and what is expected
+/// instead; or "accepted".
+template <class Use>
+std::string refused(const Use& use) {
+    const std::string message = refusal(use);
+    const auto begin = message.find(": "), end = message.find("; expected ");
+    if (end == std::string::npos) return message;
+    const std::string text = message.substr(begin + 2, end - begin - 2);
+    return text.substr(0, text.rfind(" is not accepted"));
+}
 
 /// The bytes of `values` as scalars of type T, in this machine's order or reversed.
 template <class T>

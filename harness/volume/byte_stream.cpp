@@ -14,110 +14,65 @@
 
 namespace voxspring {
 
-/// A decoder for one method of compression.
+/// zlib's or bzip2's decoder of one member.
 class ByteStream::Decoder {
 public:
-    virtual ~Decoder() = default;
-    virtual std::string name() const = 0;
-    /// Decodes as much as fits from `from` to `to`, and shortens both by what it consumed and produced.
-    /// Returns true at the end of a member. Throws a string that says what is wrong with the data.
-    virtual bool decode(std::span<char>& from, std::span<std::byte>& to) = 0;
-    /// The bytes with which every member begins; empty: there is never a second member.
-    virtual std::string_view magic() const = 0;
-    /// Prepares for another member.
-    virtual void restart() = 0;
+    /// `encoding` is not raw.
+    explicit Decoder(Encoding encoding) : is_bzip2_(encoding == Encoding::bzip2) {
+        // 16: a gzip header and its checksum are expected; 32: either a gzip or a zlib header.
+        const int bits = (encoding == Encoding::gzip ? 16 : 32) + MAX_WBITS;
+        if (is_bzip2_ ? BZ2_bzDecompressInit(&bzip2_, 0, 0) != BZ_OK : inflateInit2(&zlib_, bits) != Z_OK)
+            throw std::bad_alloc();
+    }
+    ~Decoder() {
+        if (is_bzip2_) {
+            BZ2_bzDecompressEnd(&bzip2_);
+        } else {
+            inflateEnd(&zlib_);
+        }
+    }
+    Decoder(const Decoder&) = delete;
+    Decoder& operator=(const Decoder&) = delete;
 
-protected:
+    /// Decodes as much as fits from `from` to `to`, and shortens both by what it consumed and produced.
+    /// Returns true at the end of the member. Throws a string that says what is wrong with the data.
+    bool decode(std::span<char>& from, std::span<std::byte>& to) {
+        const int status = is_bzip2_
+                               ? advance(bzip2_, from, to, BZ2_bzDecompress)
+                               : advance(zlib_, from, to, [](z_stream* z) { return inflate(z, Z_NO_FLUSH); });
+        if (status == (is_bzip2_ ? BZ_MEM_ERROR : Z_MEM_ERROR)) throw std::bad_alloc();
+        if (status == (is_bzip2_ ? BZ_STREAM_END : Z_STREAM_END)) return true;
+        if (is_bzip2_ ? status != BZ_OK : status != Z_OK && status != Z_BUF_ERROR)
+            throw std::string(zlib_.msg != nullptr ? zlib_.msg : "a damaged stream");
+        return false;
+    }
+
+private:
     /// zlib's and bzip2's streams have the same fields. A large span is passed to them in parts, because they
     /// count in 32 bits.
     template <class Z, class Step>
-    static auto advance(Z& z, std::span<char>& from, std::span<std::byte>& to, const Step& step) {
+    static int advance(Z& z, std::span<char>& from, std::span<std::byte>& to, const Step& step) {
         const std::size_t room = std::min(to.size(), std::size_t{1} << 30);
         z.next_in = reinterpret_cast<decltype(z.next_in)>(from.data());
         z.avail_in = unsigned(from.size());
         z.next_out = reinterpret_cast<decltype(z.next_out)>(to.data());
         z.avail_out = unsigned(room);
-        const int status = step();
+        const int status = step(&z);
         from = from.last(z.avail_in);
         to = to.subspan(room - z.avail_out);
         return status;
     }
+
+    const bool is_bzip2_;
+    z_stream zlib_{};
+    bz_stream bzip2_{};
 };
-
-namespace {
-
-class Inflater final : public ByteStream::Decoder {
-public:
-    explicit Inflater(bool gzip) : gzip_(gzip) {
-        // 16: a gzip header and its checksum are expected; 32: either a gzip or a zlib header.
-        if (inflateInit2(&z_, (gzip ? 16 : 32) + MAX_WBITS) != Z_OK) throw std::bad_alloc();
-    }
-    ~Inflater() override { inflateEnd(&z_); }
-    Inflater(const Inflater&) = delete;
-    Inflater& operator=(const Inflater&) = delete;
-
-    std::string name() const override { return gzip_ ? "gzip" : "zlib"; }
-    bool decode(std::span<char>& from, std::span<std::byte>& to) override {
-        const int status = advance(z_, from, to, [this] { return inflate(&z_, Z_NO_FLUSH); });
-        if (status == Z_MEM_ERROR) throw std::bad_alloc();
-        if (status != Z_OK && status != Z_BUF_ERROR && status != Z_STREAM_END)
-            throw std::string(z_.msg != nullptr ? z_.msg : "a damaged stream");
-        return status == Z_STREAM_END;
-    }
-    std::string_view magic() const override { return gzip_ ? "\x1f\x8b" : ""; }
-    void restart() override { inflateReset(&z_); }
-
-private:
-    bool gzip_;
-    z_stream z_{};
-};
-
-class Bunzipper final : public ByteStream::Decoder {
-public:
-    Bunzipper() { start(); }
-    ~Bunzipper() override { BZ2_bzDecompressEnd(&z_); }
-    Bunzipper(const Bunzipper&) = delete;
-    Bunzipper& operator=(const Bunzipper&) = delete;
-
-    std::string name() const override { return "bzip2"; }
-    bool decode(std::span<char>& from, std::span<std::byte>& to) override {
-        const int status = advance(z_, from, to, [this] { return BZ2_bzDecompress(&z_); });
-        if (status == BZ_MEM_ERROR) throw std::bad_alloc();
-        if (status != BZ_OK && status != BZ_STREAM_END) throw std::string("a damaged stream");
-        return status == BZ_STREAM_END;
-    }
-    std::string_view magic() const override { return "BZh"; }
-    void restart() override {
-        BZ2_bzDecompressEnd(&z_);
-        start();
-    }
-
-private:
-    void start() {
-        z_ = {};
-        if (BZ2_bzDecompressInit(&z_, 0, 0) != BZ_OK) throw std::bad_alloc();
-    }
-    bz_stream z_{};
-};
-
-std::unique_ptr<ByteStream::Decoder> decoder_of(Encoding encoding) {
-    if (encoding == Encoding::raw) return nullptr;
-    if (encoding == Encoding::bzip2) return std::make_unique<Bunzipper>();
-    return std::make_unique<Inflater>(encoding == Encoding::gzip);
-}
-
-/// Skips lines of `stream`.
-void skip_lines(std::istream& stream, const std::string& file, std::int64_t lines) {
-    for (std::int64_t line = 0; line < lines; ++line) {
-        if (!stream.ignore(std::numeric_limits<std::streamsize>::max(), '\n') || stream.eof())
-            throw BadInput(file, "line skip", std::to_string(lines), "no more lines than the file has");
-    }
-}
-
-}  // namespace
 
 ByteStream::ByteStream(std::istream& stream, Encoding encoding, std::string file)
-    : stream_(stream), file_(std::move(file)), decoder_(decoder_of(encoding)) {}
+    : stream_(stream),
+      encoding_(encoding),
+      file_(std::move(file)),
+      decoder_(encoding == Encoding::raw ? nullptr : std::make_unique<Decoder>(encoding)) {}
 
 ByteStream::~ByteStream() = default;
 
@@ -126,63 +81,64 @@ std::size_t ByteStream::read_raw(std::span<std::byte> bytes) {
     return std::size_t(stream_.gcount());
 }
 
+/// Moves what is still to be decoded to the front of the buffer, and fills the rest.
+void ByteStream::refill() {
+    std::copy(encoded_.begin(), encoded_.end(), buffer_.begin());
+    const auto room = std::span(buffer_).subspan(encoded_.size());
+    encoded_ = std::span(buffer_).first(encoded_.size() + read_raw(std::as_writable_bytes(room)));
+}
+
 /// Returns whether another member begins here. If not, skips the remaining bytes, which are no data.
 bool ByteStream::next_member() {
     if (at_end_) return false;
-    const std::string_view magic = decoder_->magic();
-    if (encoded_.size() < magic.size()) {  // moves the remaining bytes to the front
-        std::copy(encoded_.begin(), encoded_.end(), buffer_.begin());
-        const auto room = std::span(buffer_).subspan(encoded_.size());
-        encoded_ = std::span(buffer_).first(encoded_.size() + read_raw(std::as_writable_bytes(room)));
-    }
-    if (!magic.empty() && encoded_.size() >= magic.size() &&
-        std::equal(magic.begin(), magic.end(), encoded_.begin())) {
-        decoder_->restart();
+    // zlib's format has one member.
+    const std::string_view magic = encoding_ == Encoding::gzip    ? "\x1f\x8b"
+                                   : encoding_ == Encoding::bzip2 ? "BZh"
+                                                                  : "";
+    if (encoded_.size() < magic.size()) refill();
+    if (!magic.empty() && std::string_view(encoded_.data(), encoded_.size()).starts_with(magic)) {
+        decoder_ = std::make_unique<Decoder>(encoding_);
         at_member_end_ = false;
         return true;
     }
     at_end_ = true;
-    while (!encoded_.empty()) {
+    for (; !encoded_.empty(); refill()) {
         ignored_ += encoded_.size();
-        encoded_ = std::span(buffer_).first(read_raw(std::as_writable_bytes(std::span(buffer_))));
+        encoded_ = {};
     }
     return false;
 }
 
 std::size_t ByteStream::read(std::span<std::byte> bytes) {
     if (!decoder_) return read_raw(bytes);
+    const auto refuse = [&](const std::string& why) {
+        const std::string name = encoding_ == Encoding::gzip    ? "gzip"
+                                 : encoding_ == Encoding::bzip2 ? "bzip2"
+                                                                : "zlib";
+        throw BadInput(file_, name + " data", why, "a whole " + name + " stream");
+    };
     std::span<std::byte> left = bytes;
     while (!left.empty()) {
-        if (encoded_.empty())
-            encoded_ = std::span(buffer_).first(read_raw(std::as_writable_bytes(std::span(buffer_))));
-        const std::string key = decoder_->name() + " data";
-        const std::string accepted = "a whole " + decoder_->name() + " stream";
+        if (encoded_.empty()) refill();
         if (at_member_end_ && !next_member()) break;
-        if (encoded_.empty()) throw BadInput(file_, key, "a stream that ends early", accepted);
+        if (encoded_.empty()) refuse("a stream that ends early");
         try {
             at_member_end_ = decoder_->decode(encoded_, left);
         } catch (const std::string& why) {
-            throw BadInput(file_, key, why, accepted);
+            refuse(why);
         }
     }
     return bytes.size() - left.size();
 }
 
-bool ByteStream::skip(std::uint64_t count) {
+std::uint64_t ByteStream::skip(std::uint64_t count) {
     std::array<std::byte, 4096> scratch{};
-    while (count > 0) {
-        const std::size_t chunk = std::min<std::uint64_t>(count, scratch.size());
-        if (read(std::span(scratch).first(chunk)) < chunk) return false;
-        count -= chunk;
+    for (std::uint64_t skipped = 0;;) {
+        const std::size_t chunk = std::min<std::uint64_t>(count - skipped, scratch.size());
+        const std::size_t got = read(std::span(scratch).first(chunk));
+        skipped += got;
+        if (got < chunk || skipped == count) return skipped;
     }
-    return true;
-}
-
-std::uint64_t ByteStream::skip_rest() {
-    std::array<std::byte, 4096> scratch{};
-    std::uint64_t count = 0;
-    for (std::size_t got = read(scratch); got > 0; got = read(scratch)) count += got;
-    return count;
 }
 
 namespace {
@@ -244,7 +200,7 @@ std::uint64_t before_last(std::istream& stream, Encoding encoding, const std::st
         stream.seekg(0, std::ios::end);
         held = std::uint64_t(std::max<std::streamoff>(stream.tellg() - first, 0));
     } else {
-        held = ByteStream(stream, encoding, file).skip_rest();
+        held = ByteStream(stream, encoding, file).skip(std::numeric_limits<std::uint64_t>::max());
     }
     stream.clear();
     stream.seekg(first);
@@ -277,13 +233,17 @@ std::vector<std::byte> read_data(std::istream& behind_header, const std::string&
                                "a place within the file");
             stream.seekg(*place.begin);
         }
-        skip_lines(stream, name, place.skipped_lines);
+        for (std::int64_t line = 0; line < place.skipped_lines; ++line) {
+            if (!stream.ignore(std::numeric_limits<std::streamsize>::max(), '\n') || stream.eof())
+                throw BadInput(name, "line skip", std::to_string(place.skipped_lines),
+                               "no more lines than the file has");
+        }
         const Encoding encoding = place.encoding ? *place.encoding : encoding_at(stream);
         const std::uint64_t skipped = place.skipped_bytes != DataPlace::at_end
                                           ? std::uint64_t(place.skipped_bytes)
                                           : before_last(stream, encoding, name, part, key, accepted);
         ByteStream decoded(stream, encoding, name);
-        if (!decoded.skip(skipped))
+        if (decoded.skip(skipped) < skipped)
             throw BadInput(name, place.bytes_key, std::to_string(skipped), "a place within the data");
         read_rest(decoded, name, part, keeper, key, accepted);
         ignored += decoded.ignored();

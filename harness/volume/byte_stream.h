@@ -30,23 +30,22 @@ public:
     /// Throws BadInput if a compressed stream is damaged or cut short.
     std::size_t read(std::span<std::byte> bytes);
 
-    /// Skips `count` bytes. Returns false if there are fewer.
-    bool skip(std::uint64_t count);
-
-    /// Skips to the end of the data and returns the number of bytes skipped.
-    std::uint64_t skip_rest();
+    /// Skips up to `count` bytes and returns their number, which is smaller only at the end of the data.
+    std::uint64_t skip(std::uint64_t count);
 
     /// After the end of the data: the number of bytes behind it that are not compressed data.
     std::uint64_t ignored() const { return ignored_; }
 
+private:
     class Decoder;
 
-private:
     std::size_t read_raw(std::span<std::byte> bytes);
+    void refill();
     bool next_member();
 
     std::istream& stream_;
-    std::string file_;
+    const Encoding encoding_;
+    const std::string file_;
     std::unique_ptr<Decoder> decoder_;  ///< null if the bytes are not compressed
     std::array<char, 1 << 16> buffer_;
     std::span<char> encoded_;     ///< the part of the buffer that is still to be decoded

@@ -1,16 +1,32 @@
-// The claims of a volume file's header. Readers only report them; decide() interprets them.
+// The claims of a volume file's header. Readers, one per format, only report them; decide() interprets them.
 #pragma once
 
+#include <array>
+#include <cstddef>
 #include <cstdint>
+#include <filesystem>
 #include <glm/vec3.hpp>
+#include <istream>
 #include <optional>
 #include <string>
+#include <variant>
 #include <vector>
 
 #include "harness/volume/byte_stream.h"
 #include "harness/volume/volume.h"
 
 namespace voxspring {
+
+/// Calls `use` with a zero of the C++ type that `type` stands for.
+template <class Use>
+auto with_scalar(ScalarType type, const Use& use) {
+    using Scalar = std::variant<std::int8_t, std::uint8_t, std::int16_t, std::uint16_t, std::int32_t,
+                                std::uint32_t, std::int64_t, std::uint64_t, float, double>;
+    static const std::array<Scalar, std::variant_size_v<Scalar>> zeros = {
+        std::int8_t{},   std::uint8_t{}, std::int16_t{},  std::uint16_t{}, std::int32_t{},
+        std::uint32_t{}, std::int64_t{}, std::uint64_t{}, float{},         double{}};
+    return std::visit(use, zeros[std::size_t(type)]);
+}
 
 enum class AxisKind : std::uint8_t {
     unknown,  ///< the file does not say what the axis is
@@ -49,6 +65,19 @@ struct VolumeClaims {
     std::vector<std::string> notes{};
 };
 
+/// Read a header from `stream`. Messages name `file`, and names of data files in the header are relative to
+/// its folder. Throw BadInput.
+VolumeClaims read_nrrd(std::istream& stream, const std::string& file);
+VolumeClaims read_metaimage(std::istream& stream, const std::string& file);
+/// `image` is the file with the voxels of a pair; empty: the one that belongs to the header's name.
+VolumeClaims read_nifti(std::istream& stream, const std::string& file,
+                        const std::filesystem::path& image = {});
+
+/// The partner of a file of a pair: x.img for x.hdr, and so on. A partner that is compressed in the same way
+/// is preferred. One that is compressed differently is taken only if it has no such partner itself. An ending
+/// in capitals is tried first if that of `file` is in capitals. The result is empty if there is no partner.
+std::filesystem::path partner_of(const std::filesystem::path& file);
+
 /// A volume without its data, and which scalars of the file belong to it.
 struct DecidedVolume {
     Volume volume;
@@ -59,5 +88,10 @@ struct DecidedVolume {
 
 /// Applies the rules of docs/volumes.md, which are the same for all formats. Throws BadInput.
 DecidedVolume decide(const VolumeClaims& claims, const VolumeChoice& choice, const SceneSizeLimits& limits);
+
+/// Interprets the claims and reads the voxels. The position of `stream` is behind the header. Throws
+/// BadInput.
+Volume read_voxels(std::istream& stream, const VolumeClaims& claims, const VolumeChoice& choice,
+                   const SceneSizeLimits& limits);
 
 }  // namespace voxspring

@@ -1,8 +1,8 @@
 // Determines which voxels of a volume are active, and their labels.
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
-#include <charconv>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -15,45 +15,19 @@
 #include <vector>
 
 #include "harness/base/bad_input.h"
-#include "harness/volume/volume.h"
+#include "harness/volume/claims.h"
+#include "harness/volume/text_header.h"
 
 namespace voxspring {
 namespace {
-
-/// Calls `use(first)` with a pointer to the scalars of `volume`, whatever their type.
-template <class Use>
-void visit_scalars(const Volume& volume, const Use& use) {
-    // The cast is safe because operator new aligns for every scalar type.
-    const void* first = volume.data.data();
-    switch (volume.type) {
-        case ScalarType::int8:
-            return use(static_cast<const std::int8_t*>(first));
-        case ScalarType::uint8:
-            return use(static_cast<const std::uint8_t*>(first));
-        case ScalarType::int16:
-            return use(static_cast<const std::int16_t*>(first));
-        case ScalarType::uint16:
-            return use(static_cast<const std::uint16_t*>(first));
-        case ScalarType::int32:
-            return use(static_cast<const std::int32_t*>(first));
-        case ScalarType::uint32:
-            return use(static_cast<const std::uint32_t*>(first));
-        case ScalarType::int64:
-            return use(static_cast<const std::int64_t*>(first));
-        case ScalarType::uint64:
-            return use(static_cast<const std::uint64_t*>(first));
-        case ScalarType::float32:
-            return use(static_cast<const float*>(first));
-        case ScalarType::float64:
-            return use(static_cast<const double*>(first));
-    }
-}
 
 /// Calls `use(voxel, value)` for every voxel of a layer, in order.
 template <class Use>
 void for_each_value(const Volume& volume, std::size_t layer, const Use& use) {
     const std::size_t count = volume.voxel_count(), inner = volume.inner;
-    visit_scalars(volume, [&](const auto* scalar) {
+    with_scalar(volume.type, [&](auto zero) {
+        // The cast is safe because operator new aligns for every scalar type.
+        const auto* const scalar = reinterpret_cast<const decltype(zero)*>(volume.data.data());
         for (std::size_t voxel = 0; voxel < count; ++voxel) {
             const std::size_t at =
                 volume.layers == 1 ? voxel : (voxel / inner * volume.layers + layer) * inner + voxel % inner;
@@ -136,17 +110,16 @@ std::vector<std::int64_t> occurring_labels(const Volume& volume) {
 
 /// The whole number that `word` spells in the notation of JSON, if it does.
 std::optional<std::int64_t> number_of(const std::string& word) {
-    std::int64_t number = 0;
-    const char* end = word.data() + word.size();
-    const auto [stop, error] = std::from_chars(word.data(), end, number);
-    if (error != std::errc() || stop != end || std::to_string(number) != word) return {};
-    return number >= -max_label && number <= max_label ? std::optional(number) : std::nullopt;
+    const auto number = parse_number<std::int64_t>(word);
+    const bool is_label =
+        number && std::to_string(*number) == word && *number >= -max_label && *number <= max_label;
+    return is_label ? number : std::nullopt;
 }
 
-std::string listed(const std::vector<Label>& labels) {
-    std::string text;
-    for (const Label& label : labels) text += (text.empty() ? "" : ", ") + label.name;
-    return text;
+std::string names_of(const std::vector<Label>& labels) {
+    std::vector<std::string> names;
+    for (const Label& label : labels) names.push_back(label.name);
+    return fmt::format("{}", fmt::join(names, ", "));
 }
 
 [[noreturn]] void refuse_absent(const Volume& volume, const std::string& label) {
@@ -235,8 +208,9 @@ std::vector<std::size_t> chosen_segments(const Volume& volume, const std::vector
             return std::find(label.words.begin(), label.words.end(), word) != label.words.end();
         });
         if (found == labels.end()) {
-            throw BadInput(volume.file, "labels", word,
-                           "a name, an ID or a value that one of the segments has alone: " + listed(labels));
+            throw BadInput(
+                volume.file, "labels", word,
+                "a name, an ID or a value that one of the segments has alone: " + names_of(labels));
         }
         chosen.push_back(std::size_t(found - labels.begin()));
         if (std::count(chosen.begin(), chosen.end(), chosen.back()) > 1)

@@ -1,6 +1,9 @@
 #include "harness/volume/text_header.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
+#include <limits>
 #include <sstream>
 
 #include "harness/base/bad_input.h"
@@ -44,6 +47,16 @@ std::vector<std::string> words(const std::string& text) {
     std::vector<std::string> list;
     for (std::string word; stream >> word;) list.push_back(word);
     return list;
+}
+
+std::optional<std::vector<double>> numbers_of(const std::string& text, std::size_t count) {
+    std::vector<double> numbers;
+    for (const std::string& word : words(text)) {
+        const auto number = parse_number<double>(word);
+        if (!number) return {};
+        numbers.push_back(*number);
+    }
+    return numbers.size() == count ? std::optional(numbers) : std::nullopt;
 }
 
 std::optional<std::string> HeaderLines::next() {
@@ -91,6 +104,47 @@ std::int64_t TextHeader::whole_number(const std::string& name, std::int64_t min)
     const auto number = parse_number<std::int64_t>(*text);
     if (!number || *number < min) refuse(name, "a whole number of at least " + std::to_string(min));
     return *number;
+}
+
+std::vector<AxisClaim> TextHeader::axes(const std::string& count, int max, const std::string& sizes) const {
+    const auto dimensions = parse_number<int>(require(count));
+    if (!dimensions || *dimensions < 3 || *dimensions > max) refuse(count, fmt::format("3 to {}", max));
+    const std::vector<std::string> list = words(require(sizes));
+    std::vector<AxisClaim> axes(static_cast<std::size_t>(*dimensions));
+    for (std::size_t a = 0; a < axes.size(); ++a) {
+        const auto size = list.size() == axes.size() ? parse_number<std::int64_t>(list[a]) : std::nullopt;
+        if (!size) refuse(sizes, fmt::format("{} whole numbers", axes.size()));
+        axes[a].name = fmt::format("axis {}", a + 1);
+        axes[a].size = *size;
+    }
+    return axes;
+}
+
+void TextHeader::set_distances(const std::string& name, std::vector<AxisClaim>& axes) const {
+    const std::string* text = find(name);
+    if (text == nullptr) return;
+    const std::vector<std::string> list = words(*text);
+    for (std::size_t a = 0; a < axes.size(); ++a) {
+        const auto distance = list.size() == axes.size() ? parse_number<double>(list[a]) : std::nullopt;
+        axes[a].distance = distance.value_or(std::numeric_limits<double>::quiet_NaN());
+        axes[a].distance_key = name;
+        axes[a].distance_text = *text;
+    }
+}
+
+bool TextHeader::is_list(const std::string& name) const {
+    const std::string* text = find(name);
+    return text != nullptr && words(*text + " .")[0] == "LIST";
+}
+
+void TextHeader::set_files(const std::string& name, const std::vector<std::string>& listed,
+                           const std::string& accepted, DataPlace& place) const {
+    const std::string& value = require(name);
+    if (is_list(name) && listed.empty()) refuse(name, "LIST with names of files below it");
+    if (value.empty() || value.find('%') != std::string::npos) refuse(name, accepted);
+    place.files_key = name;
+    for (const std::string& file : is_list(name) ? listed : std::vector{value})
+        place.files.push_back(std::filesystem::path(file_).parent_path() / file);
 }
 
 }  // namespace voxspring

@@ -11,6 +11,8 @@
 #include <string_view>
 #include <vector>
 
+#include "harness/volume/claims.h"
+
 namespace voxspring {
 
 /// `text` without blanks at its ends.
@@ -45,6 +47,9 @@ private:
     std::size_t read_ = 0;
 };
 
+/// `count` numbers between blanks; nullopt if `text` is anything else.
+std::optional<std::vector<double>> numbers_of(const std::string& text, std::size_t count);
+
 /// The fields of a header by name. Case and blanks in names do not matter. Refusals are BadInput and name the
 /// file. A field may occur repeatedly, but when it is looked up its values must be equal.
 class TextHeader {
@@ -53,11 +58,30 @@ public:
 
     const std::string& file() const { return file_; }
     void add(const std::string& name, const std::string& value);
+    /// The value of the field, or null.
     const std::string* find(const std::string& name) const;
     const std::string& require(const std::string& name) const;
     [[noreturn]] void refuse(const std::string& name, std::string_view accepted) const;
     /// The field as a whole number of at least `min`; 0 if there is no such field.
     std::int64_t whole_number(const std::string& name, std::int64_t min) const;
+    /// The value that `choices` has for `word`, the text of the field.
+    template <class Value>
+    Value choose(const std::string& name, const std::string& word,
+                 const std::map<std::string, Value>& choices, std::string_view accepted) const {
+        const auto found = choices.find(word);
+        if (found == choices.end()) refuse(name, accepted);
+        return found->second;
+    }
+
+    /// Axes of the sizes in one field, whose number, from 3 to `max`, is in another field.
+    std::vector<AxisClaim> axes(const std::string& count, int max, const std::string& sizes) const;
+    /// Takes the distances between voxels from the field, if there is one: one for each axis.
+    void set_distances(const std::string& name, std::vector<AxisClaim>& axes) const;
+    /// Whether the field says that names of data files stand below the header.
+    bool is_list(const std::string& name) const;
+    /// Sets the files with the data: the one that the field names or, if it is LIST, `listed`.
+    void set_files(const std::string& name, const std::vector<std::string>& listed,
+                   const std::string& accepted, DataPlace& place) const;
 
 private:
     std::string file_;

@@ -1,21 +1,26 @@
 #include "harness/volume/volume.h"
 
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
 #include <algorithm>
+#include <bit>
 #include <fstream>
+#include <system_error>
 
 #include "harness/base/bad_input.h"
-#include "harness/volume/readers.h"
+#include "harness/volume/claims.h"
 #include "harness/volume/text_header.h"
 
 namespace voxspring {
 namespace {
 
 VolumeClaims read_nifti_alone(std::istream& stream, const std::string& file) {
-    return read_nifti_header(stream, file);
+    return read_nifti(stream, file);
 }
 
 struct Format {
-    std::string_view ending;
+    std::string ending;
     VolumeClaims (*read)(std::istream&, const std::string&) = nullptr;  ///< null: part of a NIfTI pair
     bool is_image = false;  ///< whether it is the image of a pair, whose header is read first
 };
@@ -28,10 +33,10 @@ const std::vector<Format>& formats() {
         {".hdr.gz"},
         {".img", nullptr, true},
         {".img.gz", nullptr, true},
-        {".nrrd", read_nrrd_header},
-        {".nhdr", read_nrrd_header},
-        {".mha", read_metaimage_header},
-        {".mhd", read_metaimage_header},
+        {".nrrd", read_nrrd},
+        {".nhdr", read_nrrd},
+        {".mha", read_metaimage},
+        {".mhd", read_metaimage},
     };
     return all;
 }
@@ -56,8 +61,8 @@ std::string header_of(const std::filesystem::path& image) {
     const std::string name = image.filename().string();
     const std::string plain = name.substr(0, lower_case(name).rfind(".img")) + ".hdr";
     const bool gzipped = lower_case(name).ends_with(".gz");
-    return (gzipped ? plain + ".gz beside it, or " + plain : plain + " beside it, or " + plain + ".gz") +
-           " if that has no other image";
+    return fmt::format("{0}{1} beside it, or {0}{2} if that has no other image", plain, gzipped ? ".gz" : "",
+                       gzipped ? "" : ".gz");
 }
 
 /// Reads the pair to which `file` belongs. Messages about the header name the header's file.
@@ -68,7 +73,7 @@ Volume read_pair(const std::filesystem::path& file, bool is_image, const VolumeC
         throw BadInput(file.string(), "", "an image without its header", header_of(file));
     const std::string header = (is_image ? partner : file).string();
     std::ifstream stream = opened(header, is_image ? "the header of " + file.string() : "a volume file");
-    const VolumeClaims claims = read_nifti_header(stream, header, is_image ? file : partner);
+    const VolumeClaims claims = read_nifti(stream, header, is_image ? file : partner);
     if (is_image && claims.place.files.empty()) {
         throw BadInput(header, "magic", "of a file that has its voxels itself",
                        "that of a pair, of which " + file.string() + " is the image");
@@ -79,34 +84,17 @@ Volume read_pair(const std::filesystem::path& file, bool is_image, const VolumeC
 }  // namespace
 
 std::size_t bytes_of(ScalarType type) {
-    switch (type) {
-        case ScalarType::int8:
-        case ScalarType::uint8:
-            return 1;
-        case ScalarType::int16:
-        case ScalarType::uint16:
-            return 2;
-        case ScalarType::int32:
-        case ScalarType::uint32:
-        case ScalarType::float32:
-            return 4;
-        case ScalarType::int64:
-        case ScalarType::uint64:
-        case ScalarType::float64:
-            return 8;
-    }
-    return 0;
+    return with_scalar(type, [](auto scalar) { return sizeof scalar; });
 }
 
 bool is_volume_name(const std::string& name) { return format_of(name) != nullptr; }
 
 std::string volume_endings() {
-    std::string text;
-    for (const Format& format : formats()) {
-        text += text.empty() ? "" : &format == &formats().back() ? " or " : ", ";
-        text += format.ending;
-    }
-    return text;
+    std::vector<std::string> endings;
+    for (const Format& format : formats()) endings.push_back(format.ending);
+    const std::string last = endings.back();
+    endings.pop_back();
+    return fmt::format("{} or {}", fmt::join(endings, ", "), last);
 }
 
 Volume read_volume(const std::filesystem::path& file, const VolumeChoice& choice,
@@ -128,28 +116,44 @@ Volume read_voxels(std::istream& stream, const VolumeClaims& claims, const Volum
     Volume& volume = decided.volume;
     const std::uint64_t each = bytes_of(volume.type);
     const KeptBytes kept{each * decided.period, each * decided.first, each * decided.length};
+    const std::string count_means =
+        fmt::format("{} {} of {} as the header says", decided.scalars,
+                    decided.scalars > decided.length ? "values" : "voxels", claims.type_text);
     volume.data = read_data(stream, claims.file, claims.place, each * decided.scalars, kept, claims.data_key,
-                            std::to_string(decided.scalars) +
-                                (decided.scalars > decided.length ? " values of " : " voxels of ") +
-                                claims.type_text + " as the header says",
-                            volume.notes);
-    to_native_order(volume.data, volume.type, claims.big_endian);
+                            count_means, volume.notes);
+    if (claims.big_endian != (std::endian::native == std::endian::big)) {
+        const auto size = std::ptrdiff_t(each);
+        for (auto scalar = volume.data.begin(); scalar != volume.data.end(); scalar += size)
+            std::reverse(scalar, scalar + size);
+    }
     return std::move(volume);
 }
 
-Volume read_nifti(std::istream& stream, const std::string& file, const SceneSizeLimits& limits,
-                  const VolumeChoice& choice) {
-    return read_voxels(stream, read_nifti_header(stream, file), choice, limits);
-}
-
-Volume read_nrrd(std::istream& stream, const std::string& file, const SceneSizeLimits& limits,
-                 const VolumeChoice& choice) {
-    return read_voxels(stream, read_nrrd_header(stream, file), choice, limits);
-}
-
-Volume read_metaimage(std::istream& stream, const std::string& file, const SceneSizeLimits& limits,
-                      const VolumeChoice& choice) {
-    return read_voxels(stream, read_metaimage_header(stream, file), choice, limits);
+std::filesystem::path partner_of(const std::filesystem::path& file) {
+    const std::string name = file.string();
+    const std::string lower = lower_case(name);
+    const bool gzipped = lower.ends_with(".gz");
+    const std::size_t dot = lower.rfind('.', lower.size() - (gzipped ? 4 : 1));
+    if (dot == std::string::npos) return {};
+    const std::string ending = lower.substr(dot, lower.size() - dot - (gzipped ? 3 : 0));
+    const bool is_header = ending == ".hdr";
+    if (!is_header && ending != ".img") return {};
+    // The ending is first tried in capitals if the named file has capitals; a pair may also be x.IMG beside
+    // x.hdr.
+    const bool capitals = name[dot + 1] < 'a';
+    // Finds x.hdr, x.img, x.hdr.gz or x.img.gz; empty if it does not exist.
+    const auto found = [&](bool header, bool packed) -> std::filesystem::path {
+        const std::string wanted = std::string(header ? ".hdr" : ".img") + (packed ? ".gz" : "");
+        for (const bool in_capitals : {capitals, !capitals}) {
+            const std::string path = name.substr(0, dot) + (in_capitals ? upper_case(wanted) : wanted);
+            std::error_code error;
+            if (std::filesystem::is_regular_file(path, error)) return path;
+        }
+        return {};
+    };
+    if (const auto alike = found(!is_header, gzipped); !alike.empty()) return alike;
+    // A partner that is compressed differently is taken only if it does not belong to another file.
+    return found(is_header, !gzipped).empty() ? found(!is_header, !gzipped) : std::filesystem::path{};
 }
 
 }  // namespace voxspring

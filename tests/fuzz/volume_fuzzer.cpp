@@ -6,7 +6,7 @@
 #include <sstream>
 
 #include "harness/base/bad_input.h"
-#include "harness/volume/readers.h"
+#include "harness/volume/claims.h"
 #include "harness/volume/volume.h"
 
 namespace {
@@ -37,7 +37,8 @@ extern "C" int LLVMFuzzerTestOneInput(const std::uint8_t* data, std::size_t size
     if (size > 0 && data[size - 1] % 4 > 1) choice.spacing = {1, 2, 3};
     std::istringstream stream(std::string(reinterpret_cast<const char*>(data), size));
     try {
-        const voxspring::Volume volume = voxspring::READER(stream, "volume.hdr", limits, choice);
+        const voxspring::Volume volume =
+            read_voxels(stream, voxspring::READER(stream, "volume.hdr"), choice, limits);
         require(volume.voxel_count() ==
                 std::size_t(volume.dims.x) * std::size_t(volume.dims.y) * std::size_t(volume.dims.z));
         require(volume.spacing.x > 0 && volume.spacing.y > 0 && volume.spacing.z > 0);
