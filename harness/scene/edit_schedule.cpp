@@ -23,28 +23,19 @@ struct Due {
     std::int64_t step;
 };
 
-Shape moved(const Shape& shape, const glm::dvec3& by) {
-    struct Move {
-        const glm::dvec3& by;
-        Shape operator()(Plane plane) const {
-            plane.point += by;
-            return plane;
+Shape moved(Shape shape, const glm::dvec3& by) {
+    if (auto* plane = std::get_if<Plane>(&shape)) plane->point += by;
+    if (auto* ball = std::get_if<Ball>(&shape)) ball->centre += by;
+    if (auto* patch = std::get_if<TrianglePatch>(&shape)) {
+        for (auto& triangle : patch->triangles) {
+            for (glm::dvec3& corner : triangle) corner += by;
         }
-        Shape operator()(TrianglePatch patch) const {
-            for (auto& triangle : patch.triangles) {
-                for (glm::dvec3& corner : triangle) corner += by;
-            }
-            return patch;
-        }
-        Shape operator()(Ball ball) const {
-            ball.centre += by;
-            return ball;
-        }
-    };
-    return std::visit(Move{by}, shape);
+    }
+    return shape;
 }
 
-void check_work(const std::vector<EditSpec>& specs, const Lattice& lattice, const SceneSizeLimits& limits) {
+void check_sizes(const std::vector<EditSpec>& specs, const Lattice& lattice, const SceneSizeLimits& limits) {
+    const glm::dvec3& spacing = lattice.spacing;
     double work = 0;
     for (const EditSpec& spec : specs) {
         const auto* patch = spec.shape ? std::get_if<TrianglePatch>(&*spec.shape) : nullptr;
@@ -54,15 +45,8 @@ void check_work(const std::vector<EditSpec>& specs, const Lattice& lattice, cons
             spec.source.refuse("fewer or smaller edits: all of them look at more than " +
                                std::to_string(std::int64_t(limits.edit_work)) + " voxels times triangles");
         }
-    }
-}
-
-void check_reach(const std::vector<EditSpec>& specs, const glm::dvec3& spacing) {
-    const double max = max_suture_voxels * std::min({spacing.x, spacing.y, spacing.z});
-    for (const EditSpec& spec : specs) {
-        if (spec.within > max) {
+        if (spec.within > max_suture_voxels * std::min({spacing.x, spacing.y, spacing.z}))
             spec.source.refuse("a suture within " + std::to_string(max_suture_voxels) + " times the spacing");
-        }
     }
 }
 
@@ -111,8 +95,7 @@ SpringEdit make_edit(const Due& due, SpringEditor& editor, const Lattice& lattic
 
 std::vector<ScheduledEdit> schedule_edits(const std::vector<EditSpec>& specs, const Problem& problem,
                                           const SceneSizeLimits& limits) {
-    check_work(specs, problem.lattice, limits);
-    check_reach(specs, problem.lattice.spacing);
+    check_sizes(specs, problem.lattice, limits);
     Problem edited = problem;
     SpringEditor editor(edited);
     const std::vector<std::uint32_t> particle = particle_of_voxel(problem.lattice);

@@ -7,7 +7,8 @@
 #include <array>
 #include <cmath>
 #include <filesystem>
-#include <limits>
+#include <glm/common.hpp>
+#include <iostream>
 #include <optional>
 #include <random>
 #include <utility>
@@ -21,19 +22,16 @@
 #include "harness/scene/edit_schedule.h"
 #include "harness/scene/scene_file.h"
 #include "harness/scene/stability.h"
+#include "harness/volume/text_header.h"
 #include "harness/volume/volume.h"
 
 namespace voxspring {
 namespace {
 
 std::string join(const std::vector<Label>& labels) {
-    std::string text;
-    for (const Label& label : labels) text += (text.empty() ? "" : ", ") + label.name;
-    return text;
-}
-
-bool ends_with(const std::string& text, const std::string& end) {
-    return text.size() >= end.size() && text.compare(text.size() - end.size(), end.size(), end) == 0;
+    std::vector<std::string> names;
+    for (const Label& label : labels) names.push_back(label.name);
+    return fmt::format("{}", fmt::join(names, ", "));
 }
 
 std::string file_name(const std::string& file) { return std::filesystem::path(file).filename().string(); }
@@ -208,16 +206,16 @@ std::pair<int, int> active_slices(const Lattice& lattice, int axis) {
     return {lowest, highest};
 }
 
-/// The first and the last voxel of the box that `region` covers, both included.
+/// The first and the last voxel of the box that `region` covers within the grid, both included.
 std::pair<glm::ivec3, glm::ivec3> voxels_of(const Region& region, const Lattice& lattice) {
-    if (!region.at_side) return {region.from, region.to};
+    const glm::ivec3 last = lattice.dims - 1;
+    if (!region.at_side) return {region.from, glm::min(region.to, last)};
     const auto [lowest, highest] = active_slices(lattice, region.axis);
     const int extent = highest - lowest + 1;
     const int wanted =
         region.fraction > 0 ? std::max(1, int(std::lround(region.fraction * extent))) : region.slices;
     const int slices = std::min(wanted, extent);
-    glm::ivec3 from(0);
-    glm::ivec3 to = lattice.dims - 1;
+    glm::ivec3 from(0), to = last;
     if (region.upper) {
         from[region.axis] = highest - slices + 1;
     } else {
@@ -231,15 +229,11 @@ std::vector<std::size_t> particles_in(const Region& region, const Lattice& latti
     const auto [from, to] = voxels_of(region, lattice);
     // We search row by row: the particles of a row have consecutive numbers.
     std::vector<std::size_t> particles;
-    const auto number_of = [&](int x, int y, int z) {
-        return (std::int64_t(z) * lattice.dims.y + y) * lattice.dims.x + x;
-    };
-    for (int z = std::max(from.z, 0); z <= std::min(to.z, lattice.dims.z - 1); ++z) {
-        for (int y = std::max(from.y, 0); y <= std::min(to.y, lattice.dims.y - 1); ++y) {
-            const auto end = number_of(std::min(to.x, lattice.dims.x - 1), y, z);
-            auto next = std::lower_bound(lattice.voxel.begin(), lattice.voxel.end(),
-                                         number_of(std::max(from.x, 0), y, z));
-            for (; next != lattice.voxel.end() && *next <= end; ++next)
+    for (int z = from.z; z <= to.z; ++z) {
+        for (int y = from.y; y <= to.y; ++y) {
+            const std::int64_t row = (std::int64_t(z) * lattice.dims.y + y) * lattice.dims.x;
+            auto next = std::lower_bound(lattice.voxel.begin(), lattice.voxel.end(), row + from.x);
+            for (; next != lattice.voxel.end() && *next <= row + to.x; ++next)
                 particles.push_back(std::size_t(next - lattice.voxel.begin()));
         }
     }
@@ -424,12 +418,6 @@ std::vector<std::string> builtin_name_list() {
     return names;
 }
 
-std::string builtin_names() {
-    std::string text;
-    for (const std::string& name : builtin_name_list()) text += (text.empty() ? "" : ", ") + name;
-    return text;
-}
-
 /// "@64" or "@120x102x92" at the end of an argument.
 struct Resize {
     std::string base;    ///< the part of the argument before the '@'
@@ -439,28 +427,22 @@ struct Resize {
 
 Resize split_resize(const std::string& argument) {
     const auto at = argument.rfind('@');
-    if (at == std::string::npos || ends_with(argument, ".json") || is_volume_name(argument))
+    if (at == std::string::npos || argument.ends_with(".json") || is_volume_name(argument))
         return {argument, "", {}};
     Resize resize{argument.substr(0, at), argument.substr(at), {}};
-    std::vector<std::int64_t> sides(1, -1);  // -1: no digit yet
-    for (std::size_t c = 1; c < resize.suffix.size(); ++c) {
-        const char digit = resize.suffix[c];
-        if (digit == 'x' && sides.back() >= 0) {
-            sides.push_back(-1);
-        } else if (digit >= '0' && digit <= '9') {
-            sides.back() = std::max<std::int64_t>(sides.back(), 0) * 10 + (digit - '0');
-            if (sides.back() > max_side)
-                throw BadInput(argument, "dims", resize.suffix,
-                               "sides from 1 to " + std::to_string(max_side));
-        } else {
-            sides.push_back(-1);
-            break;
-        }
-    }
-    if ((sides.size() != 1 && sides.size() != 3) || sides.back() < 0)
+    std::string text = resize.suffix.substr(1);
+    const bool has_only_sides = text.find_first_not_of("0123456789x") == std::string::npos;
+    const auto separators = std::size_t(std::count(text.begin(), text.end(), 'x'));
+    std::replace(text.begin(), text.end(), 'x', ' ');
+    const std::vector<std::string> sides = words(text);
+    if (!has_only_sides || sides.size() != separators + 1 || (sides.size() != 1 && sides.size() != 3))
         throw BadInput(argument, "dims", resize.suffix, "@N or @WxHxD");
-    if (sides.size() == 1) sides.resize(3, sides[0]);
-    resize.dims = {int(sides[0]), int(sides[1]), int(sides[2])};
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+        const auto side = parse_number<int>(sides[sides.size() == 1 ? 0 : axis]);
+        if (!side || *side > max_side)
+            throw BadInput(argument, "dims", resize.suffix, fmt::format("sides from 1 to {}", max_side));
+        resize.dims[int(axis)] = *side;
+    }
     return resize;
 }
 
@@ -486,6 +468,12 @@ void apply(const VolumeOptions& volume, SceneFile& scene) {
 
 }  // namespace
 
+void say_notes(const Scene& scene) {
+    std::string lines;
+    for (const std::string& note : scene.notes) lines += "voxspring: " + scene.name + ": " + note + "\n";
+    std::cerr << lines << std::flush;
+}
+
 Scene load_scene(const std::string& argument, const SceneSizeLimits& limits) {
     return load_scene(argument, VolumeOptions{}, limits);
 }
@@ -506,10 +494,11 @@ Scene load_scene(const std::string& argument, const VolumeOptions& volume, const
             "in its file");
     const Resize resize = split_resize(argument);
     const std::string_view* builtin = builtin_text(resize.base);
-    if (builtin == nullptr && !ends_with(resize.base, ".json")) {
+    if (builtin == nullptr && !resize.base.ends_with(".json")) {
         throw BadInput(argument, "scene", resize.base,
-                       "a built-in scene (" + builtin_names() + "), a scene file (.json) or a volume file (" +
-                           volume_endings() + ")" + did_you_mean(resize.base, builtin_name_list()));
+                       "a built-in scene (" + fmt::format("{}", fmt::join(builtin_name_list(), ", ")) +
+                           "), a scene file (.json) or a volume file (" + volume_endings() + ")" +
+                           did_you_mean(resize.base, builtin_name_list()));
     }
     SceneFile file_says =
         read_scene_file(builtin != nullptr ? parse_json(*builtin, resize.base) : read_json(resize.base));

@@ -1,7 +1,7 @@
 #include "harness/scene/scene_file.h"
 
 #include <algorithm>
-#include <array>
+#include <initializer_list>
 #include <set>
 #include <string_view>
 
@@ -12,7 +12,8 @@
 namespace voxspring {
 namespace {
 
-constexpr std::array<SpringGroup, 3> all_groups = {SpringGroup::face, SpringGroup::edge, SpringGroup::corner};
+/// The names of the spring groups, in the order of the enumeration.
+const std::vector<std::string> group_names = {"face", "edge", "corner"};
 
 constexpr int max_edit_steps = 1'000'000'000;
 constexpr int max_edits = 1'000;
@@ -27,6 +28,11 @@ constexpr std::string_view accepted_regions =
 double positive(const JsonValue& value) { return value.number(min_quantity, max_quantity); }
 
 glm::dvec3 vector(const JsonValue& value) { return value.vec3(max_quantity); }
+
+/// How many of the keys are there.
+int keys_given(std::initializer_list<std::optional<JsonValue>> keys) {
+    return int(std::count_if(keys.begin(), keys.end(), [](const auto& key) { return key.has_value(); }));
+}
 
 /// Reads three whole numbers within [low, high].
 glm::ivec3 voxel_triple(const JsonValue& value, int low, int high) {
@@ -90,16 +96,20 @@ DatasetSpec read_dataset(JsonObject object) {
     return dataset;
 }
 
+/// The group with this name, if there is one.
+std::optional<SpringGroup> group_named(const std::string& name) {
+    const auto found = std::find(group_names.begin(), group_names.end(), name);
+    if (found == group_names.end()) return {};
+    return SpringGroup(found - group_names.begin());
+}
+
 std::vector<SpringGroup> read_spring_groups(const JsonValue& value) {
     std::vector<SpringGroup> groups;
-    for (const JsonValue& element : value.array(1, all_groups.size())) {
-        const std::string name = element.one_of({"face", "edge", "corner"});
-        for (const SpringGroup group : all_groups) {
-            if (to_string(group) != name) continue;
-            if (std::find(groups.begin(), groups.end(), group) != groups.end())
-                element.refuse("each spring group once");
-            groups.push_back(group);
-        }
+    for (const JsonValue& element : value.array(1, group_names.size())) {
+        const SpringGroup group = *group_named(element.one_of(group_names));
+        if (std::find(groups.begin(), groups.end(), group) != groups.end())
+            element.refuse("each spring group once");
+        groups.push_back(group);
     }
     return groups;
 }
@@ -107,24 +117,19 @@ std::vector<SpringGroup> read_spring_groups(const JsonValue& value) {
 Parameter read_parameter(const JsonValue& value, bool groups_allowed) {
     Parameter parameter;
     parameter.source = value;
-    const std::string accepted = groups_allowed
-                                     ? "a number, or an object with one number per spring group or per label"
-                                     : "a number, or an object with one number per label";
     if (value.is_number()) {
         parameter.everywhere = positive(value);
         return parameter;
     }
+    const std::string accepted = groups_allowed
+                                     ? "a number, or an object with one number per spring group or per label"
+                                     : "a number, or an object with one number per label";
     if (!value.is_object()) value.refuse(accepted);
     for (const auto& [key, element] : value.object().items()) {
-        const auto group = std::find_if(all_groups.begin(), all_groups.end(),
-                                        [&name = key](SpringGroup g) { return to_string(g) == name; });
-        if (group == all_groups.end()) {
-            parameter.by_label[key] = positive(element);
-        } else if (groups_allowed) {
-            parameter.by_group[*group] = positive(element);
-        } else {
+        const auto group = group_named(key);
+        if (group && !groups_allowed)
             throw BadInput(value.file(), value.path(), "the key \"" + key + "\"", accepted);
-        }
+        (group ? parameter.by_group[*group] : parameter.by_label[key]) = positive(element);
     }
     if (parameter.by_group.empty() == parameter.by_label.empty()) value.refuse(accepted);
     return parameter;
@@ -155,11 +160,10 @@ std::optional<Region> find_region(JsonObject& object) {
     const auto voxel = object.find("voxel");
     const auto from = object.find("from");
     const auto to = object.find("to");
-    if (!side && !slices && !fraction && !voxel && !from && !to) return std::nullopt;
-    if (int(side.has_value()) + int(voxel.has_value()) + int(from.has_value()) != 1 ||
-        from.has_value() != to.has_value() || (slices && fraction) || ((slices || fraction) && !side)) {
+    if (keys_given({side, slices, fraction, voxel, from, to}) == 0) return std::nullopt;
+    if (keys_given({side, voxel, from}) != 1 || keys_given({from, to}) == 1 ||
+        keys_given({slices, fraction}) > (side ? 1 : 0))
         object.value().refuse(accepted_regions);
-    }
     if (side) {
         region.at_side = true;
         read_side(*side, region);
@@ -199,7 +203,7 @@ InitialField read_initial_field(const JsonValue& value) {
     JsonObject object = value.object();
     const auto same = object.find("vector");
     const auto amplitude = object.find("random");
-    if (same.has_value() == amplitude.has_value()) value.refuse(accepted);
+    if (keys_given({same, amplitude}) != 1) value.refuse(accepted);
     if (same) {
         field.vector = vector(*same);
     } else {
@@ -225,7 +229,7 @@ TimeStep read_time_step(const JsonValue& value) {
     const auto of_stable = object.find("fraction_of_stable");
     const auto of_limit = object.find("fraction_of_limit");
     object.finish();
-    if (of_stable.has_value() == of_limit.has_value()) value.refuse(accepted);
+    if (keys_given({of_stable, of_limit}) != 1) value.refuse(accepted);
     time_step.of_limit = of_limit.has_value();
     time_step.fraction = positive(of_limit ? *of_limit : *of_stable);
     return time_step;
@@ -242,8 +246,7 @@ std::optional<Shape> read_shape(JsonObject& object, const std::string& accepted)
     const auto plane = object.find("plane");
     const auto triangles = object.find("triangles");
     const auto ball = object.find("ball");
-    const int given = int(plane.has_value()) + int(triangles.has_value()) + int(ball.has_value());
-    if (given > 1) object.value().refuse(accepted);
+    if (keys_given({plane, triangles, ball}) > 1) object.value().refuse(accepted);
     if (plane) {
         JsonObject keys = plane->object();
         Plane shape{vector(keys.require("point", "[x, y, z]")),
@@ -275,40 +278,34 @@ EditSpec read_edit(const JsonValue& value) {
     const auto cut = object.find("cut");
     const auto suture = object.find("suture");
     const std::string one_shape = "one of plane, triangles and ball";
-    if (cut.has_value() == suture.has_value()) value.refuse("either a cut or a suture");
-    if (cut) {
-        JsonObject keys = cut->object();
-        edit.shape = read_shape(keys, one_shape);
-        if (!edit.shape) cut->refuse(one_shape);
-        keys.finish();
-    } else {
-        edit.suture = true;
-        JsonObject keys = suture->object();
-        edit.shape = read_shape(keys, one_shape);
+    if (keys_given({cut, suture}) != 1) value.refuse("either a cut or a suture");
+    edit.suture = suture.has_value();
+    JsonObject keys = (cut ? cut : suture)->object();
+    edit.shape = read_shape(keys, one_shape);
+    if (cut && !edit.shape) cut->refuse(one_shape);
+    if (suture) {
         const auto pairs = keys.find("pairs");
         const auto within = keys.find("within");
         if (edit.shape.has_value() == pairs.has_value() || edit.shape.has_value() != within.has_value())
             suture->refuse("pairs of voxels, or " + one_shape + " with a distance \"within\"");
         if (within) edit.within = positive(*within);
-        if (pairs) {
-            for (const JsonValue& pair : pairs->array(1, max_pairs)) {
-                const std::vector<JsonValue> ends = pair.array(2, 2);
-                edit.voxels.emplace_back(voxel_triple(ends[0], 0, max_side - 1),
-                                         voxel_triple(ends[1], 0, max_side - 1));
-            }
+        for (const JsonValue& pair : pairs ? pairs->array(1, max_pairs) : std::vector<JsonValue>()) {
+            const std::vector<JsonValue> ends = pair.array(2, 2);
+            edit.voxels.emplace_back(voxel_triple(ends[0], 0, max_side - 1),
+                                     voxel_triple(ends[1], 0, max_side - 1));
         }
         if (const auto stiffness = keys.find("stiffness")) edit.stiffness = positive(*stiffness);
-        keys.finish();
     }
+    keys.finish();
     if (const auto repeat = object.find("repeat")) {
-        JsonObject keys = repeat->object();
-        edit.times = int(keys.require("times", "a whole number").integer(1, max_edits));
-        edit.every = int(keys.require("every", "a number of steps").integer(1, max_edit_steps));
-        if (const auto move = keys.find("move")) {
+        JsonObject how = repeat->object();
+        edit.times = int(how.require("times", "a whole number").integer(1, max_edits));
+        edit.every = int(how.require("every", "a number of steps").integer(1, max_edit_steps));
+        if (const auto move = how.find("move")) {
             if (!edit.shape) move->refuse("a repeat without it: pairs of voxels do not move");
             edit.move = vector(*move);
         }
-        keys.finish();
+        how.finish();
     }
     object.finish();
     return edit;
@@ -344,17 +341,7 @@ void read_gravity(const JsonValue& value, SceneFile& scene) {
 
 }  // namespace
 
-std::string to_string(SpringGroup group) {
-    switch (group) {
-        case SpringGroup::face:
-            return "face";
-        case SpringGroup::edge:
-            return "edge";
-        case SpringGroup::corner:
-            return "corner";
-    }
-    return {};
-}
+std::string to_string(SpringGroup group) { return group_names.at(std::size_t(group)); }
 
 SceneFile read_scene_file(JsonObject document) {
     SceneFile scene;
@@ -364,12 +351,9 @@ SceneFile read_scene_file(JsonObject document) {
     scene.dataset = read_dataset(document.require("dataset", "a box, heart or volume").object());
     if (const auto groups = document.find("spring_groups")) scene.spring_groups = read_spring_groups(*groups);
     if (const auto spacing = document.find("spacing")) {
-        if (spacing->is_array()) {
-            const std::vector<JsonValue> list = spacing->array(3, 3);
-            scene.spacing = {positive(list[0]), positive(list[1]), positive(list[2])};
-        } else {
-            scene.spacing = glm::dvec3(positive(*spacing));
-        }
+        const std::vector<JsonValue> list =
+            spacing->is_array() ? spacing->array(3, 3) : std::vector(3, *spacing);
+        scene.spacing = {positive(list[0]), positive(list[1]), positive(list[2])};
     }
     scene.mass.everywhere = 1;
     scene.stiffness.everywhere = 1;

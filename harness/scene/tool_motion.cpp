@@ -1,8 +1,9 @@
 #include "harness/scene/tool_motion.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <array>
-#include <charconv>
 #include <cmath>
 #include <filesystem>
 #include <fstream>
@@ -10,6 +11,7 @@
 
 #include "harness/base/bad_input.h"
 #include "harness/volume/dataset.h"
+#include "harness/volume/text_header.h"
 
 namespace voxspring {
 namespace {
@@ -20,41 +22,37 @@ constexpr std::uintmax_t max_file_bytes = std::uintmax_t(64) << 20;
 /// An interval longer than this multiple of the median interval is a gap.
 constexpr double max_gap = 10;
 
-/// Removes the text up to and including `end` from `text`, and returns what stands before `end`.
+/// Removes the text up to and including `end` from `text`, and returns what stands before `end`, without
+/// blanks, tabs and carriage returns around it.
 std::string_view cut(std::string_view& text, char end) {
     const std::size_t at = text.find(end);
-    const std::string_view before = text.substr(0, at);
+    std::string_view before = text.substr(0, at);
     text.remove_prefix(at == std::string_view::npos ? text.size() : at + 1);
-    return before;
-}
-
-/// Removes blanks, tabs and carriage returns around a word.
-std::string_view trimmed(std::string_view word) {
     constexpr std::string_view blanks = " \t\r";
-    const std::size_t first = word.find_first_not_of(blanks);
-    if (first == std::string_view::npos) return {};
-    return word.substr(first, word.find_last_not_of(blanks) - first + 1);
+    before.remove_prefix(std::min(before.find_first_not_of(blanks), before.size()));
+    return before.substr(0, before.find_last_not_of(blanks) + 1);
 }
 
-bool is_header(std::string_view line) {
-    if (std::count(line.begin(), line.end(), ',') != 3) return false;
-    return std::all_of(columns.begin(), columns.end(),
-                       [&](std::string_view column) { return trimmed(cut(line, ',')) == column; });
+/// The fields of a line; empty if there are not four of them.
+std::vector<std::string_view> fields_of(std::string_view line) {
+    if (std::count(line.begin(), line.end(), ',') != 3) return {};
+    std::vector<std::string_view> fields;
+    for (std::size_t c = 0; c < columns.size(); ++c) fields.push_back(cut(line, ','));
+    return fields;
 }
 
 /// Parses four finite numbers of magnitude at most max_quantity.
 std::array<double, 4> parse_sample(std::string_view line, const std::string& file, const std::string& where) {
     std::array<double, 4> sample{};
-    if (std::count(line.begin(), line.end(), ',') != 3)
-        throw BadInput(file, where, line, "four numbers: " + std::string(header));
+    const std::vector<std::string_view> fields = fields_of(line);
+    if (fields.empty()) throw BadInput(file, where, line, fmt::format("four numbers: {}", header));
     for (std::size_t c = 0; c < sample.size(); ++c) {
-        const std::string_view field = trimmed(cut(line, ','));
-        const auto [stop, error] = std::from_chars(field.data(), field.data() + field.size(), sample[c]);
-        const bool is_number = error == std::errc() && stop == field.data() + field.size() && !field.empty();
+        const auto number = parse_number<double>(std::string(fields[c]));
         // Written so that NaN, which fails every comparison, is refused.
-        if (!is_number || !(std::abs(sample[c]) <= max_quantity))
-            throw BadInput(file, where + ", " + std::string(columns[c]), field,
+        if (!number || !(std::abs(*number) <= max_quantity))
+            throw BadInput(file, fmt::format("{}, {}", where, columns[c]), fields[c],
                            "a number from -1e12 to 1e12");
+        sample[c] = *number;
     }
     return sample;
 }
@@ -68,11 +66,10 @@ void check_gaps(const std::vector<double>& time, const std::string& file) {
     std::nth_element(sorted.begin(), middle, sorted.end());
     const auto longest = std::max_element(interval.begin(), interval.end());
     if (*longest <= max_gap * *middle) return;
-    std::ostringstream value, accepted;
-    value << "a gap of " << *longest;
-    accepted << "samples at most " << max_gap << " times their median interval of " << *middle << " apart";
-    throw BadInput(file, "line " + std::to_string(longest - interval.begin() + 3) + ", time", value.str(),
-                   accepted.str());
+    throw BadInput(
+        file, fmt::format("line {}, time", longest - interval.begin() + 3),
+        fmt::format("a gap of {:g}", *longest),
+        fmt::format("samples at most {} times their median interval of {:g} apart", max_gap, *middle));
 }
 
 }  // namespace
@@ -94,20 +91,19 @@ ToolMotion parse_tool_motion(std::string_view text, const std::string& file, dou
         text.remove_prefix(mark.size());
     const std::size_t last = text.find_last_not_of(" \t\r\n");
     text = text.substr(0, last == std::string_view::npos ? 0 : last + 1);
-    const auto next_line = [&text] { return trimmed(cut(text, '\n')); };
-    if (const std::string_view first = next_line(); !is_header(first))
+    const std::string_view first = cut(text, '\n');
+    const std::vector<std::string_view> named = fields_of(first);
+    if (!std::equal(named.begin(), named.end(), columns.begin(), columns.end()))
         throw BadInput(file, "line 1", first, header);
     ToolMotion motion;
     std::array<double, 4> start{}, before{};
     for (int line = 2; !text.empty(); ++line) {
         const std::string where = "line " + std::to_string(line);
-        const std::array<double, 4> sample = parse_sample(next_line(), file, where);
+        const std::array<double, 4> sample = parse_sample(cut(text, '\n'), file, where);
         if (motion.empty()) start = sample;
         if (!motion.empty() && !(sample[0] > before[0])) {
-            std::ostringstream value, accepted;
-            value << sample[0];
-            accepted << "a time after " << before[0] << " of the line before";
-            throw BadInput(file, where + ", time", value.str(), accepted.str());
+            throw BadInput(file, where + ", time", fmt::format("{:g}", sample[0]),
+                           fmt::format("a time after {:g} of the line before", before[0]));
         }
         before = sample;
         motion.time.push_back(time_scale * (sample[0] - start[0]));
