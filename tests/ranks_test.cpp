@@ -25,7 +25,7 @@
 #include "harness/process/case.h"
 #include "harness/process/shared_memory.h"
 #include "harness/process/shared_state.h"
-#include "harness/ranks/mailboxes.h"
+#include "harness/ranks/exchange.h"
 #include "harness/ranks/mpi_ranks.h"
 #include "harness/ranks/rank_run.h"
 #include "harness/ranks/sample.h"
@@ -82,7 +82,7 @@ protected:
 TEST_F(Mailrooms, HandMessagesOnInTheirOrder) {
     constexpr int messages = 10000;
     const auto relay = [&](int rank) {
-        MailboxExchange exchange(mailroom_, rank);
+        Exchange exchange(mailroom_, rank);
         for (int i = 0; i < messages; ++i) {
             const int from = rank - 1, to = rank + 1;
             int value = i;
@@ -104,14 +104,14 @@ TEST_F(Mailrooms, HandMessagesOnInTheirOrder) {
 }
 
 TEST_F(Mailrooms, TellEveryRankOfTheFirstFailure) {
-    MailboxExchange first(mailroom_, 0), last(mailroom_, 2);
+    Exchange first(mailroom_, 0), last(mailroom_, 2);
     last.fail("rank 2: no more paper");
     first.fail("rank 0: another");
     EXPECT_EQ(message_of([&] { (void)first.inbox(1); }), "rank 2: no more paper");
 }
 
 TEST_F(Mailrooms, WaitNoLongerThanTheirPatience) {
-    MailboxExchange exchange(mailroom_, 0);
+    Exchange exchange(mailroom_, 0);
     exchange.set_patience(std::chrono::milliseconds(50));
     EXPECT_EQ(message_of([&] { meet(exchange); }), "rank 0 heard nothing of rank 1 for 0.05 s");
     EXPECT_TRUE(mailroom_.has_failed());
@@ -129,7 +129,7 @@ TEST(Routes, GoBothWaysAndFromEachRankToTheNext) {
     EXPECT_EQ(routes_from_json(to_json(routes)).capacities(), routes.capacities());
     std::vector<Line> memory(Mailroom::lines(routes));
     const Mailroom mailroom(memory.data(), routes);
-    MailboxExchange one(mailroom, 0), other(mailroom, 3);
+    Exchange one(mailroom, 0), other(mailroom, 3);
     EXPECT_THAT(message_of([&] { (void)one.outbox(3, 41); }), HasSubstr("longer than its mailbox"));
     std::memset(other.outbox(0, 100), 7, 100);
     other.post(0);
@@ -277,7 +277,7 @@ public:
             link.part = shared.part;
             link.sent = of.border(shared.sent);
             link.received = of.border(shared.received);
-            link.own = std::make_shared<Shore>();
+            link.own = std::make_shared<BorderInbox>();
         }
     }
     std::size_t bytes() const override {
@@ -311,7 +311,7 @@ public:
     void send() override {
         ++sent_;
         for (Link& link : links_) {
-            Shore& to = *link.theirs;
+            BorderInbox& to = *link.theirs;
             if (to.taken + 2 < sent_) throw std::logic_error("a message is replaced before it was taken");
             to.messages[sent_ % 2].resize(link.sent->bytes());
             link.sent->read(to.messages[sent_ % 2].data());
@@ -329,14 +329,14 @@ public:
 
 private:
     /// The inbox for messages.
-    struct Shore {
+    struct BorderInbox {
         std::array<std::vector<std::byte>, 2> messages;
         std::atomic<int> sent = 0, taken = 0;
     };
     struct Link {
         int part = 0;
         std::unique_ptr<Border> sent, received;
-        std::shared_ptr<Shore> own, theirs;
+        std::shared_ptr<BorderInbox> own, theirs;
     };
 
     const bool refuses_;

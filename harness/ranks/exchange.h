@@ -10,7 +10,10 @@
 #include <cstddef>
 #include <stdexcept>
 #include <string>
+#include <unordered_map>
 #include <vector>
+
+#include "harness/ranks/mailboxes.h"
 
 namespace voxspring {
 
@@ -20,30 +23,45 @@ class RankLost : public std::runtime_error {
     using std::runtime_error::runtime_error;
 };
 
-/// One rank's side of the exchange. Messages between two ranks arrive in the order in which they were sent. A
-/// call that waits throws RankLost once any rank has failed, or if the other side sends nothing for too long.
+/// One rank's side of the exchange, through a mailroom. Messages between two ranks arrive in the order in
+/// which they were sent. A call that waits throws RankLost once any rank has failed, or if the other side
+/// sends nothing for too long.
 class Exchange {
 public:
-    Exchange() = default;
+    Exchange(const Mailroom& mailroom, int rank);
     Exchange(const Exchange&) = delete;
     Exchange& operator=(const Exchange&) = delete;
-    virtual ~Exchange() = default;
 
-    virtual int rank() const = 0;
-    virtual int ranks() const = 0;
+    int rank() const { return rank_; }
+    int ranks() const { return mailroom_.routes().ranks(); }
 
     /// outbox() waits until there is room, and returns where to write the next message to rank `to`. post()
     /// then sends it.
-    virtual std::byte* outbox(int to, std::size_t bytes) = 0;
-    virtual void post(int to) = 0;
+    std::byte* outbox(int to, std::size_t bytes);
+    void post(int to);
     /// inbox() waits for the next message from rank `from` and returns it. release() then frees its room.
-    virtual const std::byte* inbox(int from) = 0;
-    virtual void release(int from) = 0;
+    const std::byte* inbox(int from);
+    void release(int from) { links_.at(from).in.take(); }
 
     /// Makes every rank that waits throw RankLost with this reason. The first reason counts.
-    virtual void fail(const std::string& reason) noexcept = 0;
+    void fail(const std::string& reason) noexcept { mailroom_.fail(reason); }
     /// A rank that sends nothing for this long counts as lost. The initial value is 10 s.
-    virtual void set_patience(std::chrono::duration<double> patience) = 0;
+    void set_patience(std::chrono::duration<double> patience) { patience_ = patience; }
+
+private:
+    /// The mailboxes to and from another rank.
+    struct Link {
+        Mailbox out, in;
+        std::size_t capacity;
+        std::size_t bytes = 0;  ///< size of the message being written
+    };
+    template <class Ready>
+    void wait_for(int other, const Ready& ready) const;
+
+    const Mailroom mailroom_;
+    const int rank_;
+    std::chrono::duration<double> patience_{10};
+    std::unordered_map<int, Link> links_;
 };
 
 /// Sends an empty message to each of the others, and waits for theirs.

@@ -5,9 +5,6 @@
 #include <atomic>
 #include <cstring>
 #include <nlohmann/json.hpp>
-#include <sstream>
-#include <stdexcept>
-#include <thread>
 
 namespace voxspring {
 namespace {
@@ -125,53 +122,5 @@ void Mailroom::fail(const std::string& reason) const noexcept {
 bool Mailroom::has_failed() const { return board().state.load(std::memory_order_acquire) == Board::failed; }
 
 std::string Mailroom::reason() const { return board().reason.data(); }
-
-MailboxExchange::MailboxExchange(const Mailroom& mailroom, int rank) : mailroom_(mailroom), rank_(rank) {
-    for (const int other : mailroom_.routes().from(rank))
-        links_.try_emplace(other, Link{.out = mailroom_.box(rank, other),
-                                       .in = mailroom_.box(other, rank),
-                                       .capacity = mailroom_.routes().capacities().at({rank, other})});
-}
-
-/// Spins for some microseconds, and then yields the core to other threads.
-template <class Ready>
-void MailboxExchange::wait_for(int other, const Ready& ready) const {
-    constexpr int spins = 2000, between_looks = 64;
-    for (int i = 0; i < spins; ++i) {
-        if (ready()) return;
-    }
-    const auto begin = std::chrono::steady_clock::now();
-    for (int i = 1;; ++i) {
-        if (ready()) return;
-        std::this_thread::yield();
-        if (i % between_looks != 0) continue;
-        if (mailroom_.has_failed()) throw RankLost(mailroom_.reason());
-        if (std::chrono::steady_clock::now() - begin < patience_) continue;
-        std::ostringstream reason;
-        reason << "rank " << rank_ << " heard nothing of rank " << other << " for " << patience_.count()
-               << " s";
-        mailroom_.fail(reason.str());
-        throw RankLost(mailroom_.has_failed() ? mailroom_.reason() : reason.str());
-    }
-}
-
-std::byte* MailboxExchange::outbox(int to, std::size_t bytes) {
-    Link& link = this->link(to);
-    if (bytes > link.capacity) throw std::logic_error("a message is longer than its mailbox");
-    wait_for(to, [&] { return link.out.has_room(); });
-    link.bytes = bytes;
-    return link.out.room();
-}
-
-void MailboxExchange::post(int to) {
-    Link& link = this->link(to);
-    link.out.send(link.bytes);
-}
-
-const std::byte* MailboxExchange::inbox(int from) {
-    const Mailbox& box = link(from).in;
-    wait_for(from, [&] { return box.has_message(); });
-    return box.message();
-}
 
 }  // namespace voxspring

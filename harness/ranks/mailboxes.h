@@ -1,17 +1,13 @@
 // Messages between ranks through shared memory, between threads or between processes.
 #pragma once
 
-#include <chrono>
 #include <cstddef>
 #include <cstdint>
 #include <map>
 #include <nlohmann/json_fwd.hpp>
 #include <string>
-#include <unordered_map>
 #include <utility>
 #include <vector>
-
-#include "harness/ranks/exchange.h"
 
 namespace voxspring {
 
@@ -91,37 +87,6 @@ private:
     Line* memory_;
     Routes routes_;
     std::map<std::pair<int, int>, std::size_t> begin_;  ///< first Line of a mailbox, by sender and receiver
-};
-
-/// A rank's side of an exchange through a mailroom.
-class MailboxExchange final : public Exchange {
-public:
-    MailboxExchange(const Mailroom& mailroom, int rank);
-
-    int rank() const override { return rank_; }
-    int ranks() const override { return mailroom_.routes().ranks(); }
-    std::byte* outbox(int to, std::size_t bytes) override;
-    void post(int to) override;
-    const std::byte* inbox(int from) override;
-    void release(int from) override { link(from).in.take(); }
-    void fail(const std::string& reason) noexcept override { mailroom_.fail(reason); }
-    void set_patience(std::chrono::duration<double> patience) override { patience_ = patience; }
-
-private:
-    /// The mailboxes to and from another rank.
-    struct Link {
-        Mailbox out, in;
-        std::size_t capacity;
-        std::size_t bytes = 0;  ///< size of the message being written
-    };
-    Link& link(int other) { return links_.at(other); }
-    template <class Ready>
-    void wait_for(int other, const Ready& ready) const;
-
-    const Mailroom mailroom_;
-    const int rank_;
-    std::chrono::duration<double> patience_{10};
-    std::unordered_map<int, Link> links_;
 };
 
 }  // namespace voxspring

@@ -67,7 +67,7 @@ public:
     /// "prepare" only makes sure that the process exists and is known before the rank begins to "run".
     nlohmann::json answer(Backend&, const nlohmann::json& question, const OnEvent&) override {
         if (question.at("do") == "prepare") return nullptr;
-        MailboxExchange exchange(mailroom_, rank_);
+        Exchange exchange(mailroom_, rank_);
         try {
             State left = room_for_state(scene_.problem, plan_);
             const RankReport report = run_rank(spec_, scene_, plan_, exchange, left);

@@ -28,47 +28,41 @@ namespace {
 
 /// The functions and objects of MPI that are used. They are looked up at run time, since the library is not
 /// linked.
-struct Library {
-    void* handle = nullptr;
-    MPI_Comm world = nullptr;
-    MPI_Datatype byte = nullptr;
-    decltype(&MPI_Init_thread) init_thread = nullptr;
-    decltype(&MPI_Finalize) finalize = nullptr;
-    decltype(&MPI_Comm_rank) comm_rank = nullptr;
-    decltype(&MPI_Comm_size) comm_size = nullptr;
-    decltype(&MPI_Iprobe) iprobe = nullptr;
-    decltype(&MPI_Get_count) get_count = nullptr;
-    decltype(&MPI_Recv) recv = nullptr;
-    decltype(&MPI_Isend) isend = nullptr;
-    decltype(&MPI_Test) test = nullptr;
-    decltype(&MPI_Wait) wait = nullptr;
-
-    Library() {
-        constexpr const char* file = "libmpi.so.40";
-        // RTLD_GLOBAL, since the library's plugins look for its symbols.
-        handle = dlopen(file, RTLD_NOW | RTLD_GLOBAL);
-        if (handle == nullptr) refuse_mpirun(dlerror());
-        find(world, "ompi_mpi_comm_world");
-        find(byte, "ompi_mpi_byte");
-        find(init_thread, "MPI_Init_thread");
-        find(finalize, "MPI_Finalize");
-        find(comm_rank, "MPI_Comm_rank");
-        find(comm_size, "MPI_Comm_size");
-        find(iprobe, "MPI_Iprobe");
-        find(get_count, "MPI_Get_count");
-        find(recv, "MPI_Recv");
-        find(isend, "MPI_Isend");
-        find(test, "MPI_Test");
-        find(wait, "MPI_Wait");
-    }
-
-private:
-    template <class Pointer>
-    void find(Pointer& pointer, const char* name) const {
-        void* const found = dlsym(handle, name);
+class Library {
+    /// A symbol, which becomes a pointer of the type that it is assigned to.
+    struct Symbol {
+        void* found;
+        template <class Pointer>
+        operator Pointer() const {
+            return reinterpret_cast<Pointer>(found);
+        }
+    };
+    Symbol find(const char* name) const {
+        void* const found = dlsym(handle_, name);
         if (found == nullptr) refuse_mpirun(std::string("libmpi.so.40 has no ") + name);
-        pointer = reinterpret_cast<Pointer>(found);
+        return {found};
     }
+    static void* opened() {
+        // RTLD_GLOBAL, since the library's plugins look for its symbols.
+        void* const handle = dlopen("libmpi.so.40", RTLD_NOW | RTLD_GLOBAL);
+        if (handle == nullptr) refuse_mpirun(dlerror());
+        return handle;
+    }
+    void* const handle_ = opened();
+
+public:
+    const MPI_Comm world = find("ompi_mpi_comm_world");
+    const MPI_Datatype byte = find("ompi_mpi_byte");
+    decltype(&MPI_Init_thread) const init_thread = find("MPI_Init_thread");
+    decltype(&MPI_Finalize) const finalize = find("MPI_Finalize");
+    decltype(&MPI_Comm_rank) const comm_rank = find("MPI_Comm_rank");
+    decltype(&MPI_Comm_size) const comm_size = find("MPI_Comm_size");
+    decltype(&MPI_Iprobe) const iprobe = find("MPI_Iprobe");
+    decltype(&MPI_Get_count) const get_count = find("MPI_Get_count");
+    decltype(&MPI_Recv) const recv = find("MPI_Recv");
+    decltype(&MPI_Isend) const isend = find("MPI_Isend");
+    decltype(&MPI_Test) const test = find("MPI_Test");
+    decltype(&MPI_Wait) const wait = find("MPI_Wait");
 };
 
 class SendingByMpi final : public OpenMpi::Sending {

@@ -33,9 +33,8 @@ void RankBackend::upload(const Problem& problem, const State& state) {
         std::vector<SharedParticles> borders;
         for (const Subdomain::Border& border : subdomain_.borders)
             borders.push_back({border.subdomain, border.sent, border.received});
-        std::shared_ptr<DeviceBorders>& own = parts_->at(std::size_t(exchange_.rank()));
-        const auto before = std::exchange(own, inner_.device_borders(borders, way_));
-        if (before != nullptr) own->take_over(*before);
+        const auto before = std::exchange(own_borders(), inner_.device_borders(borders, way_));
+        if (before != nullptr) own_borders()->take_over(*before);
         return;
     }
     for (const Subdomain::Border& border : subdomain_.borders)
@@ -44,19 +43,17 @@ void RankBackend::upload(const Problem& problem, const State& state) {
 
 void RankBackend::connect() {
     if (!goes_by_device() || connected_) return;
-    parts_->at(std::size_t(exchange_.rank()))->connect(*parts_, std::size_t(exchange_.rank()));
+    own_borders()->connect(*parts_, std::size_t(exchange_.rank()));
     connected_ = true;
 }
 
 void RankBackend::disconnect() {
     if (!connected_) return;
     connected_ = false;
-    parts_->at(std::size_t(exchange_.rank()))->disconnect();
+    own_borders()->disconnect();
 }
 
-int RankBackend::steps_a_call() const {
-    return goes_by_device() ? parts_->at(std::size_t(exchange_.rank()))->steps_a_call() : 0;
-}
+int RankBackend::steps_a_call() const { return goes_by_device() ? own_borders()->steps_a_call() : 0; }
 
 /// The devices wait for each other within these steps. A rank that allocates or frees memory, or loads a
 /// kernel, may wait until its device is idle, and meanwhile keep other ranks from enqueueing. To avoid a
@@ -95,19 +92,13 @@ void RankBackend::step(int count) {
     }
 }
 
-void RankBackend::exchange_borders() {
-    if (goes_by_device()) {
-        exchange_by_device();
-    } else {
-        exchange_by_host();
-    }
-}
+void RankBackend::exchange_borders() { goes_by_device() ? exchange_by_device() : exchange_by_host(); }
 
 /// A mailbox has room for two messages, so the host of a rank can be at most two steps ahead of its
 /// neighbour's.
 void RankBackend::exchange_by_device() {
     const auto begin = Clock::now();
-    DeviceBorders& borders = *parts_->at(std::size_t(exchange_.rank()));
+    DeviceBorders& borders = *own_borders();
     for (const Subdomain::Border& border : subdomain_.borders) (void)exchange_.outbox(border.subdomain, 0);
     borders.send();
     for (const Subdomain::Border& border : subdomain_.borders) exchange_.post(border.subdomain);
@@ -144,7 +135,7 @@ std::vector<int> RankBackend::neighbours() const {
 }
 
 std::size_t RankBackend::border_bytes() const {
-    if (goes_by_device()) return parts_->at(std::size_t(exchange_.rank()))->bytes();
+    if (goes_by_device()) return own_borders()->bytes();
     std::size_t bytes = 0;
     for (const Link& link : links_) bytes += link.sent->bytes();
     return bytes;

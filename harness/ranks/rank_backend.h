@@ -28,14 +28,12 @@ struct RankSeconds {
 /// Steps a subdomain with the backend `inner`. All ranks make the same number of steps and the same edits.
 class RankBackend final : public Backend {
 public:
-    /// All arguments must outlive this object.
-    RankBackend(Backend& inner, const Subdomain& subdomain, Exchange& exchange)
-        : inner_(inner), subdomain_(subdomain), exchange_(exchange) {}
-    /// For borders that go from device to device, by `way` (Capabilities::border_ways). After each upload()
-    /// all ranks must meet and connect() before anything else.
-    RankBackend(Backend& inner, const Subdomain& subdomain, Exchange& exchange, std::string way,
-                PartsOnDevices& parts)
-        : inner_(inner), subdomain_(subdomain), exchange_(exchange), way_(std::move(way)), parts_(&parts) {}
+    /// All arguments must outlive this object. If there are `parts`, borders go from device to device, by
+    /// `way` (Capabilities::border_ways): after each upload() all ranks must meet and connect() before
+    /// anything else.
+    RankBackend(Backend& inner, const Subdomain& subdomain, Exchange& exchange, std::string way = {},
+                PartsOnDevices* parts = nullptr)
+        : inner_(inner), subdomain_(subdomain), exchange_(exchange), way_(std::move(way)), parts_(parts) {}
 
     Capabilities capabilities() const override { return inner_.capabilities(); }
     std::string unsupported(const Problem& problem) const override;
@@ -95,6 +93,8 @@ private:
         return std::chrono::duration<double>(end_ - begin_).count();
     }
 
+    /// Requires goes_by_device().
+    std::shared_ptr<DeviceBorders>& own_borders() const { return parts_->at(std::size_t(exchange_.rank())); }
     int steps_a_call() const;
     void step_alone(int count);
     void step_and_exchange(int count);
@@ -105,8 +105,8 @@ private:
     const Subdomain& subdomain_;
     bool is_held_ = false;  ///< whether the problem has a tool
     Exchange& exchange_;
-    const std::string way_ = {};
-    PartsOnDevices* const parts_ = nullptr;  ///< null: borders go through the host's memory
+    const std::string way_;
+    PartsOnDevices* const parts_;  ///< null: borders go through the host's memory
     bool connected_ = false;
     bool waits_ = parts_ == nullptr;
     std::vector<Link> links_;  ///< used if borders go through the host's memory

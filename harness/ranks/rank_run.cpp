@@ -44,21 +44,9 @@ double seconds_of(Exchange& exchange, RankBackend& backend, const std::function<
     return least;
 }
 
-nlohmann::json to_json(const Decomposition::Brick& brick) {
-    return {brick.begin.x, brick.begin.y, brick.begin.z, brick.end.x, brick.end.y, brick.end.z};
-}
-
-Decomposition::Brick brick_of(const nlohmann::json& json) {
-    const auto at = [&](std::size_t n) { return json.at(n).get<int>(); };
-    return {{at(0), at(1), at(2)}, {at(3), at(4), at(5)}};
-}
-
-/// The backend with the plan's way of exchanging borders. A single rank has no borders and needs none.
-RankBackend on_its_way(Backend& inner, const Subdomain& subdomain, Exchange& exchange, const RankPlan& plan,
-                       PartsOnDevices* parts) {
-    if (plan.way == "memory" || exchange.ranks() == 1) return {inner, subdomain, exchange};
-    if (parts == nullptr) throw std::logic_error("only ranks of one process have a way by " + plan.way);
-    return {inner, subdomain, exchange, plan.way, *parts};
+nlohmann::json json_of(const glm::ivec3& v) { return {v.x, v.y, v.z}; }
+glm::ivec3 triple_of(const nlohmann::json& json) {
+    return {json.at(0).get<int>(), json.at(1).get<int>(), json.at(2).get<int>()};
 }
 
 /// Copies the part of a rank's `state` that the run is to leave.
@@ -135,7 +123,7 @@ struct Together {
 };
 
 void run_as_thread(const std::shared_ptr<Together>& all, int rank) {
-    MailboxExchange exchange(all->mailroom, rank);
+    Exchange exchange(all->mailroom, rank);
     // Backends copy with all OpenMP threads: each rank gets its share of them.
     omp_set_num_threads(std::max(1, omp_get_max_threads() / exchange.ranks()));
     try {
@@ -180,28 +168,29 @@ void wait_for(Together& all) {
 
 nlohmann::json to_json(const RankPlan& plan) {
     nlohmann::json sampled = nlohmann::json::array();
-    for (const Decomposition::Brick& brick : plan.sampled) sampled.push_back(to_json(brick));
+    for (const Decomposition::Brick& brick : plan.sampled)
+        sampled.push_back({json_of(brick.begin), json_of(brick.end)});
     return {{"steps", plan.steps},
             {"repetitions", plan.repetitions},
             {"start_patience", plan.start_patience.count()},
             {"patience", plan.patience.count()},
             {"devices", plan.devices},
             {"way", plan.way},
-            {"cut", {plan.cut.x, plan.cut.y, plan.cut.z}},
+            {"cut", json_of(plan.cut)},
             {"sampled", sampled}};
 }
 
 RankPlan rank_plan_of(const nlohmann::json& json) {
-    const nlohmann::json& cut = json.at("cut");
     std::vector<Decomposition::Brick> sampled;
-    for (const nlohmann::json& brick : json.at("sampled")) sampled.push_back(brick_of(brick));
+    for (const nlohmann::json& brick : json.at("sampled"))
+        sampled.push_back({triple_of(brick.at(0)), triple_of(brick.at(1))});
     return {.steps = json.at("steps"),
             .repetitions = json.at("repetitions"),
             .start_patience = Seconds(json.at("start_patience").get<double>()),
             .patience = Seconds(json.at("patience").get<double>()),
             .devices = json.at("devices"),
             .way = json.at("way"),
-            .cut = {cut.at(0).get<int>(), cut.at(1).get<int>(), cut.at(2).get<int>()},
+            .cut = triple_of(json.at("cut")),
             .sampled = std::move(sampled)};
 }
 
@@ -219,31 +208,12 @@ DeviceNumber RankPlan::first_device() const {
     return first;
 }
 
-nlohmann::json to_json(const RankReport& report) {
-    nlohmann::json batches = nlohmann::json::array();
-    for (const RankBatch& batch : report.batches)
-        batches.push_back({batch.total, batch.compute, batch.exchange, batch.waiting});
-    return {{"batches", batches},          {"own", report.own},
-            {"ghosts", report.ghosts},     {"border_bytes", report.border_bytes},
-            {"latency", report.latency},   {"seconds_per_byte", report.seconds_per_byte},
-            {"device", report.device},     {"uuid", report.uuid},
-            {"card_mhz", report.card_mhz}, {"other_users", report.other_users}};
-}
+NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(RankBatch, total, compute, exchange, waiting)
+NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(RankReport, batches, own, ghosts, border_bytes, latency, seconds_per_byte,
+                                   device, uuid, card_mhz, other_users)
 
-RankReport rank_report_of(const nlohmann::json& json) {
-    RankReport report{.own = json.at("own"),
-                      .ghosts = json.at("ghosts"),
-                      .border_bytes = json.at("border_bytes"),
-                      .latency = json.at("latency"),
-                      .seconds_per_byte = json.at("seconds_per_byte"),
-                      .device = json.at("device"),
-                      .uuid = json.at("uuid"),
-                      .card_mhz = json.at("card_mhz"),
-                      .other_users = json.at("other_users")};
-    for (const auto& batch : json.at("batches"))
-        report.batches.push_back({batch.at(0), batch.at(1), batch.at(2), batch.at(3)});
-    return report;
-}
+nlohmann::json to_json(const RankReport& report) { return report; }
+RankReport rank_report_of(const nlohmann::json& json) { return json.get<RankReport>(); }
 
 std::string different_devices(const std::vector<RankReport>& reports) {
     const auto other = std::find_if(reports.begin(), reports.end(), [&](const RankReport& report) {
@@ -301,7 +271,11 @@ RankReport run_rank(const BackendSpec& spec, const Scene& scene, const RankPlan&
     Scene part = part_of(scene, subdomain);
     const DeviceOfThread device(plan.device_of(exchange.rank()));
     const std::unique_ptr<Backend> inner = spec.make();
-    RankBackend backend = on_its_way(*inner, subdomain, exchange, plan, parts);
+    // A single rank has no borders.
+    const bool by_device = plan.way != "memory" && exchange.ranks() > 1;
+    if (by_device && parts == nullptr)
+        throw std::logic_error("only ranks of one process have a way by " + plan.way);
+    RankBackend backend(*inner, subdomain, exchange, plan.way, by_device ? parts : nullptr);
     SceneRunner runner(part);
     if (const std::string reason = runner.unsupported(backend); !reason.empty()) throw Unavailable(reason);
     const DivergenceMonitor monitor = divergence_monitor(scene, plan.steps);
