@@ -25,7 +25,10 @@
 namespace voxspring::testing {
 namespace {
 
+using ::testing::ElementsAre;
+using ::testing::EndsWith;
 using ::testing::HasSubstr;
+using ::testing::StartsWith;
 
 constexpr SceneSizeLimits small{100000, 10000};
 
@@ -36,14 +39,12 @@ Scene box_with(const std::string& keys) {
     return parse(R"({"dataset": {"type": "box", "dims": [4, 3, 2]}, )" + keys + "}");
 }
 
-template <class Use>
-std::string refusal(const Use& use) {
-    try {
-        use();
-    } catch (const BadInput& refused) {
-        return refused.what();
-    }
-    return "accepted";
+/// A scene file in a folder, of a volume file there, with further keys of its dataset and of the scene.
+Scene volume_scene(const TemporaryFolder& folder, const std::string& volume, const std::string& dataset = "",
+                   const std::string& keys = "") {
+    return load_scene(folder.write("s.json", R"({"dataset": {"type": "volume", "file": ")" + volume + "\"" +
+                                                 dataset + "}" + keys + "}"),
+                      small);
 }
 
 std::vector<std::size_t> pinned_particles(const Problem& problem) {
@@ -171,28 +172,22 @@ TEST(ToolMotion, WhatProgramsPutAroundNumbersIsReadOver) {
 }
 
 TEST(ToolMotion, BadFilesAreRefused) {
-    const auto said = [](const std::string& text) {
-        return refusal([&] { (void)parse_tool_motion(text, "hand.csv", 1, 1); });
+    const std::string head = "time,x,y,z\n", still = head + "0,0,0,0\n1,0,0,0\n";
+    const std::pair<std::string, std::string> cases[] = {
+        {"0,1,2,3\n", "line 1: 0,1,2,3"},
+        {head + "0,1,2\n", "line 2: 0,1,2"},
+        {head + "0,1,2,3\n1,1,,3\n", "line 3, y: "},
+        {head + "0,1,nan,3\n", "line 2, y: nan"},
+        {head + "0,1,2,inf\n", "line 2, z: inf"},
+        {head + "0,1,2,3x\n", "line 2, z: 3x"},
+        {still + "1,0,0,0\n", "line 4, time: 1"},
+        {still + "2,0,0,0\n13,0,0,0\n", "line 5, time: a gap of 11"},
+        {head, "0 samples"},
+        {head + "0,0,0,0\n\n1,0,0,0\n", "line 3: "},
     };
-    const std::string head = "time,x,y,z\n";
-    EXPECT_EQ(said("0,1,2,3\n"), "hand.csv: line 1: 0,1,2,3 is not accepted; expected time,x,y,z");
-    EXPECT_EQ(said(head + "0,1,2\n"),
-              "hand.csv: line 2: 0,1,2 is not accepted; expected four numbers: time,x,y,z");
-    EXPECT_EQ(said(head + "0,1,2,3\n1,1,,3\n"),
-              "hand.csv: line 3, y:  is not accepted; expected a number from -1e12 to 1e12");
-    EXPECT_EQ(said(head + "0,1,nan,3\n"),
-              "hand.csv: line 2, y: nan is not accepted; expected a number from -1e12 to 1e12");
-    EXPECT_THAT(said(head + "0,1,2,inf\n"), HasSubstr("line 2, z: inf is not accepted"));
-    EXPECT_THAT(said(head + "0,1,2,3x\n"), HasSubstr("line 2, z: 3x is not accepted"));
-    EXPECT_EQ(said(head + "0,0,0,0\n1,0,0,0\n1,0,0,0\n"),
-              "hand.csv: line 4, time: 1 is not accepted; expected a time after 1 of the line before");
-    EXPECT_EQ(said(head + "0,0,0,0\n1,0,0,0\n2,0,0,0\n13,0,0,0\n"),
-              "hand.csv: line 5, time: a gap of 11 is not accepted; expected samples at most 10 times their "
-              "median interval of 1 apart");
-    EXPECT_EQ(said(head), "hand.csv: 0 samples is not accepted; expected two samples at least");
-    EXPECT_EQ(said(head + "0,0,0,0\n\n1,0,0,0\n"),
-              "hand.csv: line 3:  is not accepted; expected four numbers: time,x,y,z");
-    EXPECT_THAT(refusal([] { (void)read_tool_motion("no/such.csv", 1, 1); }), HasSubstr("a missing file"));
+    for (const auto& [text, expected] : cases)
+        EXPECT_EQ(refused([&] { (void)parse_tool_motion(text, "hand.csv", 1, 1); }), expected) << text;
+    EXPECT_EQ(refused([] { (void)read_tool_motion("no/such.csv", 1, 1); }), "a missing file");
 }
 
 TEST(Scene, AToolHoldsARegionAndMovesTickByTick) {
@@ -224,12 +219,9 @@ TEST(Scene, AToolHoldsARegionAndMovesTickByTick) {
     const std::string stiff = R"({"dataset": {"type": "box", "dims": [4, 3, 2]},
         "tool": {"side": "x+", "stiffness": 500, "motion": "hand.csv"}})";
     EXPECT_LT(parse_scene(stiff, file, small).problem.time_step, 0.1);
-    EXPECT_THAT(refusal([&] {
-                    (void)parse_scene(R"({"dataset": {"type": "box", "dims": [4, 3, 2]},
-        "tool": {"side": "x+", "stiffness": 1, "motion": "other.csv"}})",
-                                      file, small);
-                }),
-                HasSubstr("tool.motion: \"other.csv\" is not accepted; expected a file that exists"));
+    std::string other = stiff;
+    other.replace(other.find("hand"), 4, "other");
+    EXPECT_EQ(refused([&] { (void)parse_scene(other, file, small); }), "tool.motion: \"other.csv\"");
 }
 
 TEST(Scene, EditsPlayBetweenTheirSteps) {
@@ -494,9 +486,7 @@ TEST(Scene, VolumesByThresholdAndLabels) {
                                      "spacings: 1 2 3\n",
                                      bytes_of_values<std::uint8_t>(voxels)));
     const auto scene = [&](const std::string& dataset, const std::string& keys) {
-        const std::string text =
-            R"({"dataset": {"type": "volume", "file": "v.nrrd")" + dataset + "}" + keys + "}";
-        return load_scene(folder.write("s.json", text), small);
+        return volume_scene(folder, "v.nrrd", dataset, keys);
     };
     const Scene threshold = scene("", "");
     EXPECT_EQ(threshold.name, "s.json");
@@ -520,24 +510,16 @@ TEST(Scene, VolumesByThresholdAndLabels) {
     // Equal values make one material.
     EXPECT_FALSE(scene("", R"(, "mass": {"1": 2, "2": 2})").problem.has_materials());
 
-    const auto refused = [&](const std::string& dataset, const std::string& keys) {
-        const std::string message = refusal([&] { scene(dataset, keys); });
-        return message.substr(message.find(": ") + 2);
+    const std::array<std::string, 3> cases[] = {
+        {"", R"(, "mass": {"1": 2})", R"(mass: {"1":2})"},
+        {"", R"(, "mass": {"1": 2, "2": 2, "3": 2})", R"(mass: {"1":2,"2":2,"3":2})"},
+        {"", R"(, "mass": {"1": 2, "2": 3}, "stiffness": {"face": 1, "edge": 1})",
+         R"(stiffness: {"edge":1,"face":1})"},
+        {R"(, "threshold": 2)", "", "threshold: 2"},
+        {R"(, "labels": [3])", "", "labels: 3"},
     };
-    EXPECT_EQ(refused("", R"(, "mass": {"1": 2})"),
-              "mass: {\"1\":2} is not accepted; expected a value for each of the labels 1, 2");
-    EXPECT_EQ(
-        refused("", R"(, "mass": {"1": 2, "2": 2, "3": 2})"),
-        "mass: {\"1\":2,\"2\":2,\"3\":2} is not accepted; expected values for no other labels than 1, 2");
-    EXPECT_EQ(
-        refused("", R"(, "mass": {"1": 2, "2": 3}, "stiffness": {"face": 1, "edge": 1})"),
-        "stiffness: {\"edge\":1,\"face\":1} is not accepted; expected one value, or one per label, where "
-        "masses differ between labels");
-    EXPECT_EQ(refused(R"(, "threshold": 2)", ""),
-              "threshold: 2 is not accepted; expected one below the largest value in the volume, 2, so that "
-              "some voxel is active");
-    EXPECT_EQ(refused(R"(, "labels": [3])", ""),
-              "labels: 3 is not accepted; expected labels that some voxel carries");
+    for (const auto& [dataset, keys, expected] : cases)
+        EXPECT_EQ(refused([&, &d = dataset, &k = keys] { scene(d, k); }), expected);
 }
 
 /// "wall" and "valve" in one layer of a 3D Slicer file, x to the left, y to the posterior, z to the superior.
@@ -554,9 +536,7 @@ TEST(Scene, SegmentsAreNamed) {
     const TemporaryFolder folder;
     folder.write("v.seg.nrrd", segments_of_a_body());
     const auto scene = [&](const std::string& dataset, const std::string& keys) {
-        return load_scene(folder.write("s.json", R"({"dataset": {"type": "volume", "file": "v.seg.nrrd")" +
-                                                     dataset + "}" + keys + "}"),
-                          small);
+        return volume_scene(folder, "v.seg.nrrd", dataset, keys);
     };
     EXPECT_EQ(scene("", "").problem.particle_count(), 10u);
     EXPECT_EQ(scene(R"(, "labels": ["valve"])", "").problem.particle_count(), 4u);
@@ -568,37 +548,29 @@ TEST(Scene, SegmentsAreNamed) {
     ASSERT_TRUE(by_name.volume);
     const std::vector<std::pair<std::string, std::uint64_t>> counts = {{"wall", 6}, {"valve", 4}};
     EXPECT_EQ(by_name.volume->labels, counts);
-    const auto refused = [&](const std::string& keys) {
-        const std::string message = refusal([&] { scene("", keys); });
-        return message.substr(message.find(": ") + 2);
-    };
-    EXPECT_EQ(refused(R"(, "mass": {"wall": 1})"),
-              R"(mass: {"wall":1} is not accepted; expected a value for each of the labels wall, valve)");
-    EXPECT_EQ(
-        refused(R"(, "mass": {"wall": 1, "1": 1, "valve": 2})"),
-        R"(mass: {"1":1,"valve":2,"wall":1} is not accepted; expected one value for wall, not two by different names)");
+    EXPECT_THAT(refusal([&] { scene("", R"(, "mass": {"wall": 1})"); }),
+                HasSubstr("expected a value for each of the labels wall, valve"));
+    EXPECT_THAT(refusal([&] { scene("", R"(, "mass": {"wall": 1, "1": 1, "valve": 2})"); }),
+                HasSubstr("expected one value for wall, not two by different names"));
 }
 
 TEST(Scene, SidesOfTheBodyAreThoseOfItsFile) {
     const TemporaryFolder folder;
     folder.write("v.seg.nrrd", segments_of_a_body());
     const auto scene = [&](const std::string& keys) {
-        return load_scene(
-            folder.write("s.json", R"({"dataset": {"type": "volume", "file": "v.seg.nrrd"}, )" + keys + "}"),
-            small);
+        return volume_scene(folder, "v.seg.nrrd", "", ", " + keys);
     };
     // z is 37 degrees off the superior direction, and the nearest axis to it.
     const Scene pinned = scene(R"("pinned": {"side": "inferior"})");
-    EXPECT_EQ(pinned.problem.pinned, scene(R"("pinned": {"side": "z-"})").problem.pinned);
-    EXPECT_EQ(pinned.notes, std::vector<std::string>{"inferior is taken for z-, which is 37 degrees off"});
-    EXPECT_TRUE(scene(R"("pinned": {"side": "z-"})").notes.empty());
+    const Scene by_axis = scene(R"("pinned": {"side": "z-"})");
+    EXPECT_EQ(pinned.problem.pinned, by_axis.problem.pinned);
+    EXPECT_THAT(pinned.notes, ElementsAre("inferior is taken for z-, which is 37 degrees off"));
+    EXPECT_TRUE(by_axis.notes.empty());
     EXPECT_EQ(scene(R"("pinned": {"side": "right"})").problem.pinned,
               scene(R"("pinned": {"side": "x-"})").problem.pinned);
     // Gravity takes the exact direction.
     const glm::dvec3 gravity = scene(R"("gravity": {"toward": "inferior", "strength": 10})").problem.gravity;
-    EXPECT_NEAR(gravity.x, 0, 1e-14);
-    EXPECT_NEAR(gravity.y, -6, 1e-14);
-    EXPECT_NEAR(gravity.z, -8, 1e-14);
+    EXPECT_LT(glm::distance(gravity, glm::dvec3(0, -6, -8)), 1e-13);
     EXPECT_EQ(scene(R"("gravity": {"toward": "y+", "strength": 10})").problem.gravity, glm::dvec3(0, 10, 0));
 }
 
@@ -608,13 +580,10 @@ TEST(Scene, AFrameAndASpacingAreChosenBeforeTheFileIsJudged) {
                  nrrd_file("type: uint8\ndimension: 4\nsizes: 2 2 2 2\nkinds: space space space time\n"
                            "spacings: 0 1 1 1\nencoding: raw\n",
                            std::string(8, '\1') + std::string{0, 0, 0, 0, 0, 0, 1, 1}));
-    const std::string keys = R"({"dataset": {"type": "volume", "file": "v.nrrd", "frame": 1})";
-    const Scene scene = load_scene(folder.write("s.json", keys + R"(, "spacing": 3})"), small);
+    const Scene scene = volume_scene(folder, "v.nrrd", R"(, "frame": 1)", R"(, "spacing": 3)");
     EXPECT_EQ(scene.problem.particle_count(), 2u);
     EXPECT_EQ(scene.problem.lattice.spacing, glm::dvec3(3));
-    EXPECT_NE(
-        refusal([&] { load_scene(folder.write("s.json", keys + "}"), small); }).find("spacings: 0 1 1 1"),
-        std::string::npos);
+    EXPECT_EQ(refused([&] { volume_scene(folder, "v.nrrd", R"(, "frame": 1)"); }), "spacings: 0 1 1 1");
     VolumeOptions options;
     options.frame = 0;
     options.spacing = glm::dvec3(3);
@@ -634,21 +603,11 @@ TEST(Scene, AVolumeByItselfHasTheParametersOfTheHeart) {
     EXPECT_EQ(scene.problem.gravity, heart.problem.gravity * glm::dvec3(0.5, 0.5, 2));
     EXPECT_EQ(scene.problem.damping, heart.problem.damping);
     EXPECT_EQ(pinned_particles(scene.problem).size(), 30u);
+    const SceneSizeLimits few_voxels{100, 100}, few_particles{200, 100};
     EXPECT_EQ(
-        refusal([&] {
-            load_scene(file, {100, 100});
-        }),
+        refusal([&] { load_scene(file, few_voxels); }),
         file + ": dim: 4 x 5 x 6 is not accepted; expected at most 100 voxels on this machine, not 120");
-    EXPECT_EQ(refusal([&] {
-                  load_scene(file, {200, 100});
-              }),
-              file + ": dataset: 120 active voxels is not accepted; expected at most 100 on this machine");
-}
-
-/// A body of 12 voxels, islands of 3 and 1 voxels, and a blank slice between; with face springs.
-std::string body_with_islands(const std::string& dataset, const std::string& keys = "") {
-    return R"({"dataset": {"type": "volume", "file": "v.nrrd")" + dataset +
-           R"(}, "spring_groups": ["face"], "gravity": [0, 0, -1e-3], "pinned": {"side": "x-"})" + keys + "}";
+    EXPECT_EQ(refused([&] { load_scene(file, few_particles); }), "dataset: 120 active voxels");
 }
 
 TEST(Scene, PartsOfABodyAreNamedAndLeftOut) {
@@ -656,43 +615,33 @@ TEST(Scene, PartsOfABodyAreNamedAndLeftOut) {
     // Two slices of 6 x 3: a block of 12, a row of three and one voxel alone.
     std::string data;
     for (const char c : std::string("110001110001110101110000110000110000")) data.push_back(char(c - '0'));
-    const std::string header = "type: uint8\ndimension: 3\nsizes: 6 3 2\nspacings: 1 1 1\nencoding: raw\n";
-    folder.write("v.nrrd", nrrd_file(header, data));
-    const auto loaded = [&](const std::string& dataset, const std::string& keys = "") {
-        return load_scene(folder.write("s.json", body_with_islands(dataset, keys)), small);
+    folder.write(
+        "v.nrrd",
+        nrrd_file("type: uint8\ndimension: 3\nsizes: 6 3 2\nspacings: 1 1 1\nencoding: raw\n", data));
+    const std::string gravity = R"(, "gravity": [0, 0, -1e-3])", pinned = R"(, "pinned": {"side": "x-"})";
+    const auto loaded = [&](const std::string& dataset, const std::string& groups = R"("face")") {
+        return volume_scene(folder, "v.nrrd", dataset,
+                            gravity + pinned + R"(, "spring_groups": [)" + groups + "]");
     };
     const Scene all = loaded("");
-    EXPECT_EQ(all.notes,
-              (std::vector<std::string>{"the body has 3 parts: 12, 3 and 1 particles; 4 particles are in "
-                                        "parts that nothing pins, and fall"}));
-    EXPECT_EQ(parts_of(all.problem).loose(), (std::vector<std::uint32_t>{2, 5, 8, 9}));
-    EXPECT_EQ(parts_of(all.problem).sizes, (std::vector<std::size_t>{12, 3, 1}));
-
+    EXPECT_THAT(all.notes, ElementsAre("the body has 3 parts: 12, 3 and 1 particles; 4 particles are in "
+                                       "parts that nothing pins, and fall"));
+    EXPECT_THAT(parts_of(all.problem).loose(), ElementsAre(2, 5, 8, 9));
+    EXPECT_THAT(parts_of(all.problem).sizes, ElementsAre(12, 3, 1));
     const Scene largest = loaded(R"(, "parts": "largest")");
     EXPECT_EQ(largest.problem.particle_count(), 12u);
-    EXPECT_EQ(largest.notes,
-              (std::vector<std::string>{"4 particles in 2 of 3 parts are left out (parts: largest)"}));
+    EXPECT_THAT(largest.notes, ElementsAre("4 particles in 2 of 3 parts are left out (parts: largest)"));
     const Scene some = loaded(R"(, "parts": 3)");
     EXPECT_EQ(some.problem.particle_count(), 15u);
-    EXPECT_EQ(some.notes.size(), 2u);
-    EXPECT_EQ(some.notes[0], "1 particle in 1 of 3 parts is left out (parts: 3)");
-    EXPECT_THAT(some.notes[1], HasSubstr("2 parts: 12 and 3 particles; 3 particles are in"));
-    EXPECT_THAT(
-        refusal([&] { loaded(R"(, "parts": 13)"); }),
-        HasSubstr("dataset.parts: 13 is not accepted; expected at most as many particles as the largest part "
-                  "has"));
+    EXPECT_THAT(some.notes, ElementsAre("1 particle in 1 of 3 parts is left out (parts: 3)",
+                                        HasSubstr("2 parts: 12 and 3 particles; 3 particles are in")));
+    EXPECT_EQ(refused([&] { loaded(R"(, "parts": 13)"); }), "dataset.parts: 13");
     // The spring groups determine which voxels are connected.
-    std::string joined = body_with_islands("");
-    joined.replace(joined.find("\"face\""), 6, R"("face", "edge", "corner")");
-    EXPECT_THAT(load_scene(folder.write("s.json", joined), small).notes.at(0), HasSubstr("3 parts"));
+    EXPECT_THAT(loaded("", R"("face", "edge", "corner")").notes.at(0), HasSubstr("3 parts"));
     // If no particle is pinned, no part counts as loose.
-    std::string free = body_with_islands("");
-    free.replace(free.find(R"(, "pinned")"), free.size(), "}");
-    const Scene nothing_pinned = load_scene(folder.write("s.json", free), small);
-    EXPECT_EQ(nothing_pinned.notes,
-              (std::vector<std::string>{"the body has 3 parts: 12, 3 and 1 particles"}));
-    EXPECT_TRUE(parts_of(nothing_pinned.problem).loose().empty());
-
+    const Scene free = volume_scene(folder, "v.nrrd", "", gravity + R"(, "spring_groups": ["face"])");
+    EXPECT_THAT(free.notes, ElementsAre("the body has 3 parts: 12, 3 and 1 particles"));
+    EXPECT_TRUE(parts_of(free.problem).loose().empty());
     VolumeOptions options;
     options.gravity = glm::dvec3(0);
     options.parts = PartsToKeep{};
@@ -747,14 +696,10 @@ TEST(Scene, ARodByItselfIsPinnedAtItsEnd) {
         EXPECT_EQ(pinned.back(), 33u);
         EXPECT_EQ(scene.problem.time_step, 0.5 * scene.stable_time_step);
     }
-    const std::string file = (folder.path() / "rod.nii").string();
-    EXPECT_EQ(
-        refusal([&] {
-            rod({1, 1, 1});
-        }),
-        file +
-            ": time_step: {\"fraction_of_stable\":0.5} is not accepted; expected a number of units of time: "
-            "every particle is pinned, so that nothing limits the time step");
+    const glm::ivec3 one(1);
+    EXPECT_THAT(refusal([&] { rod(one); }),
+                HasSubstr(R"(time_step: {"fraction_of_stable":0.5} is not accepted; )"
+                          "expected a number of units of time: every particle is"));
 }
 
 TEST(Scene, AVolumeByItselfSagsByAsManyVoxelsInAnyUnit) {
@@ -838,29 +783,24 @@ TEST(Scene, BadArgumentsAreRefused) {
         "scalpel_1, scalpel_10, scalpel_100), a scene file (.json) or a volume file (.nii, .nii.gz, .hdr, "
         ".hdr.gz, .img, .img.gz, .nrrd, .nhdr, .mha or .mhd); did you mean box?");
     for (const std::string suffix :
-         {"@", "@x", "@4x4", "@4x4x4x4", "@-4", "@4.5", "@4x", "@4x4x", "@4 ", "@x4x4x4", "@4xx4"}) {
-        EXPECT_EQ(refused("box" + suffix),
-                  "box" + suffix + ": dims: " + suffix + " is not accepted; expected @N or @WxHxD");
-    }
-    EXPECT_EQ(refused("box@0"),
-              "box@0: dataset.dims: 0 x 0 x 0 is not accepted; expected sides from 1 to 1048576");
-    for (const std::string suffix : {"@99999999", "@99999999999999999999", "@2x1048577x2"}) {
-        EXPECT_EQ(refused("box" + suffix), "box" + suffix + ": dims: " + suffix +
-                                               " is not accepted; expected sides from 1 to 1048576");
-    }
-    EXPECT_EQ(refused("box@47"),
-              "box@47: dataset.dims: 47 x 47 x 47 is not accepted; expected at most 100000 voxels on this "
-              "machine, not 103823");
-    EXPECT_EQ(refused("box@30"),
-              "box@30: dataset: 27000 active voxels is not accepted; expected at most 10000 on this machine");
-    EXPECT_EQ(refused("absent.json"), "absent.json: a missing file is not accepted; expected a JSON file");
-    EXPECT_EQ(refused("absent.nrrd"), "absent.nrrd: a missing file is not accepted; expected a volume file");
-    EXPECT_EQ(refused(folder.write("v.json", R"({"dataset": {"type": "volume", "file": "v.nrrd"}})") + "@4")
-                  .substr(folder.path().string().size()),
-              "/v.json@4: dims: @4 is not accepted; expected no dims: a volume keeps its own");
-    EXPECT_EQ(refused(folder.write("twice.json", "{\"dataset\": 1,\n \"dataset\": 2}"))
-                  .substr(folder.path().string().size()),
-              "/twice.json: dataset: a second value is not accepted; expected each key once");
+         {"@", "@x", "@4x4", "@4x4x4x4", "@-4", "@4.5", "@4x", "@4x4x", "@4 ", "@x4x4x4", "@4xx4"})
+        EXPECT_THAT(refused("box" + suffix),
+                    EndsWith(": dims: " + suffix + " is not accepted; expected @N or @WxHxD"));
+    for (const std::string suffix : {"@99999999", "@99999999999999999999", "@2x1048577x2"})
+        EXPECT_THAT(refused("box" + suffix),
+                    HasSubstr(suffix + " is not accepted; expected sides from 1 to"));
+    const std::string v =
+        folder.write("v.json", R"({"dataset": {"type": "volume", "file": "v.nrrd"}})") + "@4";
+    const std::string twice = folder.write("twice.json", "{\"dataset\": 1,\n \"dataset\": 2}");
+    for (const auto& [argument, expected] :
+         std::vector<std::pair<std::string, std::string>>{{"box@0", "dataset.dims: 0 x 0 x 0"},
+                                                          {"box@47", "dataset.dims: 47 x 47 x 47"},
+                                                          {"box@30", "dataset: 27000 active voxels"},
+                                                          {"absent.json", "a missing file"},
+                                                          {"absent.nrrd", "a missing file"},
+                                                          {v, "dims: @4"},
+                                                          {twice, "dataset: a second value"}})
+        EXPECT_THAT(refused(argument), StartsWith(argument + ": " + expected + " is not accepted"));
 }
 
 // The documents that tests/schema_test.py compares with the published schema.
@@ -921,69 +861,75 @@ TEST(SceneOf, RefusesWhatBackendsDoNotCheck) {
         }
         return std::string("accepted");
     };
-    const auto changed = [&](auto change, Problem problem = small_box()) {
-        change(problem);
-        return refused(problem);
-    };
-    using P = Problem&;
     EXPECT_EQ(refused(small_box()), "accepted");
     for (const char* name : {"", "a/b", "a b"}) EXPECT_THAT(refused(small_box(), name), HasSubstr("name"));
     EXPECT_THAT(refused({}), HasSubstr("no particles"));
-    EXPECT_THAT(changed([](P p) { p.material = {0}; }), HasSubstr("material"));
-    EXPECT_THAT(changed([](P p) { p.material.assign(12, 1); }), HasSubstr("no material"));
-    EXPECT_THAT(changed([](P p) { p.pinned = {0}; }), HasSubstr("pinned"));
-    EXPECT_THAT(changed([](P p) { p.load.resize(13); }), HasSubstr("load"));
-    EXPECT_THAT(changed([](P p) { p.materials.clear(); }), HasSubstr("no material"));
-    EXPECT_THAT(changed([](P p) { p.materials[0].mass = 0; }), HasSubstr("mass"));
-    EXPECT_THAT(changed([](P p) { p.materials[0].stiffness = NAN; }), HasSubstr("stiffness"));
-    EXPECT_THAT(changed([](P p) { p.damping = 2; }), HasSubstr("damping"));
-    EXPECT_THAT(changed([](P p) { p.time_step = -1; }), HasSubstr("time step"));
-    EXPECT_THAT(changed([](P p) { p.time_step = INFINITY; }), HasSubstr("time step"));
-    EXPECT_THAT(changed([](P p) { p.lattice.mask.pop_back(); }), HasSubstr("mask"));
-    EXPECT_THAT(changed([](P p) { p.lattice.voxel.pop_back(); }), HasSubstr("voxel"));
-    EXPECT_THAT(changed([](P p) { std::swap(p.lattice.voxel[0], p.lattice.voxel[1]); }), HasSubstr("ascend"));
-    EXPECT_THAT(changed([](P p) { p.lattice.voxel.back() = 12; }), HasSubstr("outside"));
-    EXPECT_THAT(changed([](P p) { p.lattice.dims.z = -2; }), HasSubstr("dims"));
-    EXPECT_THAT(changed([](P p) { p.lattice.spacing.y = 0; }), HasSubstr("spacing"));
-    EXPECT_THAT(changed([](P p) { p.lattice.dims = glm::ivec3(0); }), HasSubstr("dims of 0"));
-    EXPECT_THAT(changed([](P p) { p.springs[0].second = 2; }, pair()), HasSubstr("ends"));
-    EXPECT_THAT(changed([](P p) { std::swap(p.springs[0].first, p.springs[0].second); }, pair()),
-                HasSubstr("ends"));
-    EXPECT_THAT(changed([](P p) { p.springs[0].stiffness = 0; }, pair()), HasSubstr("stiffness"));
-    EXPECT_THAT(changed([](P p) { p.springs[0].rest_length = -1; }, pair()), HasSubstr("rest length"));
-    EXPECT_THAT(changed([](P p) { p.springs.clear(); }, pair()), HasSubstr("nothing limits it"));
-    // Masks that would make backends read outside of the body, and values that would spread.
-    EXPECT_THAT(changed([](P p) { p.lattice.mask[0] |= 1U; }), HasSubstr("outside of its grid"));
-    EXPECT_THAT(changed([](P p) { p.lattice.mask[0] |= 1U << 7; }), HasSubstr("outside of its group_bits"));
-    EXPECT_THAT(changed([](P p) { p.lattice.mask[0] &= ~2U; }), HasSubstr("one of its ends only"));
-    EXPECT_THAT(changed([](P p) { p.lattice.mask[0] &= ~ACTIVE_BIT; }), HasSubstr("active bit"));
-    EXPECT_THAT(changed([](P p) { p.lattice.mask[0] |= PINNED_BIT; }), HasSubstr("pinned bit"));
-    EXPECT_THAT(changed([](P p) { p.group_bits |= 1U << 30; }), HasSubstr("group_bits"));
-    EXPECT_THAT(changed([](P p) {
-                    // The box with a hole, of which the masks around it do not know.
-                    for (auto* list : {&p.lattice.voxel, &p.lattice.mask}) list->erase(list->begin() + 1);
-                    p.rest_position.erase(p.rest_position.begin() + 1);
-                }),
-                HasSubstr("no particle"));
-    EXPECT_THAT(changed([](P p) { p.rest_length[1] = NAN; }), HasSubstr("rest length"));
-    EXPECT_THAT(changed([](P p) { p.group_stiffness[0] = INFINITY; }), HasSubstr("group's stiffness"));
-    EXPECT_THAT(changed([](P p) { p.rest_position[2].y = NAN; }), HasSubstr("rest position"));
-    EXPECT_THAT(changed([](P p) { p.gravity.z = INFINITY; }), HasSubstr("gravity"));
-    EXPECT_THAT(changed([](P p) { p.load.assign(p.particle_count(), glm::dvec3(NAN)); }), HasSubstr("load"));
-    EXPECT_THAT(changed([](P p) { p.pinned.assign(p.particle_count(), 2); }), HasSubstr("pinned"));
-    EXPECT_THAT(changed([](P p) {
-                    take_hold(p, {{0}, {glm::dvec3(NAN)}, 1});
-                }),
-                HasSubstr("held is not finite"));
+    using P = Problem&;
+    using Case = std::pair<const char*, void (*)(P)>;
+    for (const auto& [word, change] : std::vector<Case>{
+             {"material", [](P p) { p.material = {0}; }},
+             {"no material", [](P p) { p.material.assign(12, 1); }},
+             {"pinned", [](P p) { p.pinned = {0}; }},
+             {"load", [](P p) { p.load.resize(13); }},
+             {"no material", [](P p) { p.materials.clear(); }},
+             {"mass", [](P p) { p.materials[0].mass = 0; }},
+             {"stiffness", [](P p) { p.materials[0].stiffness = NAN; }},
+             {"damping", [](P p) { p.damping = 2; }},
+             {"time step", [](P p) { p.time_step = -1; }},
+             {"time step", [](P p) { p.time_step = INFINITY; }},
+             {"mask", [](P p) { p.lattice.mask.pop_back(); }},
+             {"voxel", [](P p) { p.lattice.voxel.pop_back(); }},
+             {"ascend", [](P p) { std::swap(p.lattice.voxel[0], p.lattice.voxel[1]); }},
+             {"outside", [](P p) { p.lattice.voxel.back() = 12; }},
+             {"dims", [](P p) { p.lattice.dims.z = -2; }},
+             {"spacing", [](P p) { p.lattice.spacing.y = 0; }},
+             {"dims of 0", [](P p) { p.lattice.dims = glm::ivec3(0); }},
+             // Masks that would make backends read outside of the body, and values that would spread.
+             {"outside of its grid", [](P p) { p.lattice.mask[0] |= 1U; }},
+             {"outside of its group_bits", [](P p) { p.lattice.mask[0] |= 1U << 7; }},
+             {"one of its ends only", [](P p) { p.lattice.mask[0] &= ~2U; }},
+             {"active bit", [](P p) { p.lattice.mask[0] &= ~ACTIVE_BIT; }},
+             {"pinned bit", [](P p) { p.lattice.mask[0] |= PINNED_BIT; }},
+             {"group_bits", [](P p) { p.group_bits |= 1U << 30; }},
+             {"no particle",  // the box with a hole, of which the masks around it do not know
+              [](P p) {
+                  for (auto* list : {&p.lattice.voxel, &p.lattice.mask}) list->erase(list->begin() + 1);
+                  p.rest_position.erase(p.rest_position.begin() + 1);
+              }},
+             {"rest length", [](P p) { p.rest_length[1] = NAN; }},
+             {"group's stiffness", [](P p) { p.group_stiffness[0] = INFINITY; }},
+             {"rest position", [](P p) { p.rest_position[2].y = NAN; }},
+             {"gravity", [](P p) { p.gravity.z = INFINITY; }},
+             {"load", [](P p) { p.load.assign(p.particle_count(), glm::dvec3(NAN)); }},
+             {"pinned", [](P p) { p.pinned.assign(p.particle_count(), 2); }},
+             {"held is not finite",
+              [](P p) {
+                  take_hold(p, {{0}, {glm::dvec3(NAN)}, 1});
+              }},
+         }) {
+        Problem problem = small_box();
+        change(problem);
+        EXPECT_THAT(refused(problem), HasSubstr(word));
+    }
+    for (const auto& [word, change] : std::vector<Case>{
+             {"ends", [](P p) { p.springs[0].second = 2; }},
+             {"ends", [](P p) { std::swap(p.springs[0].first, p.springs[0].second); }},
+             {"stiffness", [](P p) { p.springs[0].stiffness = 0; }},
+             {"rest length", [](P p) { p.springs[0].rest_length = -1; }},
+             {"nothing limits it", [](P p) { p.springs.clear(); }},
+         }) {
+        Problem problem = pair();
+        change(problem);
+        EXPECT_THAT(refused(problem), HasSubstr(word));
+    }
     State broken = state_at_rest(small_box());
     broken.displacement[1].x = NAN;
     EXPECT_THAT(refused(small_box(), "mine", broken), HasSubstr("displacement is not finite"));
     State state = state_at_rest(small_box());
     state.increment.pop_back();
-    EXPECT_THAT(refused(small_box(), "mine", state),
-                HasSubstr("increment must have one element per particle"));
+    EXPECT_THAT(refused(small_box(), "mine", state), HasSubstr("increment must have one element"));
     EXPECT_THAT(refused(small_box(), "mine", {{{1, 0, 0}}, {}}),
-                HasSubstr("displacement must have one element per particle"));
+                HasSubstr("displacement must have one element"));
 }
 
 TEST(SceneOf, ABodyOnNoLatticeIsExportedWithoutVoxels) {
