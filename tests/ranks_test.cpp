@@ -172,18 +172,29 @@ RankPlan plan_of(glm::ivec3 cut, const std::string& way = "memory") {
 /// Slabs of scene().
 RankPlan plan_of(int ranks, const std::string& way = "memory") { return plan_of({1, 1, ranks}, way); }
 
+/// The reports of a run and the state that it leaves.
+struct Run {
+    std::vector<RankReport> reports;
+    State state;
+};
+
+Run run_ranks(const std::string& backend, const Scene& scene, const RankPlan& how) {
+    Run run{.reports = {}, .state = room_for_state(scene.problem, how)};
+    run.reports = run_ranks_as_threads(BackendSpec::parse(backend), scene, how, run.state);
+    return run;
+}
+
 TEST(RankRuns, GiveTheBitsOfOneRank) {
     const Scene whole = scene();
-    const BackendSpec spec = BackendSpec::parse("cpu_parallel:threads=1");
-    const std::unique_ptr<Backend> one = spec.make();
+    const std::string backend = "cpu_parallel:threads=1";
+    const std::unique_ptr<Backend> one = BackendSpec::parse(backend).make();
     SceneRunner runner(whole);
     runner.rewind(*one);
     runner.run(*one, plan.steps);
     for (const glm::ivec3 cut : {glm::ivec3(1), {1, 1, 2}, {1, 1, 4}, {1, 3, 1}, {2, 1, 2}, {2, 2, 2}}) {
         const RankPlan of_cut = plan_of(cut);
         const int ranks = of_cut.ranks();
-        State state = state_at_rest(whole.problem);
-        const std::vector<RankReport> reports = run_ranks_as_threads(spec, whole, of_cut, state);
+        const auto [reports, state] = run_ranks(backend, whole, of_cut);
         expect_same_bits(state, one->download());
         EXPECT_EQ(reports.size(), std::size_t(ranks));
         std::size_t own = 0;
@@ -235,15 +246,13 @@ TEST(Samples, DependOnTheLayersAroundThemAndOnNothingElse) {
 
 TEST(RankRuns, LeaveTheStateOfASample) {
     const Scene whole = scene();
-    const BackendSpec spec = BackendSpec::parse("cpu_parallel:threads=1");
-    State all = state_at_rest(whole.problem);
-    (void)run_ranks_as_threads(spec, whole, plan_of(1), all);
+    const std::string backend = "cpu_parallel:threads=1";
+    const State all = run_ranks(backend, whole, plan_of(1)).state;
     for (const glm::ivec3 cut : {glm::ivec3(1), {1, 1, 3}, {2, 1, 2}}) {
         RankPlan sampling = plan_of(cut);
         sampling.sampled = Sample::bricks(whole, 2);
         EXPECT_EQ(to_json(rank_plan_of(to_json(sampling))), to_json(sampling));
-        State state = room_for_state(whole.problem, sampling);
-        (void)run_ranks_as_threads(spec, whole, sampling, state);
+        const State state = run_ranks(backend, whole, sampling).state;
         expect_same_bits(state, part_of(all, Sample::particles(whole.problem, sampling.sampled)));
         std::vector<std::uint32_t> places;
         for (int rank = 0; rank < sampling.ranks(); ++rank) {
@@ -443,15 +452,15 @@ public:
     Placed() { devices.push_back(DeviceOfThread::now().among(4, "test")); }
     static inline thread_local std::vector<int> devices;
 };
-const Registered placed = test_backend("rank_placed", [] { return std::make_unique<Placed>(); });
-
-const Registered numbered = test_backend("rank_numbered", [] { return std::make_unique<Numbered>(); });
-
-Registered faulty(const std::string& what) {
-    return test_backend("rank_" + what, [what] { return std::make_unique<Faulty>(what); });
+template <class Made, class... With>
+Registered registered(const std::string& name, With... with) {
+    return test_backend(name, [=] { return std::make_unique<Made>(with...); });
 }
 
-const Registered backends[] = {faulty("throws"), faulty("hangs"), faulty("without")};
+const Registered backends[] = {registered<Placed>("rank_placed"), registered<Numbered>("rank_numbered"),
+                               registered<Faulty>("rank_throws", "throws"),
+                               registered<Faulty>("rank_hangs", "hangs"),
+                               registered<Faulty>("rank_without", "without")};
 
 /// Borders that travel within steps, simulated by a device that waits for its neighbours.
 class BordersInSteps final : public DeviceBorders {
@@ -544,8 +553,7 @@ private:
     std::atomic<int> calls_ = 0;
 };
 
-const Registered within_steps =
-    test_backend("rank_within_steps", [] { return std::make_unique<WithinSteps>(); });
+const Registered within_steps = registered<WithinSteps>("rank_within_steps");
 
 /// Records the largest number of steps in one call, over all ranks.
 class Counting final : public Wrapped {
@@ -560,16 +568,14 @@ private:
     }
 };
 
-const Registered counting = test_backend("rank_counting", [] { return std::make_unique<Counting>(); });
+const Registered counting = registered<Counting>("rank_counting");
 
 /// The error with which a run of two ranks ends; it has to end within seconds.
 std::string error_of(const std::string& backend, const std::string& way = "memory") {
     // A hanging thread reads the scene until the process ends.
     static const Scene whole = scene();
-    State state = state_at_rest(whole.problem);
     const auto begin = std::chrono::steady_clock::now();
-    const std::string message = message_of(
-        [&] { (void)run_ranks_as_threads(BackendSpec::parse(backend), whole, plan_of(2, way), state); });
+    const std::string message = message_of([&] { (void)run_ranks(backend, whole, plan_of(2, way)); });
     EXPECT_LT(std::chrono::steady_clock::now() - begin, std::chrono::seconds(30));
     return message;
 }
@@ -632,15 +638,11 @@ TEST(RankRuns, GiveTheBitsOfOneRankFromDeviceToDevice) {
     for (const bool edited : {false, true}) {
         Scene whole = scene();
         if (!edited) whole.edits.clear();
-        const BackendSpec spec = BackendSpec::parse("rank_numbered");
-        State one = state_at_rest(whole.problem);
         // One rank has nothing to send.
-        (void)run_ranks_as_threads(spec, whole, plan_of(1, "peer"), one);
+        const State one = run_ranks("rank_numbered", whole, plan_of(1, "peer")).state;
         for (const glm::ivec3 cut : {glm::ivec3(1, 1, 2), {1, 1, 3}, {1, 1, 4}, {2, 1, 2}, {2, 2, 2}}) {
-            State state = state_at_rest(whole.problem);
             FakeBorders::taken_over = FakeBorders::disconnected = 0;
-            const std::vector<RankReport> reports =
-                run_ranks_as_threads(spec, whole, plan_of(cut, "peer"), state);
+            const auto [reports, state] = run_ranks("rank_numbered", whole, plan_of(cut, "peer"));
             expect_same_bits(state, one);
             const int ranks = int(reports.size());
             // With edits each repetition uploads again, and so does the one that measures the parts.
@@ -671,12 +673,10 @@ TEST(RankRuns, GiveTheBitsOfOneRankWhereBordersTravelWithinSteps) {
     SpringEditor editor(edited);
     const std::vector<std::pair<std::uint32_t, std::uint32_t>> ends = {{lowest.first, lowest.second}};
     whole.edits.push_back({last, editor.cut(ends)});
-    const BackendSpec spec = BackendSpec::parse("rank_within_steps");
-    State one = state_at_rest(whole.problem);
-    (void)run_ranks_as_threads(spec, whole, plan_of(1, "stores"), one);
+    const State one = run_ranks("rank_within_steps", whole, plan_of(1, "stores")).state;
     for (int ranks = 2; ranks <= 4; ++ranks) {
-        State state = state_at_rest(whole.problem);
-        for (const RankReport& report : run_ranks_as_threads(spec, whole, plan_of(ranks, "stores"), state)) {
+        const auto [reports, state] = run_ranks("rank_within_steps", whole, plan_of(ranks, "stores"));
+        for (const RankReport& report : reports) {
             ASSERT_EQ(report.batches.size(), std::size_t(plan.repetitions));
             EXPECT_GT(report.batches.back().compute, 0);
             EXPECT_EQ(report.batches.back().exchange, 0);
@@ -686,14 +686,14 @@ TEST(RankRuns, GiveTheBitsOfOneRankWhereBordersTravelWithinSteps) {
         expect_same_bits(state, one);
     }
     EXPECT_THAT(error_of("rank_within_steps", "peer"), HasSubstr("its borders do not go by peer"));
-    EXPECT_THAT(error_of("rank_within_steps"), HasSubstr("it gives no borders"));
+    for (const char* backend : {"rank_within_steps", "rank_without"})
+        EXPECT_THAT(error_of(backend), HasSubstr("it gives no borders"));
 }
 
 TEST(RankRuns, SayWhyDevicesHaveNoWayToEachOther) {
     const Scene whole = scene();
-    State state = state_at_rest(whole.problem);
     try {
-        (void)run_ranks_as_threads(BackendSpec::parse("rank_numbered"), whole, plan_of(3, "stores"), state);
+        (void)run_ranks("rank_numbered", whole, plan_of(3, "stores"));
         FAIL() << "was not refused";
     } catch (const Unavailable& reason) {
         EXPECT_STREQ(reason.what(), "rank 1: there is no way");
@@ -703,12 +703,10 @@ TEST(RankRuns, SayWhyDevicesHaveNoWayToEachOther) {
 /// Which devices three ranks take.
 std::vector<std::string> devices_of(const std::vector<int>& asked) {
     static const Scene whole = scene();
-    State state = state_at_rest(whole.problem);
     RankPlan on_devices = plan_of(3);
     on_devices.devices = asked;
     std::vector<std::string> taken;
-    for (const RankReport& report :
-         run_ranks_as_threads(BackendSpec::parse("rank_numbered"), whole, on_devices, state))
+    for (const RankReport& report : run_ranks("rank_numbered", whole, on_devices).reports)
         taken.push_back(report.uuid);
     return taken;
 }
@@ -753,22 +751,12 @@ TEST(RankRuns, TakeTheDevicesThatAreAskedForOverAndOver) {
 TEST(RankRuns, OfOneRankStepAsManyAtOnceAsTheyAreAskedFor) {
     Scene whole = scene();
     whole.edits.clear();
-    State state = state_at_rest(whole.problem);
-    (void)run_ranks_as_threads(BackendSpec::parse("rank_counting"), whole, plan_of(1), state);
+    (void)run_ranks("rank_counting", whole, plan_of(1));
     // A check for divergence lies between.
     EXPECT_GT(Counting::most, 1);
     Counting::most = 0;
-    (void)run_ranks_as_threads(BackendSpec::parse("rank_counting"), whole, plan_of(2), state);
+    (void)run_ranks("rank_counting", whole, plan_of(2));
     EXPECT_EQ(Counting::most, 1);
-}
-
-TEST(RankRuns, RefuseABackendWithoutBorders) {
-    const Scene whole = scene();
-    State state = state_at_rest(whole.problem);
-    EXPECT_THAT(message_of([&] {
-                    (void)run_ranks_as_threads(BackendSpec::parse("rank_without"), whole, plan_of(2), state);
-                }),
-                HasSubstr("it gives no borders"));
 }
 
 }  // namespace

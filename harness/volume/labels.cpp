@@ -8,7 +8,9 @@
 #include <cstdint>
 #include <limits>
 #include <map>
+#include <numeric>
 #include <optional>
+#include <set>
 #include <string>
 #include <unordered_map>
 #include <utility>
@@ -87,9 +89,9 @@ void check_count(const Volume& volume, std::size_t labels) {
 }
 
 /// The distinct values other than zero and NaN, ascending. They must be whole numbers, at most 255 of them.
-std::vector<std::int64_t> occurring_labels(const Volume& volume) {
+std::set<std::int64_t> occurring_labels(const Volume& volume) {
     Rounding rounding(volume);
-    std::vector<std::int64_t> labels;
+    std::set<std::int64_t> labels;
     double latest = 0;  // neighbouring voxels mostly carry the same label
     for_each_value(volume, 0, [&](std::size_t voxel, double value) {
         if (value == latest || std::isnan(value)) return;
@@ -99,11 +101,7 @@ std::vector<std::int64_t> occurring_labels(const Volume& volume) {
                            "whole numbers where materials are given per label");
         }
         latest = value;
-        if (*label == 0) return;
-        const auto place = std::lower_bound(labels.begin(), labels.end(), *label);
-        if (place != labels.end() && *place == *label) return;
-        labels.insert(place, *label);
-        check_count(volume, labels.size());
+        if (*label != 0 && labels.insert(*label).second) check_count(volume, labels.size());
     });
     return labels;
 }
@@ -127,22 +125,15 @@ std::string names_of(const std::vector<Label>& labels) {
 }
 
 LabelledGrid with_numbers(const Volume& volume, const std::optional<std::vector<std::string>>& words) {
-    std::vector<std::int64_t> numbers;
-    if (words) {
-        for (const std::string& word : *words) {
-            const auto number = number_of(word);
-            if (!number) {
-                throw BadInput(volume.file, "labels", word,
-                               "whole numbers: the file has no segments that could be named");
-            }
-            numbers.push_back(*number);
+    std::set<std::int64_t> numbers;
+    if (!words) numbers = occurring_labels(volume);
+    for (const std::string& word : words.value_or(std::vector<std::string>())) {
+        const auto number = number_of(word);
+        if (!number) {
+            throw BadInput(volume.file, "labels", word,
+                           "whole numbers: the file has no segments that could be named");
         }
-        std::sort(numbers.begin(), numbers.end());
-        const auto twice = std::adjacent_find(numbers.begin(), numbers.end());
-        if (twice != numbers.end())
-            throw BadInput(volume.file, "labels", std::to_string(*twice), "each label once");
-    } else {
-        numbers = occurring_labels(volume);
+        if (!numbers.insert(*number).second) throw BadInput(volume.file, "labels", word, "each label once");
     }
     check_count(volume, numbers.size());
     if (numbers.empty())
@@ -224,12 +215,9 @@ LabelledGrid with_segments(const Volume& volume, const std::optional<std::vector
     const std::vector<Label> all = labels_of(segments);
     LabelledGrid result{inactive_grid(volume), {}};
     std::vector<std::uint64_t> voxels(segments.size());
-    std::vector<std::size_t> chosen;
-    if (words) {
-        chosen = chosen_segments(volume, all, *words);
-    } else {
-        for (std::size_t s = 0; s < segments.size(); ++s) chosen.push_back(s);
-    }
+    std::vector<std::size_t> chosen(segments.size());
+    std::iota(chosen.begin(), chosen.end(), std::size_t{0});
+    if (words) chosen = chosen_segments(volume, all, *words);
     check_count(volume, chosen.size());
     std::vector<std::uint8_t> rank(segments.size());  // position among the chosen segments, from 1 on
     for (std::size_t c = 0; c < chosen.size(); ++c) rank[chosen[c]] = std::uint8_t(c + 1);

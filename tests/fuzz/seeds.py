@@ -31,15 +31,7 @@ SCENES = [
      "mass": {"1": 1, "2": 2}, "stiffness": {"1": 1, "2": 0.25}},
 ]
 
-WORDS = [
-    "dataset", "type", "box", "heart", "volume", "dims", "file", "threshold", "labels", "spring_groups", "face",
-    "edge", "corner", "spacing", "mass", "stiffness", "damping", "gravity", "time_step", "fraction_of_stable",
-    "fraction_of_limit", "vector",
-    "pinned", "side", "slices", "fraction", "from", "to", "voxel", "initial", "displacement", "velocity", "random",
-    "seed", "loads", "force", "edits", "step", "cut",
-    "suture", "plane", "point", "normal", "triangles", "ball", "centre", "radius", "pairs", "within", "repeat", "times",
-    "every", "move", "description", "$schema", "x-", "x+", "y-", "y+", "z-", "z+", "volume.nrrd",
-]
+SCHEMA = pathlib.Path(__file__).parents[2] / "results" / "scene.schema.json"
 
 NRRD_WORDS = [
     "NRRD0004", "NRRD0005", "type: ", "uint8", "int16", "unsigned short", "float", "double", "long long",
@@ -94,6 +86,16 @@ def quoted(words):
     return "".join(json.dumps(word) + "\n" for word in words)
 
 
+def words_of(schema):
+    """The keys and the words that a schema names."""
+    if isinstance(schema, list):
+        return set().union(*map(words_of, schema))
+    if not isinstance(schema, dict):
+        return set()
+    words = set(schema.get("properties", ())) | {word for word in schema.get("enum", ()) if isinstance(word, str)}
+    return words.union({schema["const"]} if isinstance(schema.get("const"), str) else (), *map(words_of, schema.values()))
+
+
 def main():
     folder = pathlib.Path(sys.argv[1])
     seeds = {"scene": [json.dumps(scene).encode() for scene in SCENES]}
@@ -133,7 +135,8 @@ def main():
     (folder / "volume.nrrd").write_bytes(seeds["nrrd"][0])
     (folder / "volume.img").write_bytes(VOXELS)
     (folder / "voxels.raw").write_bytes(VOXELS)
-    (folder / "scene.dict").write_text(quoted(WORDS))
+    words = words_of(json.loads(SCHEMA.read_text())) | {"$schema", "volume.nrrd"}
+    (folder / "scene.dict").write_text(quoted(sorted(words)))
     (folder / "nrrd.dict").write_text(quoted(NRRD_WORDS))
     (folder / "nifti.dict").write_text(quoted(["n+1", "ni1", "n+2", "ni2"]))
     (folder / "metaimage.dict").write_text(quoted(METAIMAGE_WORDS))
