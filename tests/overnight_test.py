@@ -17,32 +17,13 @@ import resource
 import signal
 import struct
 import subprocess
-import tempfile
 import termios
 import time
 import unittest
 
-import jsonschema
+from faulty import FAULTY, PATIENCE, FaultyStudies, processes
 
-FAULTY = os.environ["FAULTY"]
 SANITIZED = os.environ["SANITIZED"] == "1"
-# Seconds that no operation in here takes, however busy the machine is.
-PATIENCE = 300
-
-with open("results/schema.json", encoding="utf-8") as file:
-    SCHEMA = jsonschema.Draft202012Validator(json.load(file))
-
-
-def processes():
-    """All processes of the program, even if this test did not start them."""
-    found = []
-    for folder in pathlib.Path("/proc").glob("[0-9]*"):
-        try:
-            if os.path.samefile(folder / "exe", FAULTY) and "State:\tZ" not in (folder / "status").read_text():
-                found.append(int(folder.name))
-        except OSError:
-            pass
-    return found
 
 
 class Hash128(ctypes.Structure):
@@ -84,18 +65,7 @@ def cpu_ticks_of_session(session):
     return ticks
 
 
-class Overnight(unittest.TestCase):
-    def setUp(self):
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.folder = pathlib.Path(folder.name)
-        self.out = self.folder / "result.json"
-        self.journal = self.folder / "result.json.journal"
-        self.before = set(processes())
-
-    def study(self, **study):
-        (self.folder / "study.json").write_text(json.dumps({"steps": 4, "repetitions": 2} | study))
-
+class Overnight(FaultyStudies):
     def command(self, *options):
         return [FAULTY, "study", self.folder / "study.json", "--out", self.out, *map(str, options)]
 
@@ -106,27 +76,6 @@ class Overnight(unittest.TestCase):
 
     def start(self, *options, **how):
         return subprocess.Popen(self.command(*options), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **how)
-
-    def result(self):
-        result = json.loads(self.out.read_text())
-        SCHEMA.validate(result)
-        return result
-
-    def wait_for(self, condition, what):
-        until = time.monotonic() + PATIENCE
-        while not condition():
-            self.assertLess(time.monotonic(), until, what)
-            time.sleep(0.01)
-
-    def assert_nothing_runs(self):
-        """The processes that a process leaves behind die with it, which takes the kernel a moment."""
-        self.wait_for(lambda: not set(processes()) - self.before, "a process is left")
-
-    def assert_refused(self, ran, *words):
-        self.assertEqual(ran.stdout, "")
-        self.assertEqual(ran.stderr.count("\n"), 1, ran.stderr)
-        for word in words:
-            self.assertIn(word, ran.stderr)
 
 
 class Faults(Overnight):

@@ -11,44 +11,18 @@ import shutil
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 import unittest
 
-import jsonschema
+from faulty import FAULTY, PATIENCE, FaultyStudies, processes
 
-FAULTY = os.environ["FAULTY"]
 OTHER_BUILD = os.environ["OTHER_BUILD"]
 MESSAGES = os.environ["MESSAGES"]
-PATIENCE = 120  # seconds that no operation in here takes, however busy the machine is
 MPIRUN = ["mpirun", "--oversubscribe", "--bind-to", "none"] + (["--allow-run-as-root"] if os.geteuid() == 0 else [])
 
-with open("results/schema.json", encoding="utf-8") as file:
-    SCHEMA = jsonschema.Draft202012Validator(json.load(file))
 
-
-def processes():
-    """All live processes of the program, even if this test did not start them."""
-    found = []
-    for folder in pathlib.Path("/proc").glob("[0-9]*"):
-        try:
-            if os.path.samefile(folder / "exe", FAULTY) and "State:\tZ" not in (folder / "status").read_text():
-                found.append(int(folder.name))
-        except OSError:
-            pass
-    return found
-
-
-class Scaling(unittest.TestCase):
-    def setUp(self):
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.folder = pathlib.Path(folder.name)
-        self.out = self.folder / "result.json"
-        self.before = set(processes())
-
-    def study(self, **study):
-        (self.folder / "study.json").write_text(json.dumps({"kind": "scaling", "steps": 12, "repetitions": 1} | study))
+class Scaling(FaultyStudies):
+    defaults = {"kind": "scaling", "steps": 12, "repetitions": 1}
 
     def command(self, ranks, *options):
         return [*MPIRUN, "-n", str(ranks), FAULTY, "study", self.folder / "study.json", "--out", self.out, *options]
@@ -58,17 +32,6 @@ class Scaling(unittest.TestCase):
         self.assertEqual(ran.returncode, code, ran.stdout + ran.stderr)
         self.assert_nothing_runs()
         return ran
-
-    def result(self):
-        result = json.loads(self.out.read_text())
-        SCHEMA.validate(result)
-        return result
-
-    def assert_nothing_runs(self):
-        until = time.monotonic() + PATIENCE
-        while set(processes()) - self.before:
-            self.assertLess(time.monotonic(), until, "processes stay")
-            time.sleep(0.01)
 
     def test_one_to_four_ranks_give_the_bits_of_one(self):
         edits = {"dataset": {"type": "heart", "dims": [22, 24, 21]}, "pinned": {"side": "y+"}, "gravity": [0, 0, -1e-3],
@@ -121,11 +84,8 @@ class Scaling(unittest.TestCase):
     def test_a_study_whose_rank_was_killed_is_resumed(self):
         self.study(backends=["cpu_reference:formulation=position", "slow"], ranks=[2], steps=20, scenes=[{"scene": "box@5"}])
         with subprocess.Popen(self.command(2), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as study:
-            journal = self.folder / "result.json.journal"
-            until = time.monotonic() + PATIENCE
-            while not (journal.exists() and "2 ranks of 1x1x2 by mpi" in journal.read_text()):
-                self.assertLess(time.monotonic(), until, "the first rows")
-                time.sleep(0.01)
+            self.wait_for(lambda: self.journal.exists() and "2 ranks of 1x1x2 by mpi" in self.journal.read_text(),
+                          "the first rows")
             keeper = next(process for process in processes() if process not in self.before and
                           b"OMPI_COMM_WORLD_RANK=1" in pathlib.Path(f"/proc/{process}/environ").read_bytes() and
                           b"--of-a-study" not in pathlib.Path(f"/proc/{process}/cmdline").read_bytes())
