@@ -186,7 +186,8 @@ TEST(ToolMotion, BadFilesAreRefused) {
         {head + "0,0,0,0\n\n1,0,0,0\n", "line 3: "},
     };
     for (const auto& [text, expected] : cases)
-        EXPECT_EQ(refused([&] { (void)parse_tool_motion(text, "hand.csv", 1, 1); }), expected) << text;
+        EXPECT_EQ(refused([&, &t = text] { (void)parse_tool_motion(t, "hand.csv", 1, 1); }), expected)
+            << text;
     EXPECT_EQ(refused([] { (void)read_tool_motion("no/such.csv", 1, 1); }), "a missing file");
 }
 
