@@ -125,7 +125,8 @@ def spread_of(times):
 # What a result's context says of a backend. Older files lack `title`, `limits_of` and `addressing`: this is the one place that derives them.
 def family(about):
     """The name of the API, without its version."""
-    return about.get("title") or str(about.get("api") or "another API").split(" ")[0]
+    api = about.get("api")
+    return about.get("title") or (str(api).split(" ")[0] if api else "another API")
 
 
 def limits_of(about):

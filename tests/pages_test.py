@@ -17,7 +17,7 @@ sys.path.insert(0, "results")
 import figures_in_prose  # noqa: E402
 import result_files  # noqa: E402
 import paper  # noqa: E402
-from readme import addressing, facts, rows, tables  # noqa: E402
+from readme import facts, rows, tables  # noqa: E402
 
 # Figures in prose that are not measurements, and what they are: (page, words of the sentence).
 ALLOWED = {
@@ -153,8 +153,8 @@ class Verdicts(unittest.TestCase):
             bodies = zip("abcd", (0.2, 1, 0.2, 1), (1000, 1000, 10**7, 10**7), times)
             found = [case(scene, backend, time, particles, particles / share) for scene, share, particles, ratio in bodies for backend, time in
                      (("cuda_implicit_shared", 200), ("cuda_implicit_cached", 100), ("cuda_explicit_cached", 100 * ratio), ("cuda_march", 1))]
-            with mock.patch.object(addressing, "medians", return_value=found):
-                self.assertEqual(addressing.verdict(), said)
+            with mock.patch.object(facts, "medians", return_value=found):
+                self.assertEqual(facts.addressing_verdict(), said)
 
     def test_verdicts_follow_the_ratios(self):
         for ratios, said in (((0.5, 0.9), "holds"), ((0.5, 1.1), "depends on the dataset"), ((1.5, 1.1), "inverts")):

@@ -892,7 +892,11 @@ class Parts(InTemporaryFolder):
             for old, new in (("cuda_scatter", "mine_of_today"), ("cpu_parallel", "yours_of_today")):
                 if row["backend"] == old:
                     row.update({key: row[key].replace(old, new) for key in ("backend", "name", "run_name")})
+        # Of an API that no script names.
+        result["context"]["voxspring"]["backends"]["mine_of_today"] = {"title": "An API of today", "limits_of": "An API of today"}
         changed = colours(result)
+        families = {row["backend"]: row["family"] for row in figures_of(self.out)["datasets"]["rows"]}
+        self.assertEqual((families["mine_of_today"], families["yours_of_today"]), ("An API of today", "another API"))
         self.assertEqual(len(set(changed.values())), len(changed))
         self.assertEqual(len(every | changed), len(every) + 2)
 

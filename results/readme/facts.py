@@ -10,11 +10,19 @@ import re
 import statistics
 
 import result_files
-from readme import addressing, tables
-from readme.rows import (CPU, GPU, Missing, about_backend, by_name, fastest_of, figure, is_papers, medians, medians_of, result, three_digits)
+from readme import tables
+from readme.rows import (CPU, GPU, PAPER, Missing, about_backend, by_name, fastest_of, figure, is_papers, medians, medians_of, result,
+                         three_digits)
 from readme.tables import slow_down
 from result_files import distinct, groups, listed
 
+# Positions (48 bytes per particle) and lists (72 bytes) of more particles exceed the 60 MB of an H200's L2.
+LARGE = 500_000
+# A body that fills less of its grid than this is sparse.
+SPARSE = 0.5
+KINDS = ("small sparse", "small full", "large sparse", "large full")
+# Two times that differ by less than this share are called the same.
+ALIKE = 0.03
 # Time is linear in size while the time per particle is within this share of that of the largest box.
 LINEAR = 0.2
 # The verdict calls edits free if they slow steps down by at most this share.
@@ -32,7 +40,7 @@ def row(study, scene, case, formulation="position", precision="float32", machine
 
 
 def us(study, scene, case, **which):
-    """Microseconds a step."""
+    """Microseconds per step."""
     return row(study, scene, case, **which)["real_time"]
 
 
@@ -72,7 +80,7 @@ def verdict(ratios):
     ratios = list(ratios)
     if not ratios:
         raise Missing("there is no row to judge by")
-    found = addressing.winner(ratios)
+    found = winner(ratios)
     return "depends on the dataset" if found == "is undecided" else found
 
 
@@ -112,7 +120,63 @@ def fragment_share():
     return limit["compute_shader_float32_operations_per_second"] / limit["float32_operations_per_second"]
 
 
-# --- The paper's questions ---------------------------------------------------------------------------------
+# --- Explicit against implicit addressing, by size and by sparsity ----------------------------------------
+
+def of_paper(kind):
+    """The paper's CUDA strategies with a kind of addressing, in the paper's order."""
+    found = {row["backend"] for row in medians("table1") if row["family"] == "CUDA" and row["addressing"] == kind}
+    return tuple(name for name in PAPER if name in found)
+
+
+IMPLICIT, EXPLICIT = of_paper("implicit"), of_paper("explicit")
+
+
+class Dataset:
+    """What the paper's CUDA strategies take on a scene, each with the tuning that suits it best, and later lists."""
+
+    def __init__(self, rows):
+        self.scene, self.particles = rows[0]["scene"], rows[0]["particles"]
+        self.active = rows[0]["particles"] / rows[0]["voxels"]
+        self.implicit = [row for row in rows if row["backend"] in IMPLICIT]
+        self.explicit = [row for row in rows if row["backend"] in EXPLICIT]
+        self.later = [row for row in rows if row["family"] == "CUDA" and row["addressing"] == "explicit" and row["backend"] not in PAPER]
+
+    @property
+    def ratio(self):
+        """The best explicit time over the best implicit one."""
+        return fastest_of(self.explicit)["real_time"] / fastest_of(self.implicit)["real_time"]
+
+    @property
+    def kind(self):
+        return ("large" if self.particles > LARGE else "small") + (" sparse" if self.active < SPARSE else " full")
+
+
+def datasets(formulation="position"):
+    """The datasets of the study fastest on which both kinds of addressing ran without edits, small ones first."""
+    rows = [row for row in medians("fastest")
+            if row["formulation"] == formulation and row["precision"] == "float32" and not row.get("edits")]
+    found = map(Dataset, groups(rows, "scene").values())
+    return sorted((one for one in found if one.implicit and one.explicit), key=lambda one: (one.particles, one.active))
+
+
+def winner(ratios):
+    """What ratios of explicit over implicit times say together: "holds" if explicit wins, "inverts" if implicit does."""
+    if all(ratio < 1 - ALIKE for ratio in ratios):
+        return "holds"
+    return "inverts" if all(ratio > 1 + ALIKE for ratio in ratios) else "is undecided"
+
+
+def addressing_verdict():
+    """`holds for small sparse bodies, inverts for large sparse and large full bodies`."""
+    by_kind = groups(datasets(), lambda one: one.kind)
+    ratios = {kind: winner([one.ratio for one in by_kind[kind,]]) for kind in KINDS if (kind,) in by_kind}
+    if len(set(ratios.values())) == 1:
+        return next(iter(ratios.values()))
+    said = {word: [kind for kind, verdict_of in ratios.items() if verdict_of == word] for word in ("holds", "is undecided", "inverts")}
+    return ", ".join(f"{word} for {listed(kinds)} bodies" for word, kinds in said.items() if kinds)
+
+
+# --- The paper's other questions ---------------------------------------------------------------------------
 
 def scaled_ratios(case, over, smallest=0):
     """Ratios of two cases on every box of Figure 8 of at least so many particles."""
@@ -123,7 +187,7 @@ def scaled_ratios(case, over, smallest=0):
 
 def addressing_ratios(kind):
     """The best explicit time over the best implicit one on the datasets of a kind."""
-    return [one.ratio for one in addressing.datasets() if one.kind == kind]
+    return [one.ratio for one in datasets() if one.kind == kind]
 
 
 def largest_box(study):
@@ -161,7 +225,7 @@ def by_time(study, scene, cases=None):
 
 def l1_wins():
     """On how many boxes of Figure 8 plain L1-cached loads are the fastest of the implicit strategies."""
-    won = {scene: us("figure8", scene, "cuda_implicit_cached fetch=l1") < min(us("figure8", scene, case) for case in addressing.IMPLICIT)
+    won = {scene: us("figure8", scene, "cuda_implicit_cached fetch=l1") < min(us("figure8", scene, case) for case in IMPLICIT)
            for scene in distinct(medians("figure8"), "scene")}
     lost = [f"{scene.removeprefix('box@')}^3" for scene in won if not won[scene]]
     return f"{sum(won.values())} of the {len(won)} boxes (all but {listed(lost)})" if lost else f"all {len(won)} boxes"
@@ -314,14 +378,14 @@ def resting_ratio(scene, case, formulation="increment", way="skip"):
             us("skips", scene, f"{case} rest=step", formulation=formulation))
 
 
-def resting_ratios(scene, cases=addressing.IMPLICIT, formulations=("position", "increment")):
+def resting_ratios(scene, cases=IMPLICIT, formulations=("position", "increment")):
     return [resting_ratio(scene, case, formulation) for case in cases for formulation in formulations]
 
 
 def launching_all(scene, formulation="increment"):
     """What launching every block, as the paper did, takes over launching those that hold a particle, of each implicit kernel."""
     return [ratio("skips", scene, f"{case} launched=all", case, formulation=formulation)
-            for case in addressing.IMPLICIT]
+            for case in IMPLICIT]
 
 
 def joules(scene, case):
@@ -338,6 +402,4 @@ def best_of(study, scene, backend, formulation="position"):
 
 
 # The names that the template may use.
-NAMES = {name: value for name, value in globals().items() if not name.startswith("_")} | {
-    "addressing_verdict": addressing.verdict, "IMPLICIT": addressing.IMPLICIT, "EXPLICIT": addressing.EXPLICIT,
-    "CPU": CPU, "min": min, "max": max}
+NAMES = {name: value for name, value in globals().items() if not name.startswith("_")} | {"min": min, "max": max}
