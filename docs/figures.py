@@ -104,7 +104,8 @@ def undrawn_rows(rows):
     """(row, the share of the steps that drawing costs, or None) of a study haptic without edits, by scene and rate."""
     plain = groups((row for row in rows if not row["edited"]), "scene", "hertz", "name").values()
     pairs = [({bool(row.get("drawn")): row for row in own}) for own in plain]
-    for pair in sorted((pair for pair in pairs if False in pair), key=lambda pair: [pair[False][key] for key in ("scene", "hertz", "median_seconds")]):
+    for pair in sorted((pair for pair in pairs if False in pair),
+                       key=lambda pair: [pair[False][key] for key in ("scene", "hertz", "median_seconds")]):
         fit = pair[False]["steps_that_fit"]
         yield pair[False], 1 - pair[True]["steps_that_fit"] / fit if True in pair and fit else None
 
@@ -121,7 +122,8 @@ FINEST = 60
 def drawn_rows():
     """(who steps and where displacements come from, the shares of steps lost, pictures per second, rows), the least loss first."""
     found = results.result("haptic")
-    plain = {(row["scene"], row["name"], row["hertz"]): row["steps_that_fit"] for row in found["haptic"] if not row["drawn"] and not row["edited"]}
+    plain = {(row["scene"], row["name"], row["hertz"]): row["steps_that_fit"]
+             for row in found["haptic"] if not row["drawn"] and not row["edited"]}
     drawn = []
     for row in found["haptic"]:
         fit = plain.get((row["scene"], row["name"], row["hertz"]), 0) if row["drawn"] and not row["edited"] else 0
@@ -145,8 +147,10 @@ def tables():
 
 
 def filled(name):
-    made = architecture() if name == "architecture" else getattr(tables(), name)(*([results.machines("haptic")] if name.endswith("ticks") else []))
-    return str(made).strip()
+    if name == "architecture":
+        return architecture()
+    of_machines = [results.machines("haptic")] if name.endswith("ticks") else []
+    return str(getattr(tables(), name)(*of_machines)).strip()
 
 
 PAGES = {ROOT / "README.md": ["heart"], HERE / "architecture.md": ["architecture"], HERE / "accuracy.md": ["float64", "gates"],

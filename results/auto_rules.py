@@ -82,7 +82,8 @@ def rules():
         for occupancy in OCCUPANCIES:
             measured = bodies(name, machine, occupancy)
             orders = [order_of(worst) for _, worst in measured]
-            # Backends that were not measured on this body (it is too large or they are too slow) come last, in their order on the nearest other body.
+            # Backends that were not measured on this body (it is too large or they are too slow) come last, in their order on
+            # the nearest other body.
             for here, order in enumerate(orders):
                 for other in sorted(range(len(orders)), key=lambda other: abs(other - here)):
                     order += [one for one in order_of(measured[other][1]) if one.split(":")[0] not in {x.split(":")[0] for x in order}]
@@ -118,7 +119,8 @@ def several_devices(results):
     """For each CUDA backend and number of ranks, one per device: from how many particles on they are faster than one rank, for every
     body that was measured. Nothing where a body of so many particles was slower."""
     told = [row for result in results for row in result["scaling"]
-            if rows.about_backend(result, row)["family"] == "CUDA" and row["ranks"] > 1 and row["scaling"] == "strong" and not row.get("noisy")]
+            if rows.about_backend(result, row)["family"] == "CUDA" and row["ranks"] > 1
+            and row["scaling"] == "strong" and not row.get("noisy")]
     found = []
     for (backend, ranks), own in sorted(groups(told, "backend", "ranks").items()):
         bodies_of = [min(of_scene, key=lambda row: row["seconds_per_step"]) for of_scene in groups(own, "scene").values()]

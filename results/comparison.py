@@ -18,9 +18,9 @@ only a change beyond 30% is one. With 5 repetitions U can tell at 1% only if nea
 fewer not even then; what is not slower or faster has too few repetitions. results/README.md says how often the rule is
 wrong.
 
-A counter, which a result's context describes, has no statistics: it is better or worse if it changed by more than the threshold in the
-direction that its result says. Errors are of one state and have no statistics: one grew if it is more than the error factor times what it was, or than
-what float64 is uncertain by if that is more. Of a backend that adds in any order an error is another one each time: it
+A counter, which a result's context describes, has no statistics: it is better or worse if it changed by more than the threshold in
+the direction that its result says. Errors are of one state and have no statistics: one grew if it is more than the error factor times
+what it was, or than what float64 is uncertain by if that is more. Of a backend that adds in any order an error is another one each time: it
 counts as no smaller than what rounding was measured to carry the scene.
 """
 
@@ -56,12 +56,13 @@ FALSE_DISCOVERIES = 0.01
 CONFIDENCE = 0.95
 RESAMPLES = 2000
 SEED = 1
-# Two runs differ by more than repetitions within one do. If the noise exceeds CALM times the threshold, a change has to exceed NOISE_FACTOR times the
-# noise (results/README.md has the figures). Above HIGHEST_NOISE no change counts.
+# Two runs differ by more than repetitions within one do. If the noise exceeds CALM times the threshold, a change has to exceed
+# NOISE_FACTOR times the noise (results/README.md has the figures). Above HIGHEST_NOISE no change counts.
 NOISE_FACTOR = 3
 CALM = 0.8
 HIGHEST_NOISE = 0.2
-# The least noise of rows that their run marked (harness/device/noise.h marks what moved by more than this), or that have fewer than 9 repetitions.
+# The least noise of rows that their run marked (harness/device/noise.h marks what moved by more than this), or that have fewer than 9
+# repetitions.
 UNKNOWN_NOISE = 0.1
 # The size of a few roundings of float64, by which the same sums in another order differ.
 FLOAT64_NOISE = 1e-15

@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""How often diff.py is wrong: compares pairs of results of one program on one card, between which nothing has changed, so that each row which
-it calls faster, slower, or worse in its error is a false alarm.
+"""How often diff.py is wrong: compares pairs of results of one program on one card, between which nothing has changed, so that each row
+that it calls faster, slower, or worse in its error is a false alarm.
 
 Usage: false_alarms.py [--in-pairs] [--multiplied] [--threshold 0.05] [--cpu-clock] RESULT RESULT [RESULT...]
 

@@ -4,9 +4,10 @@
 Usage: paper.py [--check]
 
 The template is Jinja2: `{{ expression }}` stands for a figure, a verdict or, as `{{ tables.NAME() }}`, a table: functions of
-readme/facts.py and readme/tables.py, and macros of readme/tables.jinja, over MACHINE/STUDY.json.gz. A float is written with three digits, and a paragraph that had an expression is
-broken into lines anew. `{{ holds(condition) }}` writes nothing, and refuses the page where the condition is false: what its sentence
-claims is then no longer what the results say. Every such sentence is named, with its line, and nothing is written.
+readme/facts.py and readme/tables.py, and macros of readme/tables.jinja, over MACHINE/STUDY.json.gz. A float is written with three
+digits, and a paragraph that had an expression is broken into lines anew. `{{ holds(condition) }}` writes nothing, and refuses the page
+if the condition is false: what its sentence claims is then no longer what the results say. Every such sentence is named, with its line,
+and nothing is written.
 --check changes nothing and exits with 1 if the page is not what the results say.
 """
 

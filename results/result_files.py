@@ -122,7 +122,8 @@ def spread_of(times):
     return (high - low) / 2 / middle if middle else None
 
 
-# What a result's context says of a backend. Older files lack `title`, `limits_of` and `addressing`: this is the one place that derives them.
+# What a result's context says of a backend. Older files lack `title`, `limits_of` and `addressing`: this is the one place that derives
+# them.
 def family(about):
     """The name of the API, without its version."""
     api = about.get("api")
@@ -163,7 +164,7 @@ def listed(parts):
 
 
 def medians(benchmarks):
-    """(row, times of its repetitions) of every median among rows of `benchmarks`, in their order; its own time if there are no repetitions."""
+    """(row, times of its repetitions, or its own time without any) of every median among rows of `benchmarks`, in their order."""
     times = groups((row for row in benchmarks if row.get("run_type") == "iteration"), "run_name", "steps")
     medians_of = (row for row in benchmarks if row.get("aggregate_name") == "median")
     return [(row, [one["real_time"] for one in times.get((row["run_name"], row["steps"]), [row])]) for row in medians_of]
@@ -174,7 +175,7 @@ NOT_MEASURED = ("failed", "skipped", "verification", "fastest", "auto")
 
 
 def rows(paths):
-    """The measured rows of files as dictionaries: the machine's folder, the study, the commit and the name of the list, then the row's fields."""
+    """The measured rows of files: dictionaries of the machine's folder, study, commit and list, then the row's fields."""
     found = []
     for path in map(pathlib.Path, paths):
         result = load(path)

@@ -208,10 +208,12 @@ class Diff(unittest.TestCase):
     def test_errors(self):
         total = [("a", 10, {"total_error_relative_l2": 1e-4, "total_error_uncertainty": 1e-9})] + PLAIN[1:]
         for verdict, fields, *more in (
-                ("error grew", {"error_relative_l2": 2.2e-6}), ("error grew", {"error_max": 2.2e-6}), ("same", {"error_relative_l2": 1.2e-6}),
+                ("error grew", {"error_relative_l2": 2.2e-6}), ("error grew", {"error_max": 2.2e-6}),
+                ("same", {"error_relative_l2": 1.2e-6}),
                 ("error grew", {"error_max": 1e-6, "time": 11}), ("same", {"error_relative_l2": 2e-6}, PLAIN, "--error-factor", "3"),
                 ("same", {"error_relative_l2": 2e-6, "divergence": 1.5e-6}), ("same", {"error_relative_l2": 2, "chaotic": True}),
-                ("error grew", {"total_error_relative_l2": 2e-4}, total), ("same", {"total_error_relative_l2": None}, total), ("same", {}, total),
+                ("error grew", {"total_error_relative_l2": 2e-4}, total), ("same", {"total_error_relative_l2": None}, total),
+                ("same", {}, total),
                 ("too few repetitions", {"count": 3}), ("error grew", {"count": 3, "error_max": 1e-6})):
             with self.subTest(verdict=verdict, **fields):
                 row = self.assert_first(verdict, result(more[0] if more else PLAIN), changed(**fields), *more[1:])
@@ -227,8 +229,10 @@ class Diff(unittest.TestCase):
             return result_
 
         old = with_counter(result(PLAIN), 1000)
-        for verdict, value, time, better in (("counter worse", 1100, 10, "less"), ("same", 1040, 10, "less"), ("counter better", 900, 10, "less"),
-                                             ("counter worse", 900, 10, "more"), ("counter better", 1100, 10, "more"), ("same", 9, 10, "neither"),
+        for verdict, value, time, better in (("counter worse", 1100, 10, "less"), ("same", 1040, 10, "less"),
+                                             ("counter better", 900, 10, "less"),
+                                             ("counter worse", 900, 10, "more"), ("counter better", 1100, 10, "more"),
+                                             ("same", 9, 10, "neither"),
                                              ("slower", 900, 11, "less"), ("counter worse", 1100, 11, "less"), ("same", None, 10, "less")):
             with self.subTest(value=value, time=time, better=better):
                 old["context"]["voxspring"]["counters"]["cache_misses_of_x"]["better"] = better
@@ -260,8 +264,10 @@ class Diff(unittest.TestCase):
         whole, rest = result(PLAIN), PLAIN[1:]
         without = result(rest, failed=failed)
         for verdict, old, new, detail in (
-                ("now fails", whole, without, "diverged"), ("gone", whole, result(rest, skipped=skipped), "no driver"), ("gone", whole, result(rest), ""),
-                ("new", result(rest), whole, ""), ("new", without, whole, "failed before"), ("now fails", result(rest), without, "diverged"),
+                ("now fails", whole, without, "diverged"), ("gone", whole, result(rest, skipped=skipped), "no driver"),
+                ("gone", whole, result(rest), ""),
+                ("new", result(rest), whole, ""), ("new", without, whole, "failed before"),
+                ("now fails", result(rest), without, "diverged"),
                 ("still fails", without, without, "diverged"), ("not comparable", whole, changed(steps=50), "steps 100 -> 50")):
             self.assertIn(detail, self.assert_first(verdict, old, new)["detail"])
 
@@ -329,20 +335,25 @@ class Diff(unittest.TestCase):
             return new
 
         about = good["context"]["voxspring"]
-        cases = [(["missing.json", "No such file"], self.folder / "missing.json"), (["Expecting value"], "?"), (["expected rows in any of"], result()),
+        cases = [(["missing.json", "No such file"], self.folder / "missing.json"), (["Expecting value"], "?"),
+                 (["expected rows in any of"], result()),
                  (["the document", "[1]", "an object"], [1]), (["benchmarks", "{}", "an array"], good | {"benchmarks": {}}),
                  (["context", "null", "an object"], good | {"context": None}), (["failed[0]", "3", "an object"], good | {"failed": [3]}),
                  (["skipped[0].scene", "is missing", "a string"], good | {"skipped": [{"backend": "a"}]}),
                  (["benchmarks[3].noisy[0]: 1: expected a string"], with_row("noisy", [1])),
                  (["benchmarks[3].real_time: \"NaN\": expected"], json.dumps(with_row("real_time", "NaN")).replace('"NaN"', "NaN")),
-                 (["context.voxspring: is missing: expected an object"], {"context": {}}), (["context: 1: expected an object"], {"context": 1}),
+                 (["context.voxspring: is missing: expected an object"], {"context": {}}),
+                 (["context: 1: expected an object"], {"context": 1}),
                  (["is nested too deeply"], "[" * 100_000), (["Compressed file ended"], "\x1f\x8b"),
                  (["half a character", '"\\ud800"'], json.dumps(good).replace('"scene": "box@8"', '"scene": "\\ud800"'))]
         cases += [([f"benchmarks[3].{key}: {json.dumps(value)}: expected"], with_row(key, value)) for key, value in (
-            ("real_time", 0), ("real_time", -1), ("real_time", "1"), ("real_time", True), ("backend", 3), ("real_time", "NaN"), ("error_max", -1),
+            ("real_time", 0), ("real_time", -1), ("real_time", "1"), ("real_time", True), ("backend", 3), ("real_time", "NaN"),
+            ("error_max", -1),
             ("chaotic", 1), ("divergence", []), ("noisy", None), ("time_unit", "ns"))]
-        cases += [([f"context.voxspring.{key}"], good | {"context": good["context"] | {"voxspring": about | {key: value}}}) for key, value in (
-            ("backends", 3), ("backends", {"a": 3}), ("backends", {"a": {"uuid": 3}}), ("study", 3), ("study", {"name": 3}), ("counters", {"a": {}}))]
+        cases += [([f"context.voxspring.{key}"], good | {"context": good["context"] | {"voxspring": about | {key: value}}})
+                  for key, value in (
+            ("backends", 3), ("backends", {"a": 3}), ("backends", {"a": {"uuid": 3}}), ("study", 3), ("study", {"name": 3}),
+            ("counters", {"a": {}}))]
         for words, new in cases:
             self.assert_refused(["missing.json" if isinstance(new, pathlib.Path) else "new.json", *words], good, new)
         for option in ("--threshold=-1", "--threshold=x", "--threshold=nan", "--error-factor=1"):
@@ -479,7 +490,8 @@ class FalseAlarms(unittest.TestCase):
             paths = [pathlib.Path(folder, f"{number}.json") for number in range(len(results))]
             for path, one in zip(paths, results):
                 path.write_text(json.dumps(one))
-            return subprocess.run([sys.executable, "results/false_alarms.py", *options, *paths], capture_output=True, text=True, check=False)
+            return subprocess.run([sys.executable, "results/false_alarms.py", *options, *paths], capture_output=True, text=True,
+                                  check=False)
 
     def test_runs_of_one_program_differ_by_noise_alone(self):
         found = self.compare(*(result(PLAIN, seed=seed) for seed in range(1, 8)))

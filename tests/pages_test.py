@@ -71,7 +71,8 @@ class Prose(unittest.TestCase):
 
     def test_what_has_an_origin_is_let_through(self):
         for text in ("Commit 0b0c168 took 2.5 us.", "It takes {{ us() }} us.", "<!-- a -->\n3 us\n<!-- /a -->\n", "Give `--time 5 s`.",
-                     "```\n12 us\n```", "So:\n\n    sleep 5 s\n\nEnd.", "# Trials\n\nUp to commit 0b0c168.\n\nIt took 5 us.\n\n## Part\n\n7 us.",
+                     "```\n12 us\n```", "So:\n\n    sleep 5 s\n\nEnd.",
+                     "# Trials\n\nUp to commit 0b0c168.\n\nIt took 5 us.\n\n## Part\n\n7 us.",
                      "A box of 256^3 has 18 springs in 72 bytes."):
             self.assertEqual(figures_in_prose.unfounded(text), [], text)
         self.assertEqual(figures_in_prose.unfounded("# Trials\n\nUp to commit 0b0c168.\n\n# Now\n\nWords.\n\nIt takes 5 us. Commit 0b0c168 took 6 us."),
@@ -101,7 +102,8 @@ class Template(unittest.TestCase):
     def test_a_sentence_that_does_not_hold_is_named(self):
         text = "# Page\n\nThe first is true. Lists take\nless time than masks{{ holds(times[0] < 1) }}. The last as well."
         self.assertNotIn("holds", paper.render(text, {"times": [0.9]}, "page.md"))
-        for text, times, words in ((text, [1.1], r'page\.md:4: what it claims no longer holds: "Lists take less time than masks\{\{.*\}\}\."$'),
+        for text, times, words in ((text, [1.1],
+                                    r'page\.md:4: what it claims no longer holds: "Lists take less time than masks\{\{.*\}\}\."$'),
                                    (text, [], r"page\.md:4: UndefinedError"), ("{{ times }}", None, "page.md:1: None is no figure")):
             with self.assertRaisesRegex(paper.Stale, words):
                 paper.render(text, {"times": times}, "page.md")
@@ -141,18 +143,21 @@ class Verdicts(unittest.TestCase):
         source = pathlib.Path("harness/study/fastest.cpp").read_text()
         listed = re.search(r"paper_backends\(\) \{.*?names = \{(.*?)\}", source, re.DOTALL)[1]
         self.assertEqual(list(rows.PAPER), re.findall(r'"(\w+)"', listed))
-        for backend, tuning, papers in (("cuda_implicit_cached", "", True), ("cuda_implicit_cached", "fetch=l1", False), ("cuda_march", "", False)):
+        for backend, tuning, papers in (("cuda_implicit_cached", "", True), ("cuda_implicit_cached", "fetch=l1", False),
+                                        ("cuda_march", "", False)):
             self.assertEqual(rows.is_papers(case("a", backend, 1, tuning=tuning)), papers)
 
     def test_addressing_by_size_and_sparsity(self):
         """By explicit over implicit time of small sparse, small full, large sparse and large full bodies."""
-        for times, said in (((0.8, 1.2, 1.4, 1.9), "holds for small sparse bodies, inverts for small full, large sparse and large full bodies"),
+        for times, said in (((0.8, 1.2, 1.4, 1.9),
+                             "holds for small sparse bodies, inverts for small full, large sparse and large full bodies"),
                             ((0.8, 0.9, 0.7, 0.6), "holds"), ((2, 2, 2, 2), "inverts"),
                             ((0.8, 1.01, 0.7, 1.5), "holds for small sparse and large sparse bodies, is undecided for small full bodies, "
                                                     "inverts for large full bodies")):
             bodies = zip("abcd", (0.2, 1, 0.2, 1), (1000, 1000, 10**7, 10**7), times)
-            found = [case(scene, backend, time, particles, particles / share) for scene, share, particles, ratio in bodies for backend, time in
-                     (("cuda_implicit_shared", 200), ("cuda_implicit_cached", 100), ("cuda_explicit_cached", 100 * ratio), ("cuda_march", 1))]
+            found = [case(scene, backend, time, particles, particles / share) for scene, share, particles, ratio in bodies
+                     for backend, time in (("cuda_implicit_shared", 200), ("cuda_implicit_cached", 100),
+                                           ("cuda_explicit_cached", 100 * ratio), ("cuda_march", 1))]
             with mock.patch.object(facts, "medians", return_value=found):
                 self.assertEqual(facts.addressing_verdict(), said)
 
@@ -167,7 +172,8 @@ class Verdicts(unittest.TestCase):
                 self.assertEqual(facts.edit_verdict(), said)
         for nanoseconds, said, growth in (((9, 2, 1.1, 1), "holds from 262,144 on", 0.1), ((1, 1, 1, 1), "holds", 0),
                                           ((9, 4, 2, 1), "holds from 2.1 million on", 0)):
-            found = [case(f"box@{n}", "cuda_implicit_cached", one * n**3 / 1000, n**3, n**3) for n, one in zip((16, 32, 64, 128), nanoseconds)]
+            found = [case(f"box@{n}", "cuda_implicit_cached", one * n**3 / 1000, n**3, n**3)
+                     for n, one in zip((16, 32, 64, 128), nanoseconds)]
             with mock.patch.object(facts, "medians", return_value=found):
                 self.assertEqual(facts.linear_verdict(), said)
                 self.assertAlmostEqual(facts.growth(smallest=facts.linear_from()), growth)
@@ -239,7 +245,8 @@ class Tables(unittest.TestCase):
         self.assertAlmostEqual(result_files.spread_of([8, 9, 10, 11, 12]), 0.1)
 
     def test_a_tuning_that_is_no_better_is_not_called_best(self):
-        for time, said in ((9.9, ["10", "10", "2", "the default"]), (9.0, ["10", "9", "2", "block=64"]), (11.0, ["10", "10", "2", "the default"])):
+        for time, said in ((9.9, ["10", "10", "2", "the default"]), (9.0, ["10", "9", "2", "block=64"]),
+                           (11.0, ["10", "10", "2", "the default"])):
             found = [case("a", "cuda_march", 10, times=[10] * 9), case("a", "cuda_march", time, tuning="block=64", times=[time] * 9)]
             with mock.patch.object(tables, "medians", return_value=found):
                 self.assertEqual(cells_of(paper.Tables().tuning())[2][2:], said)
@@ -269,7 +276,8 @@ class Tables(unittest.TestCase):
                 self.assertAlmostEqual(best["real_time"] / (block["seconds_per_step"] * 1e6), 1, 6)
                 for key in ("particle_updates_per_second", "spring_updates_per_second", "fraction_of_limit"):
                     self.assertAlmostEqual(best[key] / block[key], 1, 6)
-                line = [f"{block['scene']} {block['formulation']} {block['precision']}", rows.contender(block), str(len(tried)), rows.time_of(best)]
+                line = [f"{block['scene']} {block['formulation']} {block['precision']}", rows.contender(block), str(len(tried)),
+                        rows.time_of(best)]
                 self.assertIn(line, [one[:4] for one in cells])
                 if block["paper"] is not None:
                     papers = [row for row in tried if row["backend"] in rows.PAPER]
@@ -286,7 +294,8 @@ class Tables(unittest.TestCase):
             self.assertLessEqual(row["warm_ready_seconds"], row["ready_seconds"], row["name"])
 
     def test_energy(self):
-        for row, said in (({"watts": 200, "sampled_watts": 199}, "yes, 0.5 %"), ({"watts": 200}, "no"), ({"watts": 200, "sampled_watts": None}, "no")):
+        for row, said in (({"watts": 200, "sampled_watts": 199}, "yes, 0.5 %"), ({"watts": 200}, "no"),
+                          ({"watts": 200, "sampled_watts": None}, "no")):
             self.assertEqual(tables.cross_check(row), said)
         found = rows.result("energy")["energy"]
         lines = cells_of(paper.Tables().energy())[2:]

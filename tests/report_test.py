@@ -185,7 +185,8 @@ class Input(InTemporaryFolder):
                 (changed(lambda r: r["context"]["voxspring"].update(commit=7)), "context.voxspring.commit", "7", "expected text"),
                 (changed(lambda r: r["benchmarks"][3].update(real_time="fast")), "benchmarks[3].real_time", '"fast"', "expected a number"),
                 (changed(lambda r: r["benchmarks"][2].pop("scene")), "benchmarks[2].scene", "is missing"),
-                (changed(lambda r: r.update(benchmarks={})), "benchmarks", "{}", "expected a list"), (region, "region", "melted", "bounded")):
+                (changed(lambda r: r.update(benchmarks={})), "benchmarks", "{}", "expected a list"),
+                (region, "region", "melted", "bounded")):
             with self.subTest(words):
                 self.assert_refused(report(self.write("broken.json", content), "--out", self.out), "broken.json", *words)
         empty, drawn = self.folder / "empty", (H200 / "table1.json.gz", "--pictures")
@@ -263,7 +264,8 @@ class Input(InTemporaryFolder):
     def scaling(self, *rows):
         """The figures of a page of a scaling study, of rows (ranks, fields)."""
         result = {key: value for key, value in h200("table1").items() if key in ("context", "skipped")}
-        common = {"backend": "cpu_parallel", "formulation": "position", "precision": "float32", "tuning": "", "scaling": "strong", "particles": 64**3,
+        common = {"backend": "cpu_parallel", "formulation": "position", "precision": "float32", "tuning": "", "scaling": "strong",
+                  "particles": 64**3,
                   "compute_seconds": 1e-3, "exchange_seconds": 1e-5, "waiting_seconds": 0.0, "efficiency": 1.0, "predicted_seconds": 1.0}
         result["scaling"] = [{"scene": "box@64", **common, "ranks": ranks, **more} for ranks, more in rows]
         for row in result["scaling"]:
@@ -275,18 +277,21 @@ class Input(InTemporaryFolder):
         rows = [("box@16", 1, "none", 1.0, "1x1x1"), ("box@16", 2, "memory", 0.9, "1x1x1"), ("box@16", 2, "mpi", 0.625, "1x1x1"),
                 ("heart", 1, "none", 1.0, "1x1x1"), ("heart", 4, "mpi", None, "1x1x1"), ("heart", 2, "memory", 0.7, "1x1x2"),
                 ("heart", 4, "memory", 0.8, "1x1x4"), ("heart", 4, "memory", 0.75, "1x2x2")]
-        figure = self.scaling(*((ranks, {"scene": scene, "way": way, "cut": cut, "efficiency": efficiency, "predicted_seconds": 1e-5 / ranks,
+        figure = self.scaling(*((ranks, {"scene": scene, "way": way, "cut": cut, "efficiency": efficiency,
+                                         "predicted_seconds": 1e-5 / ranks,
                                          "seconds_per_step": 1e-5 / ranks / (efficiency or 1)})
                                 for scene, ranks, way, efficiency, cut in rows))["scaling"]
         self.assertEqual([panel["match"]["compared"] for panel in figure["panels"]], ["box@16", "heart"])
         self.assertEqual([row["predicted"] for row in figure["rows"]], 7 * [1])
-        self.assertEqual([(row["cut"], row["parts"]) for row in figure["rows"] if row["ranks"] == 4], [("1x1x4", "slabs"), ("1x2x2", "bricks")])
+        self.assertEqual([(row["cut"], row["parts"]) for row in figure["rows"] if row["ranks"] == 4],
+                         [("1x1x4", "slabs"), ("1x2x2", "bricks")])
         self.assertEqual(finding(self.out, "scaling")[0], "4 ranks have 75 % to 80 % of the efficiency of one")
 
     def forecast(self, ranks, seconds, **more):
         """What the page predicts from a rank that takes a microsecond per particle, and from several that take as long as predicted."""
         rows = self.scaling((1, {"seconds_per_step": 64**3 * 1e-6, "way": "none"}),
-                            (ranks, {"seconds_per_step": seconds, "predicted_seconds": seconds, "seconds_per_byte": 1e-9, "way": "memory", **more}))
+                            (ranks, {"seconds_per_step": seconds, "predicted_seconds": seconds, "seconds_per_byte": 1e-9,
+                                     "way": "memory", **more}))
         return rows["forecast"]["rows"]
 
     def test_more_ranks_than_were_measured_are_a_prediction(self):
@@ -374,7 +379,8 @@ class Input(InTemporaryFolder):
 
     def test_a_counter_that_no_script_names_is_a_column(self):
         result = h200("table1")
-        result["context"]["voxspring"]["counters"] = {"cache_misses_of_x": {"unit": "B", "better": "less"}, "of_nobody": {"unit": "", "better": "more"}}
+        result["context"]["voxspring"]["counters"] = {"cache_misses_of_x": {"unit": "B", "better": "less"},
+                                                      "of_nobody": {"unit": "", "better": "more"}}
         for number, row in enumerate(result["benchmarks"]):
             row["cache_misses_of_x"] = number
         self.assertEqual(report(self.write("a.json", result), "--out", self.out).returncode, 0)
@@ -1004,7 +1010,8 @@ class Parts(InTemporaryFolder):
                     for key in ("name", "run_name"):
                         one[key] = row[key].replace("box@32", f"box@{size}").replace("cuda_implicit_cached", backend)
                     result["benchmarks"].append(one)
-        result["skipped"] = [{"name": f"{scene}/{backend}", "scene": scene, "backend": backend, "reason": "no"} for scene, backend in skipped]
+        result["skipped"] = [{"name": f"{scene}/{backend}", "scene": scene, "backend": backend, "reason": "no"}
+                             for scene, backend in skipped]
         return result
 
     def test_nobody_wins_a_dataset_without_the_main_contenders(self):
@@ -1052,7 +1059,8 @@ class Parts(InTemporaryFolder):
                 ([("a/1.json", cpu, 2, "one", ""), ("a/2.json", cpu, 2, "two", "")], ["AMD EPYC (one)", "AMD EPYC (two)"]),
                 ([("a/1.json", gpu, 16, "", one), ("b/2.json", gpu, 16, "", one)], 2 * ["NVIDIA H200"]),
                 ([("a/1.json", gpu, 16, "", one), ("a/2.json", gpu, 16, "", other)], [f"NVIDIA H200 ({card})" for card in (one, other)]),
-                ([("a/1.json", cpu, 2, "", ""), ("c/a/2.json", cpu, 2, "", "")], [f"AMD EPYC ({here / 'a'})", f"AMD EPYC ({here / 'c/a'})"])):
+                ([("a/1.json", cpu, 2, "", ""), ("c/a/2.json", cpu, 2, "", "")],
+                 [f"AMD EPYC ({here / 'a'})", f"AMD EPYC ({here / 'c/a'})"])):
             paths = []
             for place, result, cores, host, card in files:
                 result = copy.deepcopy(result)
@@ -1119,7 +1127,8 @@ class Parts(InTemporaryFolder):
         self.assertEqual(len(re.findall(r"repetitions ± 10\W*%", text)), 1)
         self.assertIn("12.34 times as fast as the best of the paper", text)
         table = html.unescape(re.sub("<wbr>", "", text[text.index("<h3>Targets</h3>"):text.index("1 more target")]))
-        rows = [[re.sub("<[^>]+>", "|", cell).strip("|").replace("\N{NO-BREAK SPACE}", " ") for cell in re.findall("<t[hd][^>]*>(.*?)</t[hd]>", row)]
+        rows = [[re.sub("<[^>]+>", "|", cell).strip("|").replace("\N{NO-BREAK SPACE}", " ")
+                 for cell in re.findall("<t[hd][^>]*>(.*?)</t[hd]>", row)]
                 for row in table.split("<tr data-scene")[1:]]
         measured = best["real_time"] * 1e3
         self.assertEqual(rows[0], ["box@32|position, float32", "cuda_*", "time per step", "750 ns", f"{measured:.3g} ns", "missed"])
@@ -1227,7 +1236,8 @@ class Parts(InTemporaryFolder):
     def test_without_pictures_there_is_a_line_or_nothing(self):
         self.assertEqual(report(H200 / "table1.json.gz", "--out", self.out, "--pictures", self.folder).returncode, 0)
         self.assertEqual(self.alternatives(), [])
-        self.assertEqual(re.findall("Without a picture: ([^<]*)<", self.out.read_text()), ["heart and box@32 (no program was there to draw it)."])
+        self.assertEqual(re.findall("Without a picture: ([^<]*)<", self.out.read_text()),
+                         ["heart and box@32 (no program was there to draw it)."])
         self.assertNotIn('class="picture', self.out.read_text())
 
     def test_pictures_of_the_program_itself(self):

@@ -55,8 +55,10 @@ class AutoRules(unittest.TestCase):
     def test_the_fastest_goes_first_within_particles_and_occupancy(self):
         def row(scene, particles, backend, time, tuning="", formulation="position", voxels=None):
             name = "/".join(part for part in (scene, backend, formulation, "float32", tuning) if part)
-            return {"name": f"{name}/iterations:9", "scene": scene, "particles": particles, "voxels": voxels or particles, "backend": backend,
-                    "formulation": formulation, "precision": "float32", "real_time": time, "limits_of": "CUDA", "on_card": True, "family": "CUDA"}
+            return {"name": f"{name}/iterations:9", "scene": scene, "particles": particles, "voxels": voxels or particles,
+                    "backend": backend,
+                    "formulation": formulation, "precision": "float32", "real_time": time, "limits_of": "CUDA", "on_card": True,
+                    "family": "CUDA"}
 
         full = [0.5, None]
         for medians, said in (

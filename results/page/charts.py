@@ -101,8 +101,8 @@ def columns(keys, named=None):
 
 
 def with_end_labels(rows, line, x, y, height):
-    """Adds a label (`end_label`) and its place (`label_at`) to the last row of each line, such that labels do not overlap in a chart of this
-    height."""
+    """Adds a label (`end_label`) and its place (`label_at`) to the last row of each line, such that labels do not overlap in a chart of
+    this height."""
     values = [row[y] for row in rows]
     log = scale(values)["type"] == "log"
     forth, back = (math.log, math.exp) if log else (float, float)
@@ -144,7 +144,8 @@ class Chart:
         """What a word stands for as an encoding."""
         if channel == "tooltip":
             told = self.told if key == "row" else columns(key)
-            return [{"field": key, "title": title} | ({"type": "nominal"} if digits is None else {"type": "quantitative", "format": f".{digits}~g"})
+            return [{"field": key, "title": title} |
+                    ({"type": "nominal"} if digits is None else {"type": "quantitative", "format": f".{digits}~g"})
                     for key, title, digits in told]
         if key in self.by_key:
             return self.by_key[key]
@@ -185,6 +186,7 @@ def complete(about, families, told, rows, layers, alternative):
     """The chart of a panel: as wide as that, and of those rows alone that its reader's filters let through."""
     chosen = {"filter": "indexof(shown, datum.backend) >= 0 && (scene == '' || datum.scene == scene)"}
     return {"$schema": LANGUAGE, "data": {"name": "rows"}, "transform": [chosen], "width": "container",
-            "height": about.get("height") or about["step"][1], "autosize": {"type": "fit-x", "contains": "padding"}, "description": alternative,
+            "height": about.get("height") or about["step"][1], "autosize": {"type": "fit-x", "contains": "padding"},
+            "description": alternative,
             "params": [{"name": "shown", "value": list(families)}, {"name": "scene", "value": ""}],
             **Chart(families, told, rows, layers).completed(about["chart"])}

@@ -69,8 +69,10 @@ def headline(found, runs, drawn):
         if len(entries) <= figures.FEW:
             wins = figures.groups(told, "backend").items()
             parts = [f"{name} is the fastest on {figures.listed(row['scene'] for row in rows)}" for (name,), rows in wins]
-            parts += [f"{names([entry.best] + entry.equals)} cannot be told apart on {entry.best['scene']}" for entry in entries if entry.equals]
-            parts += [f"the main contenders are not measured on {entry.best['scene']}" for entry in entries if entry.absent and not entry.equals]
+            parts += [f"{names([entry.best] + entry.equals)} cannot be told apart on {entry.best['scene']}"
+                      for entry in entries if entry.equals]
+            parts += [f"the main contenders are not measured on {entry.best['scene']}"
+                      for entry in entries if entry.absent and not entry.equals]
             title = figures.listed(parts)
         elif sizes:
             title, lead = sizes[0], sizes[1] + ". "
@@ -136,7 +138,8 @@ def template():
     environment.globals |= {function.__name__: function for function in shared} | {
         "base64": lambda data: base64.b64encode(data).decode(), "marks": charts.MARKS,
         "regions": reading.REGIONS, "small_error": SMALL_ERROR, "min_share": figures.MIN_SHARE,
-        "min_spread": result_files.MIN_SPREAD, "error_columns": {error: f"Error of {figures.error_text(error)}" for error in figures.TARGETS}}
+        "min_spread": result_files.MIN_SPREAD,
+        "error_columns": {error: f"Error of {figures.error_text(error)}" for error in figures.TARGETS}}
     return environment.get_template("page.html")
 
 
@@ -162,10 +165,12 @@ def page(results, pictures, left_out):
     papers = {(result.machine, block["scene"], reading.contender(block)): block["paper"]["ratio"]
               for result in results for block in result.lists["fastest"]
               if block.get("paper") and block["paper"]["name"] != block["name"]}
-    data = json.dumps({"config": charts.CONFIG, "figures": [compact(figure) for figure in drawn]}, ensure_ascii=False, separators=(",", ":"))
+    data = json.dumps({"config": charts.CONFIG, "figures": [compact(figure) for figure in drawn]}, ensure_ascii=False,
+                      separators=(",", ":"))
     errors = [pair[1].about for pair in pictures.values()]
     return template().render(
-        families=shown.families, colours=charts.colours(shown.families), shapes=charts.shapes(shown.families.values()), results=results, machine=machine, title=title, lead=lead, answers=answers, papers=papers, drawn=drawn,
+        families=shown.families, colours=charts.colours(shown.families), shapes=charts.shapes(shown.families.values()), results=results,
+        machine=machine, title=title, lead=lead, answers=answers, papers=papers, drawn=drawn,
         pictures=pictures, left_out=left_out, worst=max(errors, key=lambda about: about["largest"], default=None),
         renderers=figures.listed(dict.fromkeys(picture.about["renderer"] for pair in pictures.values() for picture in pair)),
         scenes=sorted({row["scene"] for result in results for name in reading.MEASURED for row in result.lists[name]}, key=reading.natural),

@@ -125,8 +125,8 @@ def outcomes(results, rows):
 
 
 def ladder(entries):
-    """(dataset, [(backends, on chip, particles)]): which backend wins up to which size, for the dataset with the most sizes. None unless each
-    backend wins sizes beside each other. Backends whose state stays on the chip count as one."""
+    """(dataset, [(backends, on chip, particles)]): which backend wins up to which size, for the dataset with the most sizes. None
+    unless each backend wins sizes beside each other. Backends whose state stays on the chip count as one."""
     families = groups([entry.best | {"family_name": entry.best["scene"].split("@")[0]} for entry in entries if entry.won], "family_name")
     (family,), rows = max(families.items(), key=lambda item: len(item[1]), default=((None,), []))
     steps = []
@@ -163,7 +163,7 @@ class Page:
 
     @functools.cached_property
     def histories(self):
-        """Files with times of one study on one machine, by date, where there are several, and what diff.py has for the first and the last."""
+        """Files of one study on one machine by date, if there are several, and the verdicts of diff.py on the first and the last."""
         found = groups((result for result in self.results if result.lists["benchmarks"]), lambda one: one.machine, lambda one: one.study)
         found = {key: sorted(files, key=lambda file: file.date) for key, files in found.items() if len(files) > 1}
         return {key: (files, *judged(files[0], files[-1])) for key, files in found.items()}
@@ -212,13 +212,14 @@ class Figure:
         return Panel(heading, match, spec, about.get("step"))
 
 
-# By figure: what makes its rows of the Page (without rows there is no figure), what tells its finding, and what draws layers below its marks.
+# By figure: what makes its rows of the Page (without rows there is no figure), what tells its finding, and what draws layers below its
+# marks.
 MADE_BY = {}
 
 
 def figure_of(name, rows, below=None, by="machine"):
-    """Registers what makes a figure of figures.vegalite. The function that it decorates tells what was found in the rows of each machine, or of
-    other keys: a line, and more words or none."""
+    """Registers what makes a figure of figures.vegalite. The function that it decorates tells what was found in the rows of each
+    machine, or of other keys: a line, and more words or none."""
     def register(tell):
         MADE_BY[name] = (rows, tell, by, below)
         return tell
@@ -480,7 +481,8 @@ def edited(page):
     for group in (group for own in of_steps for group in groups(own, "formulation").values()):
         form = "lines" if len(distinct(group, "edits")) > 1 else "dots"
         for key, (name, title) in QUANTITIES.items():
-            own = [{**row, "quantity": key, "quantity_name": name, "quantity_title": title, "form": form, "end_label": None, "label_at": None}
+            own = [{**row, "quantity": key, "quantity_name": name, "quantity_title": title, "form": form, "end_label": None,
+                    "label_at": None}
                    for row in labelled(group) if row[key] is not None]
             found += with_end_labels(own, "edits", key, ABOUT["figures"]["edits"]["lines"]["height"]) if own and form == "lines" else own
     return found
@@ -508,14 +510,16 @@ def overheads(page):
 @figure_of("overhead", overheads)
 def overhead(_, group):
     least = min(row["particles"] for row in group)
-    small = [fastest(row for row in group if row["particles"] == least and row["handed_over"] == how) for how in charts.MARKS["handed_over"]]
+    small = [fastest(row for row in group if row["particles"] == least and row["handed_over"] == how)
+             for how in charts.MARKS["handed_over"]]
     told = [(time_text(row["microseconds"]), row["handed_over"], row["label"]) for row in small if row]
     line = f"a step of {least} particles takes at least "
     return (line + listed(f"{time} {how}" for time, how, _ in told),
             line + listed(f"{time} with {label} where steps are handed over {how}" for time, how, label in told))
 
 
-@figure_of("energy", latest_of(in_units("energy", millijoules=("joules_per_step", 1e3), microseconds=("seconds_per_step", 1e6)), "scene", "contender"))
+@figure_of("energy", latest_of(in_units("energy", millijoules=("joules_per_step", 1e3), microseconds=("seconds_per_step", 1e6)),
+                               "scene", "contender"))
 def energy(_, group):
     told = []
     for (scene,), of_scene in sorted(groups(group, "scene").items(), key=lambda item: item[1][0]["particles"]):
@@ -639,7 +643,8 @@ def repeated(page):
             verdict = verdicts.get((scene, contender), {"verdict": "not compared", "time": {"ratio": None, "interval": [None, None]}})
             low, high = verdict["time"]["interval"]
             if len(distinct(own, "date")) > 1:
-                found += [{**row, "run": f"{row['commit']} {row['date'][5:16].replace('T', ' ')}", "day": row["date"][:16].replace("T", " "),
+                found += [{**row, "run": f"{row['commit']} {row['date'][5:16].replace('T', ' ')}",
+                           "day": row["date"][:16].replace("T", " "),
                            "verdict": verdict["verdict"], "ratio": verdict["time"]["ratio"],
                            "interval": "" if low is None else f"{low:.3f} to {high:.3f}"} for row in own]
     return found
@@ -651,7 +656,9 @@ def history(figure, rows):
     figure.results = [result for result in figure.results if (result.machine, result.study, result.date) in runs]
     files, verdicts, refused = figure.page.histories[rows[0]["machine"], rows[0]["study"]]
     nothing = f"nothing can be told of {files[0].study}"
-    return changes(list(verdicts.values()), files[0], files[-1]) if verdicts else (nothing, f"{nothing}: {refused or 'its runs share no time'}")
+    if verdicts:
+        return changes(list(verdicts.values()), files[0], files[-1])
+    return nothing, f"{nothing}: {refused or 'its runs share no time'}"
 
 
 MIN_SHARE = 1e-6
@@ -670,7 +677,8 @@ def gates(page):
         # Zero has no place on a logarithmic axis.
         share = max(numbers[0] / numbers[1], MIN_SHARE) if all(numbers) else None
         if gate is not None:
-            rows.append(row | {"measured": value, "unit": row.get("unit", ""), "detail": row.get("detail", ""), "share": share, "gate_share": 1,
+            rows.append(row | {"measured": value, "unit": row.get("unit", ""), "detail": row.get("detail", ""), "share": share,
+                               "gate_share": 1,
                                "passed": "yes" if row["passed"] else "no"})
     return rows
 

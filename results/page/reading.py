@@ -203,7 +203,8 @@ def measured(results):
     """A row for each contender, scene and file: the median over the repetitions, with the least and the most of them."""
     return [row | {
         "microseconds": row["real_time"], "least": min(times), "most": max(times), "repetition_times": tuple(times),
-        "spring_rate": row["springs"] / row["real_time"] * 1e6, "of_limit": row.get("fraction_of_limit"), "limited_by": row.get("limited_by"),
+        "spring_rate": row["springs"] / row["real_time"] * 1e6, "of_limit": row.get("fraction_of_limit"),
+        "limited_by": row.get("limited_by"),
         "limit_microseconds": row["limit_seconds"] * 1e6 if row.get("limit_seconds") else None,
         **moved_and_computed(row), "rounding": row.get("error_relative_l2"), "rounding_max": row.get("error_max"),
         "error_steps": row.get("error_steps", row["steps"]), "edits": row.get("edits"),
@@ -237,7 +238,8 @@ def is_bricks(row):
 
 def scaling(results):
     """A row for each number of ranks and way that has an efficiency; what the model predicts is an efficiency as well."""
-    return [row | {"cut": row.get("cut", ""), "parts": "bricks" if is_bricks(row) else "slabs", "microseconds": row["seconds_per_step"] * 1e6,
+    return [row | {"cut": row.get("cut", ""), "parts": "bricks" if is_bricks(row) else "slabs",
+                   "microseconds": row["seconds_per_step"] * 1e6,
                    **{name: row[f"{name}_seconds"] * 1e6 for name in ("compute", "exchange", "waiting")},
                    "predicted": row["efficiency"] * row["seconds_per_step"] / row["predicted_seconds"]}
             for row in rows_of(results, "scaling") if row.get("efficiency") and row.get("predicted_seconds")]
@@ -304,7 +306,8 @@ def scaling_forecast(results):
                 continue
             counts, half = forecast(ones[line[:2]], most)
             found += [most | {"parts": "bricks" if line[3] else "slabs", "measured_ranks": most["ranks"], "ranks": ranks,
-                              "microseconds": seconds * 1e6, "efficiency": efficiency, "half": half} for ranks, seconds, efficiency in counts]
+                              "microseconds": seconds * 1e6, "efficiency": efficiency, "half": half}
+                      for ranks, seconds, efficiency in counts]
     return found
 
 

@@ -59,7 +59,8 @@ def edits():
     counts = {row["scene"]: row["edits"] for row in rows}
     last = list(counts)[-1]
     def by_itself(own):
-        return [microseconds(own[last][key] * 1e6) if last in own else "-" for key in ("edit_seconds_median", "seconds_per_step_without_edits")]
+        return [microseconds(own[last][key] * 1e6) if last in own else "-"
+                for key in ("edit_seconds_median", "seconds_per_step_without_edits")]
     return matrix("slow-down of 1000 steps", rows, lambda scene: [f"{counts[scene]} edit" + "s" * (counts[scene] > 1)],
                   lambda row: [marked(row, f"{100 * slow_down(row):+.1f} %") + spread_text(row)],
                   ends=(["an edit (us)", "a step (us)"], by_itself))
@@ -154,7 +155,8 @@ def resting():
         if way in ("skip", "flush"):
             share = work[name]["tiles_stepped"] / work[name]["tiles"]
             title = f"`{skipping['backend']}` {skipping['formulation']}" + ", flush" * (way == "flush")
-            lines.setdefault(title, {})[skipping["scene"]] = f"{time_of(times[plain + '/rest=step'])} / {time_of(skipping)} ({percent(share)})"
+            cell = f"{time_of(times[plain + '/rest=step'])} / {time_of(skipping)} ({percent(share)})"
+            lines.setdefault(title, {})[skipping["scene"]] = cell
     return table(["us per step of all / of what moves (tiles stepped)"] + scenes,
                  [[title] + [cells.get(scene, "-") for scene in scenes] for title, cells in sorted(lines.items())])
 
