@@ -149,8 +149,3 @@ def time_of(row):
 def table(header, rows):
     lines = [header, ["---"] + ["--:"] * (len(header) - 1), *rows]
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
-
-
-def by_machine(study, header, lines_of, titled):
-    """A table for each machine that has a study and lines for it, as `titled` has it of a result and a table."""
-    return "\n\n".join(titled(one, table(header, lines)) for one in machines(study) if (lines := lines_of(one)))
