@@ -151,6 +151,12 @@ class InTemporaryFolder(unittest.TestCase):
         self.folder = pathlib.Path(folder.name)
         self.out = self.folder / "report.html"
 
+    def page_of(self, result):
+        """Makes the page of a result; its figures."""
+        made = report(self.write("a.json", result), "--out", self.out)
+        self.assertEqual(made.returncode, 0, made.stderr)
+        return figures_of(self.out)
+
     def write_bytes(self, name, data):
         path = self.folder / name
         path.write_bytes(data)
@@ -225,13 +231,8 @@ class Input(InTemporaryFolder):
         self.assertEqual(*pages)
 
     def test_the_roofline_by_operations_a_byte_needs_what_steps_move(self):
-        def drawn(result):
-            path = self.write("a.json", result)
-            self.assertEqual(report(path, "--out", self.out).returncode, 0)
-            return figures_of(self.out)
-
         result = with_work(h200("fastest"))
-        figure = drawn(result)["intensity"]
+        figure = self.page_of(result)["intensity"]
         self.assertEqual([panel["match"]["scene"] for panel in figure["panels"]], ["box@32", "box@256"])
         text = json.dumps(figure["panels"])
         for roof in ("CUDA: memory (dashed: half written)", "CUDA: cache", "CUDA: float32 arithmetic", "CPU: cache"):
@@ -244,7 +245,7 @@ class Input(InTemporaryFolder):
             self.assertEqual(row["place"], row["operations_a_byte"])
         for row in result["benchmarks"]:
             row["step_bytes"] = None
-        self.assertNotIn("intensity", drawn(result))
+        self.assertNotIn("intensity", self.page_of(result))
 
     def test_strategies_on_chip_stand_beside_the_roofs(self):
         committed = h200("fastest")
@@ -252,8 +253,7 @@ class Input(InTemporaryFolder):
         self.assertEqual(still, {"cuda_resident", "cuda_bricks"})
         for keep in ({row["backend"] for row in committed["benchmarks"]}, still):
             result = committed | {"benchmarks": [row for row in committed["benchmarks"] if row["backend"] in keep]}
-            self.assertEqual(report(self.write("a.json", result), "--out", self.out).returncode, 0)
-            figure = figures_of(self.out)["intensity"]
+            figure = self.page_of(result)["intensity"]
             of_small = [row for row in figure["rows"] if row["scene"] == "box@32"]
             self.assertEqual({row["backend"] for row in of_small if row["operations_a_byte"] is None}, still)
             places = {row["place"] for row in of_small if row["operations_a_byte"] is None}
@@ -270,8 +270,7 @@ class Input(InTemporaryFolder):
         result["scaling"] = [{"scene": "box@64", **common, "ranks": ranks, **more} for ranks, more in rows]
         for row in result["scaling"]:
             row |= {"family": row["scene"], "name": f"{row['scene']}/cpu_parallel/position/float32"}
-        self.assertEqual(report(self.write("a.json", result), "--out", self.out).returncode, 0)
-        return figures_of(self.out)
+        return self.page_of(result)
 
     def test_a_scaling_study_has_its_figure(self):
         rows = [("box@16", 1, "none", 1.0, "1x1x1"), ("box@16", 2, "memory", 0.9, "1x1x1"), ("box@16", 2, "mpi", 0.625, "1x1x1"),
@@ -334,12 +333,8 @@ class Input(InTemporaryFolder):
             self.assertAlmostEqual(own, 6 * own ** (2 / 3) * 1.012 + 100, delta=0.01 * own)
 
     def test_a_haptic_study_has_its_histograms(self):
-        def drawn(result):
-            made = report(self.write("a.json", result), "--out", self.out, "--figures", self.folder / "figures")
-            self.assertEqual(made.returncode, 0, made.stderr)
-            return figures_of(self.out)
-
-        figure = drawn(haptic_result())["latency"]
+        figure = self.page_of(haptic_result())["latency"]
+        self.assertEqual(report(self.folder / "a.json", "--figures", self.folder / "figures").stdout.count("latency-"), 4)
         self.assertEqual([(panel["match"]["scene"], panel["match"]["hertz"], panel["match"]["edited"]) for panel in figure["panels"]],
                          [("grasp", 1000, "no"), ("grasp", 1000, "yes"), ("grasp", 5000, "no"), ("grasp@30x26x23", 1000, "no")])
         self.assertEqual(len(figure["rows"]), len(haptic_result()["haptic"]))
@@ -359,7 +354,7 @@ class Input(InTemporaryFolder):
         for row in old["haptic"]:
             for key in ("histogram", "drawn", "pictures_per_second"):
                 del row[key]
-        self.assertEqual(drawn(old), {})
+        self.assertEqual(self.page_of(old), {})
         for bad in ([[1e-5]], [[1e-5, 0]], [[0, 1]], [[1e-5, 1], [1e-5, 1]], [[2, 1]], ["x"]):
             broken = haptic_result()
             broken["haptic"][1]["histogram"] = bad
@@ -370,8 +365,7 @@ class Input(InTemporaryFolder):
         for slower in (1e-3, 1, 1e3):
             result = haptic_result(slower)
             result["haptic"] = result["haptic"][:1]
-            self.assertEqual(report(self.write("a.json", result), "--out", self.out).returncode, 0)
-            figure = figures_of(self.out)["latency"]
+            figure = self.page_of(result)["latency"]
             low, high = figure["panels"][0]["spec"]["layer"][0]["encoding"]["x"]["scale"]["domain"]
             row, = figure["rows"]
             self.assertLess(low, min(1e6 / row["hertz"], *row["begin"]))
@@ -383,8 +377,7 @@ class Input(InTemporaryFolder):
                                                       "of_nobody": {"unit": "", "better": "more"}}
         for number, row in enumerate(result["benchmarks"]):
             row["cache_misses_of_x"] = number
-        self.assertEqual(report(self.write("a.json", result), "--out", self.out).returncode, 0)
-        figure = figures_of(self.out)["datasets"]
+        figure = self.page_of(result)["datasets"]
         self.assertEqual(figure["columns"][-1], ["cache_misses_of_x", "cache misses of x (B)", 4])
         self.assertTrue(all(isinstance(row["cache_misses_of_x"], int) for row in figure["rows"]))
 
@@ -885,7 +878,7 @@ class Parts(InTemporaryFolder):
     def test_a_backend_has_one_colour_on_every_page(self):
         """One backend beside others, all backends, and one with an unknown name."""
         def colours(result):
-            self.assertEqual(report(self.write("a.json", result), "--out", self.out).returncode, 0)
+            self.page_of(result)
             return dict(re.findall(r'value="(\w+)"><svg class="swatch" viewBox="0 0 10 10" aria-hidden="true" '
                                    r'fill="var\((--backend-\d+)\)">', self.out.read_text()))
         result = h200("table1")
@@ -981,7 +974,7 @@ class Parts(InTemporaryFolder):
                     row["real_time"] *= factor * times["cuda_resident"] / times["cuda_implicit_cached"]
                     row.update(fields)
             result["benchmarks"] = kept
-            self.assertEqual(report(self.write("a.json", result), "--out", self.out).returncode, 0)
+            self.page_of(result)
             text = self.out.read_text()
             row = text[text.index('<tr data-scene="box@32">'):]
             self.assertIn("cuda_<wbr>resident", row[:400])
@@ -1018,7 +1011,7 @@ class Parts(InTemporaryFolder):
         times = {8: {"cuda_march": 1, "cpu_parallel": 2}, 16: {"gl_compute_implicit": 1, "cpu_parallel": 2},
                  32: {"cuda_march": 1, "cpu_parallel": 2, "gl_compute_implicit": 3}, 48: {"cpu_parallel": 1, "gl_compute_implicit": 2}}
         def told(skipped=()):
-            self.assertEqual(report(self.write("a.json", self.boxes(times, skipped)), "--out", self.out).returncode, 0)
+            self.page_of(self.boxes(times, skipped))
             text = html.unescape(self.out.read_text().replace("<wbr>", ""))
             return finding(self.out, "datasets"), re.findall('without the main contenders: ([^<]*)<', text)
         found, absent = told()
@@ -1033,7 +1026,7 @@ class Parts(InTemporaryFolder):
         def headline(*winners):
             times = {size: dict.fromkeys(("cuda_resident", "cuda_bricks", "cuda_march", "cpu_parallel"), 3) | {winner: 1}
                      for size, winner in zip((8, 16, 32, 48, 64), winners)}
-            self.assertEqual(report(self.write("a.json", self.boxes(times)), "--out", self.out).returncode, 0)
+            self.page_of(self.boxes(times))
             return re.search("<h1>(.*?)</h1>", self.out.read_text())[1].replace("\N{NO-BREAK SPACE}", " ")
         on_chip = ("cuda_resident", "cuda_resident", "cuda_bricks", "cuda_march", "cuda_march")
         self.assertEqual(headline(*on_chip), "Box: on chip up to 32.8 k particles, cuda_march beyond")
