@@ -254,7 +254,7 @@ TEST(Volume, NrrdAsSlicerWritesIt) {
         "# Complete NRRD file format specification at:\r\n# http://teem.sourceforge.net/nrrd/format.html\r\n"
         "type: unsigned char\r\ndimension: 3\r\nspace: left-posterior-superior\r\nsizes: 2 3 2\r\n"
         "space directions: (0,0.5,0) (-0.8, 0, 0.6) (0.6e1,0,8)\r\nkinds: domain domain domain\r\n"
-        "Encoding: gzip\r\nspace origin: (1,2,3)\r\ncontent:=wall: left\r\n\r\n";
+        "Encoding: gzip\r\nspace origin: (1 2 3)\r\ncontent:=wall: left\r\n\r\n";
     const Volume volume =
         read({Format::nrrd, "NRRD0005\r\n" + fields + gzipped(bytes_of_values<std::uint8_t>(values))});
     EXPECT_EQ(volume.dims, glm::ivec3(2, 3, 2));

@@ -2,10 +2,129 @@
 
 #include <fmt/format.h>
 
+#include <algorithm>
+#include <array>
+#include <atomic>
+#include <nlohmann/json.hpp>
 #include <stdexcept>
 #include <thread>
 
 namespace voxspring {
+namespace {
+
+std::size_t lines_of(std::size_t bytes) { return (bytes + sizeof(Line) - 1) / sizeof(Line); }
+
+}  // namespace
+
+/// Counts of messages since the beginning. All zeros mean an empty mailbox.
+struct Mailbox::Head {
+    alignas(Line) std::atomic<std::uint64_t> sent;
+    std::array<std::uint64_t, 2> bytes;
+    alignas(Line) std::atomic<std::uint64_t> taken;
+};
+
+static_assert(std::atomic<std::uint64_t>::is_always_lock_free);  // others do not work between processes
+
+Mailbox::Mailbox(Line* memory, std::size_t capacity) : memory_(memory), slot_lines_(lines_of(capacity)) {}
+
+std::size_t Mailbox::lines(std::size_t capacity) { return lines_of(sizeof(Head)) + 2 * lines_of(capacity); }
+
+Mailbox::Head& Mailbox::head() const { return *reinterpret_cast<Head*>(memory_); }
+
+std::byte* Mailbox::slot(std::uint64_t number) const {
+    return memory_[lines_of(sizeof(Head)) + number % 2 * slot_lines_].bytes;
+}
+
+bool Mailbox::has_room() const {
+    return head().sent.load(std::memory_order_relaxed) - head().taken.load(std::memory_order_acquire) < 2;
+}
+std::byte* Mailbox::room() const { return slot(head().sent.load(std::memory_order_relaxed)); }
+void Mailbox::send(std::size_t bytes) {
+    const std::uint64_t number = head().sent.load(std::memory_order_relaxed);
+    head().bytes[number % 2] = bytes;
+    head().sent.store(number + 1, std::memory_order_release);
+}
+bool Mailbox::has_message() const {
+    return head().sent.load(std::memory_order_acquire) != head().taken.load(std::memory_order_relaxed);
+}
+const std::byte* Mailbox::message() const { return slot(head().taken.load(std::memory_order_relaxed)); }
+std::size_t Mailbox::message_bytes() const {
+    return head().bytes[head().taken.load(std::memory_order_relaxed) % 2];
+}
+void Mailbox::take() {
+    head().taken.store(head().taken.load(std::memory_order_relaxed) + 1, std::memory_order_release);
+}
+
+struct Mailroom::Board {
+    enum State : int { good, being_written, failed };
+    alignas(Line) std::atomic<int> state;
+    std::array<char, 1024> reason;
+};
+
+Routes::Routes(int ranks) : ranks_(ranks) {
+    for (int rank = 0; rank + 1 < ranks; ++rank) add(rank, rank + 1, 0);
+}
+
+void Routes::add(int from, int to, std::size_t capacity) {
+    std::size_t& there = capacity_[{from, to}];
+    there = std::max(there, capacity);
+    capacity_.try_emplace({to, from}, 0);
+}
+
+std::vector<int> Routes::from(int rank) const {
+    std::vector<int> others;
+    for (auto route = capacity_.lower_bound({rank, 0}); route != capacity_.end(); ++route) {
+        if (route->first.first != rank) break;
+        others.push_back(route->first.second);
+    }
+    return others;
+}
+
+nlohmann::json to_json(const Routes& routes) {
+    nlohmann::json capacities = nlohmann::json::array();
+    for (const auto& [ends, capacity] : routes.capacities())
+        capacities.push_back({ends.first, ends.second, capacity});
+    return {{"ranks", routes.ranks()}, {"capacities", capacities}};
+}
+
+Routes routes_from_json(const nlohmann::json& json) {
+    Routes routes(json.at("ranks"));
+    for (const auto& route : json.at("capacities")) routes.add(route.at(0), route.at(1), route.at(2));
+    return routes;
+}
+
+Mailroom::Mailroom(Line* memory, const Routes& routes) : memory_(memory), routes_(routes) {
+    std::size_t line = lines_of(sizeof(Board));
+    for (const auto& [ends, capacity] : routes_.capacities()) {
+        begin_[ends] = line;
+        line += Mailbox::lines(capacity);
+    }
+}
+
+std::size_t Mailroom::lines(const Routes& routes) {
+    std::size_t lines = lines_of(sizeof(Board));
+    for (const auto& [ends, capacity] : routes.capacities()) lines += Mailbox::lines(capacity);
+    return lines;
+}
+
+Mailroom::Board& Mailroom::board() const { return *reinterpret_cast<Board*>(memory_); }
+
+Mailbox Mailroom::box(int from, int to) const {
+    return {memory_ + begin_.at({from, to}), routes_.capacities().at({from, to})};
+}
+
+void Mailroom::fail(const std::string& reason) const noexcept {
+    int good = Board::good;
+    if (!board().state.compare_exchange_strong(good, Board::being_written)) return;
+    const std::size_t length = std::min(reason.size(), board().reason.size() - 1);
+    std::copy_n(reason.data(), length, board().reason.data());
+    board().reason[length] = 0;
+    board().state.store(Board::failed, std::memory_order_release);
+}
+
+bool Mailroom::has_failed() const { return board().state.load(std::memory_order_acquire) == Board::failed; }
+
+std::string Mailroom::reason() const { return board().reason.data(); }
 
 Exchange::Exchange(const Mailroom& mailroom, int rank) : mailroom_(mailroom), rank_(rank) {
     for (const int other : mailroom_.routes().from(rank))

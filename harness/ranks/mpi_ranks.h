@@ -20,7 +20,7 @@
 #include "harness/process/shared_memory.h"
 #include "harness/process/shared_state.h"
 #include "harness/process/worker.h"
-#include "harness/ranks/mailboxes.h"
+#include "harness/ranks/exchange.h"
 #include "harness/ranks/open_mpi.h"
 #include "harness/ranks/rank_run.h"
 #include "harness/scene/scene.h"

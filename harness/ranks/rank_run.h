@@ -11,7 +11,6 @@
 #include "backends/layout/decomposition.h"
 #include "backends/registry.h"
 #include "harness/ranks/exchange.h"
-#include "harness/ranks/mailboxes.h"
 #include "harness/ranks/rank_backend.h"
 #include "harness/scene/scene.h"
 

@@ -113,7 +113,8 @@ std::optional<std::vector<MaybeVector>> vectors_of(const std::string& text) {
         const auto end = text.find(')', at);
         if (text[at] != '(' || end == std::string::npos) return {};
         std::string list = text.substr(at + 1, end - at - 1);
-        if (std::count(list.begin(), list.end(), ',') != 2) return {};
+        if (const auto commas = std::count(list.begin(), list.end(), ','); commas != 0 && commas != 2)
+            return {};
         std::replace(list.begin(), list.end(), ',', ' ');
         const auto v = numbers_of(list, 3);
         if (!v) return {};
