@@ -56,6 +56,7 @@ namespace {
 
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
+using ::testing::ThrowsMessage;
 
 std::string message_of(const std::function<void()>& action) {
     try {
@@ -692,12 +693,8 @@ TEST(RankRuns, GiveTheBitsOfOneRankWhereBordersTravelWithinSteps) {
 
 TEST(RankRuns, SayWhyDevicesHaveNoWayToEachOther) {
     const Scene whole = scene();
-    try {
-        (void)run_ranks("rank_numbered", whole, plan_of(3, "stores"));
-        FAIL() << "was not refused";
-    } catch (const Unavailable& reason) {
-        EXPECT_STREQ(reason.what(), "rank 1: there is no way");
-    }
+    EXPECT_THAT([&] { (void)run_ranks("rank_numbered", whole, plan_of(3, "stores")); },
+                ThrowsMessage<Unavailable>("rank 1: there is no way"));
 }
 
 /// Which devices three ranks take.
@@ -737,14 +734,11 @@ TEST(RankRuns, TakeTheDevicesThatAreAskedForOverAndOver) {
     EXPECT_EQ(devices_of({}), (Devices{"0", "1", "0"}));
     EXPECT_EQ(devices_of({1, 0}), (Devices{"1", "0", "1"}));
     EXPECT_EQ(devices_of({1}), (Devices{"1", "1", "1"}));
-    EXPECT_EQ(message_of([] {
-                  try {
-                      (void)devices_of({0, 1, 2});
-                  } catch (const Unavailable& reason) {
-                      throw std::runtime_error(std::string("unavailable: ") + reason.what());
-                  }
-              }),
-              "unavailable: rank 2: no test device 2: there are devices 0 to 1");
+    EXPECT_THAT(
+        [] {
+            (void)devices_of({0, 1, 2});
+        },
+        ThrowsMessage<Unavailable>("rank 2: no test device 2: there are devices 0 to 1"));
 }
 
 // The single rank that several are compared with must not be slowed by exchanges, of which it has none.
