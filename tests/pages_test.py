@@ -287,7 +287,7 @@ class Tables(unittest.TestCase):
     def test_cold_and_warm_starts_of_every_strategy(self):
         self.assertEqual(tables.starts_of({"ready_seconds": 0.3, "compile_seconds": 0.1, "warm_ready_seconds": 0.2}), ["300 (100)", "200"])
         self.assertEqual(tables.starts_of({}), ["-", "-"])
-        lines = cells_of(tables.starts())[2:]
+        lines = cells_of(paper.Tables().starts())[2:]
         self.assertEqual({line[0].strip("`") for line in lines}, {row["backend"] for row in rows.medians("table1")})
         self.assertNotIn("-", sum(lines, []), "all are measured")
         for row in rows.medians("table1"):
@@ -308,7 +308,7 @@ class Tables(unittest.TestCase):
             facts.joules("box@32", "cuda_none")
 
     def test_the_papers_strategies_are_marked(self):
-        whose = {line[0]: line[1] for line in cells_of(tables.steps("figure7"))}
+        whose = {line[0]: line[1] for line in cells_of(paper.Tables().steps("figure7"))}
         for name, said in (("`cuda_implicit_shared`", "paper"), ("`cuda_resident`", "later"), ("`cuda_implicit_cached` fetch=l1", "later")):
             self.assertEqual(whose[name], said)
 

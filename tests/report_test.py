@@ -891,7 +891,7 @@ class Parts(InTemporaryFolder):
             for old, new in (("cuda_scatter", "mine_of_today"), ("cpu_parallel", "yours_of_today")):
                 if row["backend"] == old:
                     row.update({key: row[key].replace(old, new) for key in ("backend", "name", "run_name")})
-        # Of an API that no script names.
+        # An API that no script names has its name from the result.
         result["context"]["voxspring"]["backends"]["mine_of_today"] = {"title": "An API of today", "limits_of": "An API of today"}
         changed = colours(result)
         families = {row["backend"]: row["family"] for row in figures_of(self.out)["datasets"]["rows"]}

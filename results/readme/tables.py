@@ -1,12 +1,12 @@
-"""The tables of results/README.md, a function each; figures are medians over the repetitions."""
+"""What the tables of tables.jinja are made of, and two tables whose lines depend on each other."""
 
 import collections
 import math
 
 import result_files
 from readme.rows import (
-    GPU, RESULTS, by_name, contender, fastest_of, giga, held_out, is_papers, loaded, marked, medians, medians_of, microseconds, percent,
-    result, spread_text, table, three_digits, time_of, tuning_of,
+    GPU, RESULTS, by_name, contender, fastest_of, giga, held_out, is_papers, loaded, medians, medians_of, percent, result, table,
+    three_digits, time_of, tuning_of,
 )
 from result_files import distinct, groups
 
@@ -22,48 +22,25 @@ def limit_of(row):
     return f"{percent(row['fraction_of_limit'])} ({row['limited_by']})" if row["fraction_of_limit"] else "-"
 
 
-def matrix(corner, rows, heads, cells, key=None, whose=True, ends=None):
-    """A line for each contender: below `heads` of each scene `cells` of its row there; then those of `ends`, a header and a function
-    of its rows by scene. By default the order is that of the file."""
-    scenes = distinct(rows, "scene")
-    found = [(name, {row["scene"]: row for row in own}) for (name,), own in groups(rows, contender).items()]
-    blank = ["-"] * len(heads(scenes[0]))
-    header = [corner] + ["strategy of"] * whose + [head for scene in scenes for head in heads(scene)] + (ends[0] if ends else [])
-    return table(header, [
-        [name] + [papers(next(iter(own.values())))] * whose
-        + [cell for scene in scenes for cell in (cells(own[scene]) if scene in own else blank)] + (ends[1](own) if ends else [])
-        for name, own in (sorted(found, key=key) if key else found)])
+def contenders(rows):
+    """[(contender, its rows by scene)], in the order of the file."""
+    return [(name, {row["scene"]: row for row in own}) for (name,), own in groups(rows, contender).items()]
 
 
-def steps(study):
-    rows = medians(study)
+def fastest_first(rows):
+    """Contenders by their times on the first scene."""
     first = rows[0]["scene"]
-    return matrix("time per step", rows, lambda scene: [f"{scene}: {what}" for what in ("us", "G springs/s", "of limit", "error")],
-                  lambda row: [time_of(row), giga(row["spring_updates_per_second"]), limit_of(row), f"{row['error_max']:.1e}"],
-                  key=lambda line: line[1][first]["real_time"] if first in line[1] else math.inf)
+    return sorted(contenders(rows), key=lambda line: line[1][first]["real_time"] if first in line[1] else math.inf)
 
 
-def scaling():
-    rows = medians("figure8")
-    particles = {row["scene"]: row["particles"] for row in rows}
-    return matrix("us per step (ns per particle)", rows, lambda scene: [f"{scene[4:]}^3: {particles[scene]}"],
-                  lambda row: [f"{time_of(row)} ({three_digits(row['real_time'] * 1e3 / row['particles'])})"])
+def headings(rows, *texts):
+    """The texts of each scene, with what its first row has in braces; `edge` is the 32 of box@32."""
+    firsts = [own[0] | {"edge": own[0]["scene"][4:]} for own in groups(rows, "scene").values()]
+    return [text.format_map(row) for row in firsts for text in texts]
 
 
 def slow_down(row):
     return row["real_time"] * 1e-6 / row["seconds_per_step_without_edits"] - 1
-
-
-def edits():
-    rows = medians("edits")
-    counts = {row["scene"]: row["edits"] for row in rows}
-    last = list(counts)[-1]
-    def by_itself(own):
-        return [microseconds(own[last][key] * 1e6) if last in own else "-"
-                for key in ("edit_seconds_median", "seconds_per_step_without_edits")]
-    return matrix("slow-down of 1000 steps", rows, lambda scene: [f"{counts[scene]} edit" + "s" * (counts[scene] > 1)],
-                  lambda row: [marked(row, f"{100 * slow_down(row):+.1f} %") + spread_text(row)],
-                  ends=(["an edit (us)", "a step (us)"], by_itself))
 
 
 def tunings():
@@ -137,12 +114,6 @@ def starts_of(row):
     """
     compiling = f" ({milliseconds(row, 'compile_seconds')})" if row.get("compile_seconds") else ""
     return [milliseconds(row, "ready_seconds") + compiling, milliseconds(row, "warm_ready_seconds")]
-
-
-def starts():
-    """The cold and the warm start of every strategy."""
-    return matrix("start (ms)", medians("table1"), lambda scene: [f"{scene}: cold (compiling)", f"{scene}: warm"], starts_of,
-                  key=lambda line: line[0], whose=False)
 
 
 def resting():
