@@ -68,7 +68,7 @@ public:
         if (const std::string why = registers_refusal(plan_, kernel_->registers()); !why.empty())
             throw DeviceError(why);
         kernel_->allow_shared(std::size_t(plan_.shape.shared_bytes()));
-        stand_at_start();
+        reset_to_step_zero();
     }
 
     /// Rewrites only the masks of the threads whose springs the edit changes.

@@ -78,7 +78,7 @@ KernelSource march_source(const Problem& problem, Formulation formulation, const
                           Precision precision) {
     const MarchShape& s = tile.shape;
     std::string shape;
-    for (const int number : {s.rows, s.lanes, s.wide, s.high, s.planes, s.befores})
+    for (const int number : {s.rows, s.lanes, s.wide, s.high, s.planes, s.previous_windows})
         shape += (shape.empty() ? "" : ",") + std::to_string(number);
     KernelSource source{"march.cu", class_macros(problem, formulation, precision)};
     source.macros["THREADS"] = std::to_string(s.threads());
@@ -113,11 +113,11 @@ public:
             Real* const before = by_increments(this->formulation()) ? this->increment() : positions;
             launch.windows[b] =
                 tensor_map(positions, problem.lattice, this->axes(), shape.pitch(real), shape.height() + 2);
-            launch.befores[b] =
+            launch.previous_windows[b] =
                 tensor_map(before, problem.lattice, this->axes(), shape.width(), shape.height());
         }
         resume(plan, launch);
-        this->stand_at_start();
+        this->reset_to_step_zero();
     }
 
     /// An edit may change masks in place, or give masks to a warp that had none, so all masks are made anew.
@@ -196,7 +196,7 @@ private:
         MarchStep<Real> step{};
         std::size_t items = 0;
         std::size_t border_items = 0;  ///< how many of these, the first ones, are of borders
-        std::array<TensorMap, 2> windows{}, befores{};
+        std::array<TensorMap, 2> windows{}, previous_windows{};
         bool operator==(const Launch&) const = default;
     };
 
@@ -224,7 +224,7 @@ private:
         step.items += begin;
         launch_.kernel->launch(in, dim3(unsigned(end - begin)), dim3(unsigned(tile_.shape.threads())),
                                std::size_t(tile_.shape.shared_bytes(sizeof(Real))), step,
-                               launch_.windows[from], launch_.befores[to], output);
+                               launch_.windows[from], launch_.previous_windows[to], output);
     }
 
     bool splits_steps() const override { return true; }
@@ -264,8 +264,7 @@ std::unique_ptr<Backend> make_march(const Options& options) {
 }
 
 /// Tiles by their width and height in particles, the default first. With auto plan_march() chooses the tile.
-const TuningValues tiles = {"auto",  "32x20", "64x4",   "64x8",   "64x16", "64x20",
-                            "64x24", "128x8", "128x16", "128x20", "128x24"};
+const TuningValues tiles = {"auto", "32x20", "64x4", "64x8", "64x16", "64x20", "128x8", "128x16", "128x20"};
 
 const Registered entry({
     .name = "cuda_march",

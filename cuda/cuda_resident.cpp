@@ -286,7 +286,7 @@ private:
         const ResidentLayout& layout = *layout_;
         tool_mode_ = tool_mode_for(problem);
         tool_stiffness_ = float(problem.tool.stiffness);
-        if (std::string why = too_much_for_a_block(layout, tool_mode_); !why.empty()) throw DeviceError(why);
+        if (std::string why = block_refusal(layout, tool_mode_); !why.empty()) throw DeviceError(why);
         if (!by_increments(formulation())) calibrate_rest_lengths<float>(launch.step.rest_length, stream());
         tables_.upload(layout, problem.lattice.mask, launch.step, stream());
         held_by_lane_.upload(
@@ -348,7 +348,7 @@ private:
         while (count > 0) {
             const int steps = std::min(count, longest_joint_launch(monitored()));
             ticks_.order(moved_, std::uint32_t(steps));
-            joint_.asked_for(steps);
+            joint_.advance_tag(steps);
             count -= steps;
             stepped(steps);
         }
@@ -357,7 +357,7 @@ private:
         joint_.open([&](std::uint32_t tag, std::uint32_t launches) {
             enqueue_launch(held_step(line), 0, tag, launches);
         });
-        joint_.asked_for(int(again));
+        joint_.advance_tag(int(again));
     }
     void let_end() override { ticks_.end(); }
 
@@ -369,7 +369,7 @@ private:
         if (std::string why = part_refusal(problem, mode); !why.empty()) return why;
         if (mode == ToolMode::ticks && device().ends_long_kernels())
             return "ticks=resident: the driver ends kernels that run for seconds on a device with a display";
-        return too_much_for_a_block(
+        return block_refusal(
             *layout_of(problem, is_stressed(make_implicit_step<float>(problem, place_on_grid(problem.lattice),
                                                                       formulation()))),
             mode);

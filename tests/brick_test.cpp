@@ -171,7 +171,7 @@ private:
         }
         const auto with_words = [&](std::size_t b, int lane, auto visit) {
             if (plain[b] != 0) {
-                visit(PlainWords(words(b, lane).sides(), words(b, lane), Tile::particles));
+                visit(FullTileMasks(words(b, lane).sides(), words(b, lane), Tile::particles));
             } else {
                 visit(words(b, lane));
             }

@@ -162,7 +162,8 @@ bool may_refuse(const BackendSpec& spec, const Problem& problem) {
     if (backend == "cuda_march") {
         // Tiles that fit one precision are too large for the other.
         const std::string& tile = spec.options.tuning.at("tile");
-        if (tile != "auto" && cuda::march_tile(tile, spec.options.precision).shape.warps() == 0) return true;
+        if (tile != "auto" && layout::march_tile(tile, spec.options.precision).shape.warps() == 0)
+            return true;
         return problem.has_materials() || !problem.load.empty() || (problem.group_bits & CORNER_BITS) != 0;
     }
     const glm::dvec3 spacing = problem.lattice.spacing;

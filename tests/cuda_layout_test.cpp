@@ -235,7 +235,7 @@ TYPED_TEST(KernelBodies, ImplicitFromTiles) {
 TYPED_TEST(KernelBodies, ExplicitByGroups) {
     int tried = 0;
     for (const auto& [name, problem] : lattices()) {
-        if (!beyond_groups(problem).empty()) continue;
+        if (!grouped_list_refusal(problem).empty()) continue;
         ++tried;
         const State start = random_state(problem, 0.05, 7);
         for (const ListLayout layout : {ListLayout::vertical, ListLayout::concatenated}) {
@@ -281,7 +281,7 @@ TYPED_TEST(KernelBodies, ExplicitByDeltas) {
         ImplicitSimulation<TypeParam> implicit(problem, start, BlockShape{8, 8, 4});
         implicit.step(5);
         EXPECT_EQ(simulation.download().displacement, implicit.download().displacement);
-        if (!beyond_groups(problem).empty()) continue;
+        if (!grouped_list_refusal(problem).empty()) continue;
         ExplicitSimulation<TypeParam> by_groups(
             problem, start, list_by_groups<Real>(problem, ListLayout::vertical, TypeParam::formulation));
         by_groups.step(5);
@@ -479,7 +479,7 @@ TEST(NeighbourLists, HoldEachSpringFromBothEnds) {
 
 TEST(NeighbourLists, CountTheSpringsOfEachGroup) {
     for (const auto& [name, problem] : lattices()) {
-        if (!beyond_groups(problem).empty()) continue;
+        if (!grouped_list_refusal(problem).empty()) continue;
         SCOPED_TRACE(name);
         const auto lists = list_by_groups<float>(problem, ListLayout::concatenated, Formulation::position);
         std::array<std::uint64_t, 3> ends{};
@@ -669,11 +669,11 @@ TEST(ActiveBlocks, ShapesAreParsed) {
 }
 
 TEST(BeyondGroups, SaysWhyNot) {
-    EXPECT_EQ(beyond_groups(lattices().at("all_groups")), "");
-    EXPECT_NE(beyond_groups(lattices().at("anisotropic")), "");
-    EXPECT_NE(beyond_groups(lattices().at("materials")), "");
-    EXPECT_NE(beyond_groups(networks().at("unstructured")), "");
-    EXPECT_NE(beyond_groups(networks().at("sutured_box")), "");
+    EXPECT_EQ(grouped_list_refusal(lattices().at("all_groups")), "");
+    EXPECT_NE(grouped_list_refusal(lattices().at("anisotropic")), "");
+    EXPECT_NE(grouped_list_refusal(lattices().at("materials")), "");
+    EXPECT_NE(grouped_list_refusal(networks().at("unstructured")), "");
+    EXPECT_NE(grouped_list_refusal(networks().at("sutured_box")), "");
 }
 
 // --- Edits -----------------------------------------------------------------------------------------------
@@ -689,7 +689,8 @@ TYPED_TEST(KernelBodies, EditedListsAreThoseOfTheEditedProblem) {
                 Problem edited = problem;
                 const std::vector<SpringEdit> edits = edit_everything(edited, false);
                 // Edits may cut all springs beyond groups; in between there are some.
-                if (by_groups && !(beyond_groups(problem) + beyond_groups(edited)).empty()) continue;
+                if (by_groups && !(grouped_list_refusal(problem) + grouped_list_refusal(edited)).empty())
+                    continue;
                 // Sutures between the faces of `corners` are no lattice springs.
                 if (std::any_of(edits.begin(), edits.end(),
                                 [](const SpringEdit& edit) { return edit.leaves_lattice(); }))

@@ -124,14 +124,15 @@ class HostPlanes {
 
 public:
     HostPlanes(const MarchStep<Real>& step, const MarchItem& item, const std::vector<Real>& positions,
-               const std::vector<Real>& befores)
+               const std::vector<Real>& previous_windows)
         : step_(step), item_(item), first_(item.begin == 0 ? 0 : item.begin - 1) {
         const int last = item.end == step.nz ? item.end - 1 : item.end;
         for (int z = first_; z <= last; ++z)
             windows_.push_back(box(positions, item.x - MarchShape::margin(real), item.y - 1, z,
                                    shape.pitch(real), shape.height() + 2));
         for (int z = item.begin; z < item.end; ++z)
-            befores_.push_back(box(befores, item.x, item.y, z, shape.width(), shape.height()));
+            previous_windows_.push_back(
+                box(previous_windows, item.x, item.y, z, shape.width(), shape.height()));
     }
     void start(int thread) {
         thread_ = thread;
@@ -139,7 +140,8 @@ public:
     }
     /// Whether the thread asked for every window, and gave back all except the newest window of positions.
     bool complete() const {
-        return arrived_ == windows_.size() && released_ + 1 == arrived_ && before_ == befores_.size();
+        return arrived_ == windows_.size() && released_ + 1 == arrived_ &&
+               before_ == previous_windows_.size();
     }
 
     void refill(int plane) {
@@ -148,7 +150,7 @@ public:
     static bool any(bool here) { return here; }
     const Real* arrive() { return windows_.at(arrived_++).data() + shape.own(thread_, real); }
     void release() { ++released_; }
-    const Real* before() const { return befores_.at(before_).data() + shape.before_own(thread_); }
+    const Real* before() const { return previous_windows_.at(before_).data() + shape.before_own(thread_); }
     void release_before() { ++before_; }
 
 private:
@@ -171,7 +173,7 @@ private:
     const MarchStep<Real>& step_;
     const MarchItem& item_;
     int first_, thread_ = 0;
-    std::vector<std::vector<Real>> windows_, befores_;
+    std::vector<std::vector<Real>> windows_, previous_windows_;
     std::size_t arrived_ = 0, released_ = 0, before_ = 0;
 };
 
@@ -440,8 +442,7 @@ TYPED_TEST(MarchBody, PacksAndUnpacks) {
 }
 
 TEST(MarchShape, CoversItsTileOnce) {
-    for (const char* name :
-         {"32x20", "64x4", "64x8", "64x16", "64x20", "64x24", "128x8", "128x16", "128x20", "128x24"}) {
+    for (const char* name : {"32x20", "64x4", "64x8", "64x16", "64x20", "128x8", "128x16", "128x20"}) {
         for (const Precision precision : {Precision::float32, Precision::float64}) {
             const MarchTile tile = march_tile(name, precision);
             const MarchShape& shape = tile.shape;

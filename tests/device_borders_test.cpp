@@ -285,7 +285,7 @@ public:
     void start() {
         steps_ = 0;
         current_ = 0;
-        if (first_) first_->stay_behind();
+        if (first_) first_->order_after_main_stream();
         enqueue(stream_.get(), [this] {
             for (auto& buffer : state_) buffer.fill(nan);
             for (int particle = 0; particle < particles; ++particle) place(0, particle, 0);
@@ -314,7 +314,7 @@ public:
     }
     /// Reads the state as the latest step left it, before ghosts arrive.
     void check() {
-        if (first_) first_->stay_behind();
+        if (first_) first_->order_after_main_stream();
         enqueue(stream_.get(), [this, step = steps_, now = current_] {
             for (int particle = 0; particle < particles; ++particle) {
                 if (is_ghost(particle)) {

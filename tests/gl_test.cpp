@@ -647,7 +647,7 @@ TEST_F(Gl, AStepWaitsForTheCheckBeforeIt) {
 TEST(GlWords, HaveAnExponentInFloat64) {
     EXPECT_THAT(gl::load_source("divergence_check.comp", {{"STORAGE_BUFFERS", ""}}).text,
                 HasSubstr("packDouble2x32(uvec2(bits, 0x3FF00000u))"));
-    static_assert(cuda::upper_half_of_one == 0x3FF00000U);
+    static_assert(layout::upper_half_of_one == 0x3FF00000U);
 }
 
 TEST(WorkGroups, AreRefusedBeyondWhatADeviceAllows) {

@@ -14,6 +14,7 @@
 #include <vector>
 
 #include "backends/layout/records/resident.h"
+#include "cuda/kernels/layout.h"
 
 #define __device__
 
@@ -48,7 +49,7 @@ inline void publish_if(bool here, TaggedPoint* to, Vector<float> point, std::uin
     *to = {point, tag};
 }
 /// A thread that looks in vain lets others run.
-inline TaggedPoint look_up(const TaggedPoint* from) {
+inline TaggedPoint load_word_gpu(const TaggedPoint* from) {
     std::this_thread::yield();
     const std::lock_guard lock(mutex_of(from));
     return *from;
@@ -59,15 +60,15 @@ inline thread_local int host_rank = 0;
 inline std::atomic<int> late_rank = -1;
 
 /// On the host, words that cross devices lie in the same memory as all others.
-inline void send_beyond(TaggedPoint* to, Vector<float> point, std::uint32_t tag) {
+inline void store_word_system(TaggedPoint* to, Vector<float> point, std::uint32_t tag) {
     publish_if(true, to, point, tag);
 }
-inline TaggedPoint look_beyond(const TaggedPoint* from) {
+inline TaggedPoint load_word_system(const TaggedPoint* from) {
     static thread_local bool has_looked = false;
     // Longer than the host takes to launch the threads of another part.
     if (!has_looked && host_rank == late_rank) std::this_thread::sleep_for(std::chrono::milliseconds(100));
     has_looked = true;
-    return look_up(from);
+    return load_word_gpu(from);
 }
 
 /// The block whose looks for an order are slow.

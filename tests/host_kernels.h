@@ -320,11 +320,11 @@ public:
         counts_ = {unsigned(all.size()), 0};
         blocks_ = all.size();
     }
-    /// The first step takes the blocks that a look at all blocks lists.
+    /// The first step takes the blocks that a check of all blocks lists.
     void look_first() {
-        step_.active.looks = true;
+        step_.active.only_checks = true;
         this->launch_look();
-        step_.active.looks = false;
+        step_.active.only_checks = false;
     }
     /// The number of blocks that the latest step took.
     std::size_t blocks_stepped() const { return taken_; }
@@ -355,7 +355,7 @@ protected:
                                   marks_[1].data(),
                                   nullptr,
                                   nullptr,
-                                  step_.active.looks};
+                                  step_.active.only_checks};
         taken_ = counts_[0];
         for (std::size_t b = 0; b < taken_; ++b) {
             const BlockOrigin& o = lists_[0][b];

@@ -23,7 +23,7 @@
 #include "backends/layout/work.h"
 #include "tests/support.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 namespace {
 
 using testing::make_grid;
@@ -169,7 +169,7 @@ void expect_lists(const Problem& problem, const Ends& ends, ListLayout layout) {
                 for (std::uint32_t n = 0; n < slots.size(); ++n) slots[n] = n;
                 return slots;
             });
-    if (!beyond_groups(problem).empty()) return;
+    if (!grouped_list_refusal(problem).empty()) return;
     compare(list_by_groups<float>(problem, layout, Formulation::position),
             [](const auto& lists, std::uint32_t i) {
                 std::vector<std::uint32_t> slots;
@@ -304,7 +304,7 @@ void expect_resident(const Problem& problem, const Card& card, Partition partiti
         if (i != resident_none) ++lanes.at(i);
     }
     ASSERT_EQ(std::count(lanes.begin(), lanes.end(), 1), std::ptrdiff_t(lanes.size()));
-    if (!too_much_for_a_block(layout).empty()) {
+    if (!block_refusal(layout).empty()) {
         // Equal shares of single particles always fit; only the particles that they need from other blocks
         // may be too many.
         ASSERT_TRUE(partition == Partition::rows || layout.lanes <= max_resident_lanes);
@@ -429,4 +429,4 @@ TEST(LayoutProperties, HoldForDrawnBodies) {
 }
 
 }  // namespace
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

@@ -202,90 +202,90 @@ StepWork work_of(const std::string& spec, const Problem& problem) {
 constexpr Formulation position = Formulation::position;
 
 TEST(StepWork, OfCudaImplicit) {
-    EXPECT_WORK(cuda::implicit_work<float>(plate(), position), 6 * 48, 6 * (15 + 6) + 22 * 13, 1);
-    EXPECT_WORK(cuda::implicit_work<double>(plate(), position), 6 * 96, 6 * (15 + 6) + 22 * 19, 1);
+    EXPECT_WORK(layout::implicit_work<float>(plate(), position), 6 * 48, 6 * (15 + 6) + 22 * 13, 1);
+    EXPECT_WORK(layout::implicit_work<double>(plate(), position), 6 * 96, 6 * (15 + 6) + 22 * 19, 1);
     const Problem loaded = loaded_plate_of_two_materials();
-    EXPECT_WORK(cuda::implicit_work<float>(loaded, position), 6 * (48 + 12 + 4 + 4), 6 * (18 + 3) + 22 * 16,
+    EXPECT_WORK(layout::implicit_work<float>(loaded, position), 6 * (48 + 12 + 4 + 4), 6 * (18 + 3) + 22 * 16,
                 1);
-    EXPECT_WORK(cuda::implicit_work<double>(loaded, position), 6 * (96 + 24 + 8 + 8), 6 * (18 + 3) + 22 * 26,
+    EXPECT_WORK(layout::implicit_work<double>(loaded, position), 6 * (96 + 24 + 8 + 8), 6 * (18 + 3) + 22 * 26,
                 1);
 }
 
 // 7 springs along an axis and 4 along two.
 TEST(StepWork, OfCudaByFormulation) {
-    EXPECT_WORK(cuda::implicit_work<float>(plate(), Formulation::displacement), 6 * 48,
+    EXPECT_WORK(layout::implicit_work<float>(plate(), Formulation::displacement), 6 * 48,
                 6 * (15 + 6) + 2 * (7 * 11 + 4 * 12) + 22 * 3, 1);
-    EXPECT_WORK(cuda::implicit_work<float>(plate(), Formulation::increment), 6 * 56,
+    EXPECT_WORK(layout::implicit_work<float>(plate(), Formulation::increment), 6 * 56,
                 6 * (12 + 6) + 2 * (7 * 16 + 4 * 18) + 22 * 3, 1);
-    EXPECT_WORK(cuda::implicit_work<double>(plate(), Formulation::increment), 6 * 112,
+    EXPECT_WORK(layout::implicit_work<double>(plate(), Formulation::increment), 6 * 112,
                 6 * (12 + 6) + 2 * (7 * 26 + 4 * 28) + 22 * 3, 1);
-    EXPECT_WORK(cuda::implicit_work<float>(plate(), Formulation::compensated), 6 * 112,
+    EXPECT_WORK(layout::implicit_work<float>(plate(), Formulation::compensated), 6 * 112,
                 6 * (72 + 6) + 2 * (7 * 22 + 4 * 24) + 22 * 3, 1);
     Problem moved = plate();
     moved.gravity.z = 1;
     moved.damping = 0.1;
-    EXPECT_WORK(cuda::implicit_work<float>(moved, Formulation::paper), 6 * 48, 6 * (21 + 6) + 22 * 13, 1);
+    EXPECT_WORK(layout::implicit_work<float>(moved, Formulation::paper), 6 * 48, 6 * (21 + 6) + 22 * 13, 1);
 }
 
 // For two rows of two particles each a thread evaluates 16 face springs in place of 12, and 38 edge springs
 // in place of 24; for one row, in float64, 9 in place of 6 and 22 in place of 12.
 TEST(StepWork, OfCudaMarch) {
     const int faces = 7 * 16 / 12, edges = 4 * 38 / 24, ends = 22;
-    EXPECT_WORK(cuda::march_work<float>(plate(), position), 6 * 36, faces * 9 + edges * 8 + ends * 3 + 6 * 9,
+    EXPECT_WORK(layout::march_work<float>(plate(), position), 6 * 36, faces * 9 + edges * 8 + ends * 3 + 6 * 9,
                 1);
-    EXPECT_WORK(cuda::march_work<double>(plate(), position), 6 * 72,
+    EXPECT_WORK(layout::march_work<double>(plate(), position), 6 * 72,
                 7 * 9 / 6 * 15 + 4 * 22 / 12 * 14 + ends * 3 + 6 * 9, 1);
-    EXPECT_WORK(cuda::march_work<float>(plate(), Formulation::displacement), 6 * 36,
+    EXPECT_WORK(layout::march_work<float>(plate(), Formulation::displacement), 6 * 36,
                 faces * 10 + edges * 10 + ends * 3 + 6 * 9, 1);
-    EXPECT_WORK(cuda::march_work<float>(plate(), Formulation::increment), 6 * 48,
+    EXPECT_WORK(layout::march_work<float>(plate(), Formulation::increment), 6 * 48,
                 faces * 16 + edges * 17 + ends * 3 + 6 * 6, 1);
     Problem moved = plate();
     moved.damping = 0.1;
-    EXPECT_WORK(cuda::march_work<float>(moved, position), 6 * 36, faces * 9 + edges * 8 + ends * 3 + 6 * 12,
+    EXPECT_WORK(layout::march_work<float>(moved, position), 6 * 36, faces * 9 + edges * 8 + ends * 3 + 6 * 12,
                 1);
 }
 
 TEST(StepWork, OfCudaExplicit) {
-    EXPECT_WORK(cuda::explicit_work<float>(plate(), false, position), 6 * 48 + 22 * 4, 6 * (15 + 6) + 22 * 13,
+    EXPECT_WORK(layout::explicit_work<float>(plate(), false, position), 6 * 48 + 22 * 4, 6 * (15 + 6) + 22 * 13,
                 1);
-    EXPECT_WORK(cuda::explicit_work<float>(plate(), true, position), 6 * 48 + 22 * 12, 6 * 15 + 22 * 14, 1);
-    EXPECT_WORK(cuda::explicit_work<double>(plate(), true, position), 6 * 96 + 22 * 20, 6 * 15 + 22 * 20, 1);
+    EXPECT_WORK(layout::explicit_work<float>(plate(), true, position), 6 * 48 + 22 * 12, 6 * 15 + 22 * 14, 1);
+    EXPECT_WORK(layout::explicit_work<double>(plate(), true, position), 6 * 96 + 22 * 20, 6 * 15 + 22 * 20, 1);
     Problem sutured = plate();
     sutured.springs = {{0, 5, 1, 1}};
-    EXPECT_WORK(cuda::explicit_work<float>(sutured, true, position), 6 * 48 + 24 * 12, 6 * 15 + 24 * 14, 1);
+    EXPECT_WORK(layout::explicit_work<float>(sutured, true, position), 6 * 48 + 24 * 12, 6 * 15 + 24 * 14, 1);
 }
 
 TEST(StepWork, OfCudaScatter) {
     // Both launches read and write forces; the first also reads positions.
-    EXPECT_WORK(cuda::scatter_work<float>(plate(), position), 6 * (48 + 4 * 12 + 16) + 11 * 16,
+    EXPECT_WORK(layout::scatter_work<float>(plate(), position), 6 * (48 + 4 * 12 + 16) + 11 * 16,
                 6 * 15 + 11 * 20, 2);
-    EXPECT_WORK(cuda::scatter_work<double>(plate(), position), 6 * (96 + 4 * 24 + 32) + 11 * 24,
+    EXPECT_WORK(layout::scatter_work<double>(plate(), position), 6 * (96 + 4 * 24 + 32) + 11 * 24,
                 6 * 15 + 11 * 26, 2);
     const Problem one_particle = make_lattice_problem(solid({1, 1, 1}), FACE_BITS);
-    EXPECT_WORK(cuda::scatter_work<float>(one_particle, position), 48 + 2 * 12, 15, 1);
+    EXPECT_WORK(layout::scatter_work<float>(one_particle, position), 48 + 2 * 12, 15, 1);
 }
 
 // Words of 16 bytes in two arrays, one of which is overwritten; vectors of 12 bytes in one.
 TEST(StepWork, TrafficOfCuda) {
     const Problem loaded = loaded_plate_of_two_materials();
-    EXPECT_TRAFFIC(cuda::implicit_work<float>(plate(), position), 6 * 16, 6 * 32);
-    EXPECT_TRAFFIC(cuda::implicit_work<double>(plate(), position), 6 * 32, 6 * 64);
-    EXPECT_TRAFFIC(cuda::implicit_work<float>(loaded, position), 6 * 16, 6 * (32 + 12 + 4 + 4));
-    EXPECT_TRAFFIC(cuda::implicit_work<float>(plate(), Formulation::increment), 6 * 28, 6 * 44);
-    EXPECT_TRAFFIC(cuda::implicit_work<float>(plate(), Formulation::compensated), 6 * 56, 6 * 88);
-    EXPECT_TRAFFIC(cuda::march_work<float>(plate(), position), 6 * 12, 6 * 24);
-    EXPECT_TRAFFIC(cuda::march_work<float>(plate(), Formulation::increment), 6 * 24, 6 * 36);
-    EXPECT_TRAFFIC(cuda::march_work<double>(plate(), Formulation::increment), 6 * 48, 6 * 72);
-    EXPECT_TRAFFIC(cuda::explicit_work<float>(plate(), true, position), 6 * 16, 6 * 32 + 22 * 12);
+    EXPECT_TRAFFIC(layout::implicit_work<float>(plate(), position), 6 * 16, 6 * 32);
+    EXPECT_TRAFFIC(layout::implicit_work<double>(plate(), position), 6 * 32, 6 * 64);
+    EXPECT_TRAFFIC(layout::implicit_work<float>(loaded, position), 6 * 16, 6 * (32 + 12 + 4 + 4));
+    EXPECT_TRAFFIC(layout::implicit_work<float>(plate(), Formulation::increment), 6 * 28, 6 * 44);
+    EXPECT_TRAFFIC(layout::implicit_work<float>(plate(), Formulation::compensated), 6 * 56, 6 * 88);
+    EXPECT_TRAFFIC(layout::march_work<float>(plate(), position), 6 * 12, 6 * 24);
+    EXPECT_TRAFFIC(layout::march_work<float>(plate(), Formulation::increment), 6 * 24, 6 * 36);
+    EXPECT_TRAFFIC(layout::march_work<double>(plate(), Formulation::increment), 6 * 48, 6 * 72);
+    EXPECT_TRAFFIC(layout::explicit_work<float>(plate(), true, position), 6 * 16, 6 * 32 + 22 * 12);
     // Both launches write all forces, which form one array; the springs are read.
-    EXPECT_TRAFFIC(cuda::scatter_work<float>(plate(), position), 6 * (16 + 2 * 12), 6 * (32 + 12) + 11 * 16);
+    EXPECT_TRAFFIC(layout::scatter_work<float>(plate(), position), 6 * (16 + 2 * 12), 6 * (32 + 12) + 11 * 16);
     const Problem one_particle = make_lattice_problem(solid({1, 1, 1}), FACE_BITS);
-    EXPECT_TRAFFIC(cuda::scatter_work<float>(one_particle, position), 16 + 12, 32 + 12);
+    EXPECT_TRAFFIC(layout::scatter_work<float>(one_particle, position), 16 + 12, 32 + 12);
     Problem sutured = plate();
     sutured.springs = {{0, 5, 1, 1}};
-    const std::uint64_t slice_and_ends = sizeof(cuda::Slice) + 2 * (4 + 8);
-    EXPECT_EQ(cuda::delta_work<float>(sutured, position).bytes, 6 * 48 + slice_and_ends);
-    EXPECT_TRAFFIC(cuda::delta_work<float>(sutured, position), 6 * 16, 6 * 32 + slice_and_ends);
+    const std::uint64_t slice_and_ends = sizeof(layout::Slice) + 2 * (4 + 8);
+    EXPECT_EQ(layout::delta_work<float>(sutured, position).bytes, 6 * 48 + slice_and_ends);
+    EXPECT_TRAFFIC(layout::delta_work<float>(sutured, position), 6 * 16, 6 * 32 + slice_and_ends);
 }
 
 TEST(StepWork, TrafficOfCpu) {
@@ -412,9 +412,9 @@ TEST_F(Gl, TrafficOfFragments) {
 
 TEST_F(Gl, StepWorkOfCompute) {
     EXPECT_EQ(work_of("gl_compute_implicit", plate()),
-              cuda::implicit_work<float>(plate(), Formulation::increment));
+              layout::implicit_work<float>(plate(), Formulation::increment));
     EXPECT_EQ(work_of("gl_compute_implicit:formulation=position", loaded_plate_of_two_materials()),
-              cuda::implicit_work<float>(loaded_plate_of_two_materials(), Formulation::position));
+              layout::implicit_work<float>(loaded_plate_of_two_materials(), Formulation::position));
 }
 
 // --- What devices reach ---------------------------------------------------------------------------------

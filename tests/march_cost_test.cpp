@@ -8,7 +8,7 @@
 #include "backends/layout/march_plan.h"
 #include "tests/support.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 namespace {
 
 using testing::solid;
@@ -125,4 +125,4 @@ TEST(MarchCost, MemoryBindsWhatNoCacheHolds) {
 }
 
 }  // namespace
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

@@ -134,7 +134,7 @@ State play_kernel(const std::string& strategy, const Body& body, int steps) {
 /// Whether the strategy takes the body. Kernels are tried without edits.
 bool takes(const std::string& strategy, const Body& body) {
     if (strategy == "cpu_parallel") return true;
-    return body.edits.empty() && (strategy != "groups" || cuda::beyond_groups(body.problem).empty());
+    return body.edits.empty() && (strategy != "groups" || cuda::grouped_list_refusal(body.problem).empty());
 }
 
 State play(const std::string& strategy, Formulation formulation, const Body& body, int steps) {

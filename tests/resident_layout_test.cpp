@@ -293,7 +293,7 @@ TEST(ResidentLayout, TheBoxOfThePaperIsInRowsWhoseBordersAreOnOneSide) {
             kinds.insert(layout.border[8 * block + row] & border_kind_bits);
         EXPECT_LE(kinds.size(), 2U) << "code of one block";
     }
-    EXPECT_EQ(too_much_for_a_block(layout), "");
+    EXPECT_EQ(block_refusal(layout), "");
 }
 
 // Here rows waste no more than a tenth, but the busiest block would have 17 of them, 544 lanes.
@@ -301,9 +301,8 @@ TEST(ResidentLayout, DealsOutParticlesWhereABlockCannotHoldItsRows) {
     for (const auto& [dims, blocks] :
          {std::pair{glm::ivec3(29, 46, 46), 132}, {glm::ivec3(29, 42, 42), 108}}) {
         const Problem problem = make_lattice_problem(body(dims, 1, 1), FACE_BITS | EDGE_BITS);
-        EXPECT_NE(too_much_for_a_block(lay_out_resident(problem, blocks, 256, Partition::rows, true)), "");
-        EXPECT_EQ(too_much_for_a_block(lay_out_resident(problem, blocks, 256, Partition::automatic, true)),
-                  "");
+        EXPECT_NE(block_refusal(lay_out_resident(problem, blocks, 256, Partition::rows, true)), "");
+        EXPECT_EQ(block_refusal(lay_out_resident(problem, blocks, 256, Partition::automatic, true)), "");
     }
 }
 
@@ -459,20 +458,20 @@ TEST(ResidentRefusal, IsOfPartsThatSendAPointToBothSides) {
 TEST(ResidentLayout, HasRoomForAnOrderInTicks) {
     ResidentLayout layout;
     layout.slots = max_resident_slots;
-    EXPECT_EQ(too_much_for_a_block(layout), "");
-    EXPECT_EQ(too_much_for_a_block(layout, ToolMode::ticks),
+    EXPECT_EQ(block_refusal(layout), "");
+    EXPECT_EQ(block_refusal(layout, ToolMode::ticks),
               "2048 points exceed the 2016 that a resident block may have");
     layout.slots = max_slots_in_ticks;
-    EXPECT_EQ(too_much_for_a_block(layout, ToolMode::ticks), "");
+    EXPECT_EQ(block_refusal(layout, ToolMode::ticks), "");
 }
 
 TEST(ResidentLayout, SaysWhatIsTooMuch) {
     const Problem problem = make_lattice_problem(body({32, 8, 8}, 1, 1), FACE_BITS);
     const ResidentLayout one = lay_out_resident(problem, 1, 256, Partition::automatic, true);
-    EXPECT_EQ(too_much_for_a_block(one), "2048 particles exceed the 512 that a resident block may have");
+    EXPECT_EQ(block_refusal(one), "2048 particles exceed the 512 that a resident block may have");
     const ResidentLayout few = lay_out_resident(problem, 4, 32, Partition::rows, true);
-    EXPECT_NE(too_much_for_a_block(few).find("neighbours in other blocks exceed the 128"), std::string::npos)
-        << too_much_for_a_block(few);
+    EXPECT_NE(block_refusal(few).find("neighbours in other blocks exceed the 128"), std::string::npos)
+        << block_refusal(few);
 }
 
 // Blocks wait for each other. If a card did not start all of them at once they would wait for ever.

@@ -37,13 +37,13 @@ TEST(Stored, LowPartsOfAStartAreExact) {
     State state = state_at_rest(problem);
     for (glm::dvec3& u : state.displacement) u = start;
     for (glm::dvec3& v : state.increment) v = start / 16.0;
-    const cuda::Placement placement = cuda::place_compact(problem);
+    const layout::Placement placement = layout::place_compact(problem);
     const auto packed =
-        cuda::pack<float>(problem, state, placement, cuda::state_bits(problem), Formulation::compensated);
-    const std::size_t pitch = cuda::increment_pitch(placement);
+        layout::pack<float>(problem, state, placement, layout::state_bits(problem), Formulation::compensated);
+    const std::size_t pitch = layout::increment_pitch(placement);
     const glm::dvec3 lost = start - nearest;
     for (std::size_t i = 0; i < problem.particle_count(); ++i) {
-        const cuda::Vector<float> low = packed.current_low[placement.at(i)].position;
+        const layout::Vector<float> low = packed.current_low[placement.at(i)].position;
         EXPECT_EQ(glm::vec3(low.x, low.y, low.z), glm::vec3(lost));
         for (std::size_t axis = 0; axis < 3; ++axis) {
             EXPECT_EQ(packed.increment_low[axis * pitch + placement.at(i)], float(lost[int(axis)] / 16));

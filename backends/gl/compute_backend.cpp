@@ -46,8 +46,8 @@ std::string ComputeBackend::too_large(const char* what, std::uint64_t bytes) con
 
 std::string ComputeBackend::refused(const Problem& problem) const {
     if (std::string why = refused_layout(problem); !why.empty()) return why;
-    const cuda::Placement placement = place(problem);
-    if (std::string why = too_large("positions", placement.words * sizeof(cuda::ParticleRecord<float>));
+    const layout::Placement placement = place(problem);
+    if (std::string why = too_large("positions", placement.words * sizeof(layout::ParticleRecord<float>));
         !why.empty())
         return why;
     const auto texels = std::uint64_t(context().max_texture_buffer_size());
@@ -63,10 +63,10 @@ void ComputeBackend::upload(const Problem& problem, const State& state) {
     compile_seconds_ = 0;
     start_ = {};
     layout_ = lay_out(problem);
-    const cuda::Placement& placement = layout_.placement;
+    const layout::Placement& placement = layout_.placement;
     {
-        const cuda::PackedState<float> packed =
-            cuda::pack<float>(problem, state, placement, layout_.bits, formulation());
+        const layout::PackedState<float> packed =
+            layout::pack<float>(problem, state, placement, layout_.bits, formulation());
         current_ = 0;
         const bool split = formulation() == Formulation::compensated;
         words_[0].upload(context(), packed.current);
@@ -85,7 +85,7 @@ void ComputeBackend::upload(const Problem& problem, const State& state) {
     inverse_mass_.upload(context(), operands.inverse_masses);
     make_program(problem);
     tool().make(context(), problem, placement, formulation(), {});
-    stand_at_start();
+    reset_to_step_zero();
     bind();
     hold(bytes_needed(problem));
     glFinish();
@@ -128,7 +128,7 @@ void ComputeBackend::make_program(const Problem& problem) {
         program_ = &known->second;
     }
     glsl::set_motion<float>(*program_, problem);
-    program_->set("pitch", int(cuda::increment_pitch(layout_.placement)));
+    program_->set("pitch", int(layout::increment_pitch(layout_.placement)));
     set_uniforms(*program_, problem);
 }
 
@@ -174,7 +174,7 @@ void ComputeBackend::enqueue_divergence_check() {
 
 State ComputeBackend::download() {
     synchronize();
-    cuda::PackedState<float> packed;
+    layout::PackedState<float> packed;
     const auto out = [&]<class T>(std::vector<T>& values, const StorageBuffer& buffer) {
         values.resize(buffer.bytes() / sizeof(T));
         buffer.download(values);
@@ -185,15 +185,15 @@ State ComputeBackend::download() {
     out(packed.increment, increment_);
     out(packed.increment_low, increment_low_);
     context().check("downloading");
-    return cuda::unpack<float>(*problem_, packed, layout_.placement, formulation());
+    return layout::unpack<float>(*problem_, packed, layout_.placement, formulation());
 }
 
 std::unique_ptr<Feed> ComputeBackend::feed(const std::vector<std::uint32_t>& particles,
                                            std::uint32_t buffer) {
     if (!context().shares()) return nullptr;
     context().make_current();
-    const auto fed = cuda::pack_fed<float>(*problem_, particles, formulation(),
-                                           [&](std::uint32_t i) { return layout_.placement.at(i); });
+    const auto fed = layout::pack_fed<float>(*problem_, particles, formulation(),
+                                             [&](std::uint32_t i) { return layout_.placement.at(i); });
     return std::make_unique<FeedPass>(context(), fed, buffer, feed_program({}), [this] { bind_words(); });
 }
 

@@ -34,7 +34,7 @@ public:
 protected:
     /// Where the particles of a problem lie, and what a step dispatches.
     struct Layout {
-        cuda::Placement placement;
+        layout::Placement placement;
         std::vector<std::uint32_t> bits;  ///< one per particle
         glm::ivec3 groups{0};             ///< work groups of invocations
     };
@@ -44,7 +44,7 @@ protected:
 
     /// Empty, or why a problem cannot be run, provided that its words fit into a storage buffer.
     virtual std::string refused_layout(const Problem& problem) const = 0;
-    virtual cuda::Placement place(const Problem& problem) const = 0;
+    virtual layout::Placement place(const Problem& problem) const = 0;
     /// Creates what the shader reads beyond shaders/compute.glsl.
     virtual Layout lay_out(const Problem& problem) = 0;
     /// Binds what lay_out() created, from first_own_binding on.

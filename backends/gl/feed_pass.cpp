@@ -11,7 +11,7 @@ constexpr GLuint fed_binding = 11, displacements_binding = 12;  // as in shaders
 
 }  // namespace
 
-FeedPass::FeedPass(const Context& context, const std::vector<cuda::FedWord<float>>& fed, GLuint buffer,
+FeedPass::FeedPass(const Context& context, const std::vector<layout::FedWord<float>>& fed, GLuint buffer,
                    const Program& program, std::function<void()> bind_state)
     : context_(context),
       program_(program),

@@ -16,7 +16,7 @@ public:
     /// `buffer`: of 16 bytes per particle, in a context that shares objects with this one. `program`: the
     /// shader, which must outlive this. `bind_state` binds the state as it is at that moment. The context is
     /// current.
-    FeedPass(const Context& context, const std::vector<cuda::FedWord<float>>& fed, GLuint buffer,
+    FeedPass(const Context& context, const std::vector<layout::FedWord<float>>& fed, GLuint buffer,
              const Program& program, std::function<void()> bind_state);
 
     void write() override;

@@ -82,7 +82,7 @@ void FragmentBackend::upload(const Problem& problem, const State& state) {
     make_program(problem);
     texel_ = std::move(layout.texel);
     make_tool(problem);
-    stand_at_start();
+    reset_to_step_zero();
 
     glViewport(0, 0, size_.x, size_.y);
     hold(bytes_needed(problem));
@@ -277,8 +277,8 @@ std::unique_ptr<Feed> FragmentBackend::feed(const std::vector<std::uint32_t>& pa
                                             std::uint32_t buffer) {
     if (!context().shares()) return nullptr;
     context().make_current();
-    const auto fed = cuda::pack_fed<float>(*problem_, particles, formulation(),
-                                           [&](std::uint32_t i) { return texel_of(i); });
+    const auto fed = layout::pack_fed<float>(*problem_, particles, formulation(),
+                                             [&](std::uint32_t i) { return texel_of(i); });
     return std::make_unique<FeedPass>(context(), fed, buffer, feed_program({{"TEXELS", ""}}),
                                       [this] { bind_state(); });
 }
@@ -375,7 +375,7 @@ StepWork FragmentBackend::fragment_work(const Problem& problem, std::uint64_t un
         .bytes = all,
         .written_bytes = frame,
         .footprint_bytes = all,
-        .operations = particles * 3 * vectors + 2 * (cuda::pull_operations<float>(problem, formulation()) +
+        .operations = particles * 3 * vectors + 2 * (layout::pull_operations<float>(problem, formulation()) +
                                                      3 * count_springs(problem).total())};  // their sum
 }
 

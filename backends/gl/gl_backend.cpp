@@ -33,7 +33,7 @@ std::string GlBackend::unsupported(const Problem& problem) const {
 void GlBackend::rewind() {
     context_.make_current();
     restore_start();
-    stand_at_start();
+    reset_to_step_zero();
 }
 
 bool GlBackend::has_room_for(std::uint64_t bytes) const {
@@ -41,7 +41,7 @@ bool GlBackend::has_room_for(std::uint64_t bytes) const {
     return !free || bytes <= *free / 2;
 }
 
-void GlBackend::stand_at_start() {
+void GlBackend::reset_to_step_zero() {
     steps_ = 0;
     if (tool_.has_tool()) tool_.move(glm::dvec3(0));
     monitor_ = next_monitor_;

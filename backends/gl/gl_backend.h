@@ -47,7 +47,7 @@ protected:
     const Program& feed_program(Defines defines);
 
     /// Returns to step 0. From here on the state is checked as monitor() last said.
-    void stand_at_start();
+    void reset_to_step_zero();
 
     /// Bytes of device memory that upload() takes (BackendEntry::bytes).
     virtual std::uint64_t bytes_needed(const Problem& problem) const = 0;

@@ -16,7 +16,7 @@ public:
         set_problem(edited);
         if (edit.empty()) return;
         const glsl::ListKind kind = glsl::list_kind(edited, formulation());
-        if (kind.secondary != kind_.secondary || cuda::longest_list(edit) > step_.shape.slots ||
+        if (kind.secondary != kind_.secondary || layout::longest_list(edit) > step_.shape.slots ||
             (kind.off_lattice_rest && !kind_.off_lattice_rest)) {
             lay_out_anew();
             return;
@@ -27,8 +27,8 @@ public:
     }
 
     StepWork step_work(const Problem& problem) const override {
-        return cuda::explicit_work<float>(problem, glsl::list_kind(problem, formulation()).secondary,
-                                          formulation());
+        return layout::explicit_work<float>(problem, glsl::list_kind(problem, formulation()).secondary,
+                                            formulation());
     }
 
 private:
@@ -39,18 +39,18 @@ private:
     std::string refused_layout(const Problem& problem) const override {
         // On positions entries have no direction, so more particles could be addressed, but no driver takes
         // as many.
-        if (std::string why = cuda::beyond_entries(problem, formulation()); !why.empty()) return why;
+        if (std::string why = layout::list_entry_refusal(problem, formulation()); !why.empty()) return why;
         for (const auto& [list, bytes] : glsl::list_bytes(problem, options())) {
             if (std::string why = too_large(list, bytes); !why.empty()) return why;
         }
         return {};
     }
-    cuda::Placement place(const Problem& problem) const override { return cuda::place_compact(problem); }
+    layout::Placement place(const Problem& problem) const override { return layout::place_compact(problem); }
 
     Layout lay_out(const Problem& problem) override {
         kind_ = glsl::list_kind(problem, formulation());
-        cuda::NeighbourLists<float> lists = glsl::make_lists<float>(problem, formulation());
-        step_ = cuda::make_explicit_step<float>(problem, lists, formulation());
+        layout::NeighbourLists<float> lists = glsl::make_lists<float>(problem, formulation());
+        step_ = layout::make_explicit_step<float>(problem, lists, formulation());
         neighbour_.upload(context(), lists.neighbour);
         constants_.upload(context(), lists.constants);
         off_lattice_rest_.upload(context(), lists.off_lattice_rest);
@@ -78,7 +78,7 @@ private:
         glsl::set_explicit(program, problem, step_);
     }
 
-    void write_rows(const cuda::EditedLists<float>& rows) {
+    void write_rows(const layout::EditedLists<float>& rows) {
         const gl::Defines defines = glsl::edit_constants(kind_, formulation());
         if (rows_program_.get() == 0 || defines != rows_defines_) {
             rows_program_ = gl::Program(context(), gl::load_source("edit_rows.comp", defines));
@@ -100,7 +100,7 @@ private:
 
     const int block_;
     glsl::ListKind kind_;  // which of the lists below exist
-    cuda::ExplicitStep<float> step_{};
+    layout::ExplicitStep<float> step_{};
     gl::StorageBuffer neighbour_, constants_, off_lattice_rest_;
     gl::Program rows_program_;
     gl::Defines rows_defines_;  // the defines that rows_program_ was made with

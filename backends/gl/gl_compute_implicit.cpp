@@ -11,7 +11,7 @@ class GlComputeImplicit final : public gl::ComputeBackend {
 public:
     explicit GlComputeImplicit(const Options& options)
         : ComputeBackend(options, "compute_implicit.comp"),
-          shape_(cuda::BlockShape::parse(options.tuning.at("block"))),
+          shape_(layout::BlockShape::parse(options.tuning.at("block"))),
           tiled_(options.tuning.at("tile") == "shared"),
           votes_(context().has_subgroup_vote() &&
                  glsl::votes(options, context().capabilities().is_software)) {}
@@ -27,7 +27,7 @@ public:
     }
 
     StepWork step_work(const Problem& problem) const override {
-        return cuda::implicit_work<float>(problem, formulation());
+        return layout::implicit_work<float>(problem, formulation());
     }
 
 private:
@@ -48,8 +48,8 @@ private:
                    std::to_string(shared) + " of shared memory that a work group may have";
         return glsl::too_long(problem.lattice, shape_);
     }
-    cuda::Placement place(const Problem& problem) const override {
-        return cuda::place_on_grid(problem.lattice);
+    layout::Placement place(const Problem& problem) const override {
+        return layout::place_on_grid(problem.lattice);
     }
 
     Layout lay_out(const Problem& problem) override {
@@ -81,7 +81,7 @@ private:
                                   [this](std::span<float> squares) { measure(squares); });
     }
 
-    const cuda::BlockShape shape_;
+    const layout::BlockShape shape_;
     const bool tiled_;
     const bool votes_;
     bool has_origins_ = false;

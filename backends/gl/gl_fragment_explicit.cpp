@@ -188,15 +188,15 @@ private:
     glm::vec2 constants_of(const Problem& problem, std::uint32_t i, const ListedSpring& s) const {
         if (s.bit >= 0) {
             const Direction& direction = directions()[std::size_t(s.bit)];
-            return {float(s.stiffness), cuda::listed_length<float>(problem, direction, formulation())};
+            return {float(s.stiffness), layout::listed_length<float>(problem, direction, formulation())};
         }
         const Spring spring{i, s.neighbour, s.stiffness, s.rest_length};
-        return {float(s.stiffness), cuda::listed_length<float>(spring, formulation())};
+        return {float(s.stiffness), layout::listed_length<float>(spring, formulation())};
     }
     /// The texel of off_lattice_rest_ for a spring of particle i.
     static glm::vec4 rest_of(const Problem& problem, std::uint32_t i, const ListedSpring& s) {
         if (s.bit >= 0) return glm::vec4(0);
-        const auto rest = cuda::off_lattice_rest_of<float>(problem, i, s.neighbour, s.rest_length);
+        const auto rest = layout::off_lattice_rest_of<float>(problem, i, s.neighbour, s.rest_length);
         return {rest.offset.x, rest.offset.y, rest.offset.z, rest.deficit};
     }
 
@@ -214,7 +214,7 @@ private:
         std::array<float, 3> stiffness{};
         for (const Direction& direction : directions()) {
             rest_length[std::size_t(direction.group)] =
-                cuda::listed_length<float>(problem, direction, formulation());
+                layout::listed_length<float>(problem, direction, formulation());
         }
         if (!by_increments(formulation())) measure(rest_length);
         std::copy(problem.group_stiffness.begin(), problem.group_stiffness.end(), stiffness.begin());

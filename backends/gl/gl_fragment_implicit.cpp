@@ -93,7 +93,7 @@ private:
     void set_uniforms(const gl::Program& program, const Problem& problem) override {
         std::array<float, neighbour_count / 2> rest_length{};
         for (std::size_t b = 0; b < rest_length.size(); ++b)
-            rest_length[b] = cuda::listed_length<float>(problem, directions()[2 * b], formulation());
+            rest_length[b] = layout::listed_length<float>(problem, directions()[2 * b], formulation());
         if (!by_increments(formulation())) measure(rest_length);
         program.set("rest_length", rest_length);
         // With materials each particle carries the stiffness, so that of the groups is 1.

@@ -8,11 +8,11 @@
 
 namespace voxspring::gl {
 
-using HeldForce = cuda::HeldForce<float>;
+using HeldForce = layout::HeldForce<float>;
 
-void ToolPass::make(const Context& context, const Problem& problem, const cuda::Placement& placement,
+void ToolPass::make(const Context& context, const Problem& problem, const layout::Placement& placement,
                     Formulation formulation, Defines defines) {
-    const auto held = cuda::pack_held<float>(problem, placement, formulation);
+    const auto held = layout::pack_held<float>(problem, placement, formulation);
     held_.upload(context, held);
     forces_.upload(context, std::vector<HeldForce>(held.size()));
     if (held.empty()) return;
@@ -35,7 +35,7 @@ void ToolPass::dispatch() const {
 glm::dvec3 ToolPass::force() const {
     std::vector<HeldForce> forces(forces_.bytes() / sizeof(HeldForce));
     forces_.download(forces);
-    return cuda::force_on_tool(forces);
+    return layout::force_on_tool(forces);
 }
 
 }  // namespace voxspring::gl

@@ -14,7 +14,7 @@ class ToolPass {
 public:
     /// Prepares for a problem whose particles lie as `placement` says. The tool is where it took hold.
     /// `defines` specialise the shader beyond the formulation.
-    void make(const Context& context, const Problem& problem, const cuda::Placement& placement,
+    void make(const Context& context, const Problem& problem, const layout::Placement& placement,
               Formulation formulation, Defines defines);
     bool has_tool() const { return held_.bytes() > 0; }
 

@@ -15,25 +15,25 @@ std::vector<T> or_neutral(std::vector<T> values, bool needed, std::size_t count,
 }  // namespace
 
 template <class Real>
-Operands<Real> pack_operands(const Problem& problem, const cuda::Placement& placement, bool all_terms) {
+Operands<Real> pack_operands(const Problem& problem, const layout::Placement& placement, bool all_terms) {
     return {
-        or_neutral(cuda::pack_load<Real>(problem, placement), needs_loads(problem, all_terms),
-                   placement.words, cuda::Vector<Real>{0, 0, 0}),
-        or_neutral(cuda::pack_inverse_masses<Real>(problem, placement), needs_materials(problem, all_terms),
+        or_neutral(layout::pack_load<Real>(problem, placement), needs_loads(problem, all_terms),
+                   placement.words, layout::Vector<Real>{0, 0, 0}),
+        or_neutral(layout::pack_inverse_masses<Real>(problem, placement), needs_materials(problem, all_terms),
                    placement.words, Real(1 / problem.materials[0].mass))};
 }
-template Operands<float> pack_operands(const Problem&, const cuda::Placement&, bool);
-template Operands<double> pack_operands(const Problem&, const cuda::Placement&, bool);
+template Operands<float> pack_operands(const Problem&, const layout::Placement&, bool);
+template Operands<double> pack_operands(const Problem&, const layout::Placement&, bool);
 
 std::uint64_t compute_bytes(const Problem& problem, const Options& options,
-                            const cuda::Placement& placement) {
+                            const layout::Placement& placement) {
     const bool all = options.tuning.at("terms") == "all";
     const bool split = options.formulation == Formulation::compensated;
     const bool single = options.precision == Precision::float32;
     const std::size_t real = single ? sizeof(float) : sizeof(double);
     const std::size_t word =
-        single ? sizeof(cuda::ParticleRecord<float>) : sizeof(cuda::ParticleRecord<double>);
-    const std::uint64_t axes = 3 * cuda::increment_pitch(placement) * real;
+        single ? sizeof(layout::ParticleRecord<float>) : sizeof(layout::ParticleRecord<double>);
+    const std::uint64_t axes = 3 * layout::increment_pitch(placement) * real;
     return placement.words * ((split ? 4 : 2) * word + (needs_loads(problem, all) ? 3 * real : 0) +
                               (needs_materials(problem, all) ? real : 0)) +
            (by_increments(options.formulation) ? axes : 0) + (split ? axes : 0);

@@ -32,15 +32,16 @@ inline constexpr int storage_blocks = 13;
 /// What moves particles besides springs, one element per word. Empty if the shader has no use for it.
 template <class Real>
 struct Operands {
-    std::vector<cuda::Vector<Real>> loads;
+    std::vector<layout::Vector<Real>> loads;
     std::vector<Real> inverse_masses;
 };
 /// With `all_terms`, neutral values stand in for what the problem lacks.
 template <class Real>
-Operands<Real> pack_operands(const Problem& problem, const cuda::Placement& placement, bool all_terms);
+Operands<Real> pack_operands(const Problem& problem, const layout::Placement& placement, bool all_terms);
 
 /// Bytes of the state and the operands of a problem with this placement.
-std::uint64_t compute_bytes(const Problem& problem, const Options& options, const cuda::Placement& placement);
+std::uint64_t compute_bytes(const Problem& problem, const Options& options,
+                            const layout::Placement& placement);
 
 /// Work groups in rows that every driver accepts. There may be some more groups than asked for.
 glm::ivec3 rows_of_groups(int groups);

@@ -29,12 +29,12 @@ std::uint64_t explicit_bytes(const Problem& problem, const Options& options);
 std::vector<std::pair<const char*, std::uint64_t>> list_bytes(const Problem& problem, const Options& options);
 
 template <class Real>
-cuda::NeighbourLists<Real> make_lists(const Problem& problem, Formulation formulation);
+layout::NeighbourLists<Real> make_lists(const Problem& problem, Formulation formulation);
 
 /// New lists of the particles that `edit` touched, with `slots` slots per particle.
 template <class Real>
-cuda::EditedLists<Real> edited_lists(const Problem& edited, const SpringEdit& edit, std::uint32_t slots,
-                                     Formulation formulation);
+layout::EditedLists<Real> edited_lists(const Problem& edited, const SpringEdit& edit, std::uint32_t slots,
+                                       Formulation formulation);
 
 /// Constants of shaders/compute_explicit.comp beyond those of terms.glsl.
 Constants explicit_constants(ListKind kind, bool all_terms);
@@ -44,11 +44,11 @@ Constants edit_constants(ListKind kind, Formulation formulation);
 /// Sets the uniforms of shaders/compute_explicit.comp. Rest lengths of `step` are as the device measured
 /// them.
 template <class Real, class Uniforms>
-void set_explicit(Uniforms&& uniforms, const Problem& problem, const cuda::ExplicitStep<Real>& step) {
+void set_explicit(Uniforms&& uniforms, const Problem& problem, const layout::ExplicitStep<Real>& step) {
     uniforms.set("particles", step.particles);
     uniforms.set("slot_stride", int(step.shape.slot_stride));
     std::vector<glm::vec<4, Real>> rest;
-    for (const cuda::SpringRest<Real>& r : step.rest)
+    for (const layout::SpringRest<Real>& r : step.rest)
         rest.emplace_back(r.offset.x, r.offset.y, r.offset.z, r.deficit);
     uniforms.set("rest", rest);
     uniforms.set("rest_length", step.rest_length);

@@ -14,20 +14,20 @@ namespace voxspring::glsl {
 struct VoxelGroups {
     glm::ivec3 groups{0};
     /// Where each group begins, in whole rows of groups. Empty if the groups cover the lattice.
-    std::vector<cuda::BlockOrigin> origins;
+    std::vector<layout::BlockOrigin> origins;
 };
-VoxelGroups groups_of(const Lattice& lattice, cuda::BlockShape shape);
+VoxelGroups groups_of(const Lattice& lattice, layout::BlockShape shape);
 
 /// 1 / stiffness of each word's material. It is 1 if a problem of one material needs the same value for all
 /// words.
 template <class Real>
-std::vector<Real> compliances(const Problem& problem, const cuda::Placement& placement, bool all_terms);
+std::vector<Real> compliances(const Problem& problem, const layout::Placement& placement, bool all_terms);
 
 /// Bytes that upload() of a backend takes.
 std::uint64_t implicit_bytes(const Problem& problem, const Options& options);
 
 /// Empty, or why work groups cannot cover the lattice.
-std::string too_long(const Lattice& lattice, cuda::BlockShape shape);
+std::string too_long(const Lattice& lattice, layout::BlockShape shape);
 
 /// Whether subgroups vote on skipping masks (tuning `interior`). `auto`: where the vote was faster in OpenGL
 /// on an H200 (gl/README.md), but never in software, where Mesa computes both ways for every subgroup.
@@ -40,8 +40,8 @@ Constants implicit_constants(const Problem& problem, bool has_origins, bool vote
 /// Sets the shader's uniforms. `measure(lengths)` turns squares into lengths as the device measures them.
 template <class Real, class Uniforms, class Measure>
 void set_implicit(Uniforms&& uniforms, const Problem& problem, Formulation formulation, Measure measure) {
-    cuda::ImplicitStep<Real> step =
-        cuda::make_implicit_step<Real>(problem, cuda::place_on_grid(problem.lattice), formulation);
+    layout::ImplicitStep<Real> step =
+        layout::make_implicit_step<Real>(problem, layout::place_on_grid(problem.lattice), formulation);
     if (!by_increments(formulation)) measure(step.rest_length);
     uniforms.set("grid_dims", problem.lattice.dims);
     uniforms.set("grid_first_word", step.first);

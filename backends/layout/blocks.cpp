@@ -7,7 +7,7 @@
 #include "backends/layout/springs.h"
 #include "backends/layout/vectors.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 
 BlockShape BlockShape::parse(const std::string& text) {
     BlockShape shape;
@@ -81,4 +81,4 @@ FOR_PRECISION(float)
 FOR_PRECISION(double)
 #undef FOR_PRECISION
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

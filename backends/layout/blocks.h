@@ -10,7 +10,7 @@
 #include "backends/physics/formulation.h"
 #include "backends/physics/problem.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 
 /// Threads per block along x, y, z.
 struct BlockShape {
@@ -56,4 +56,4 @@ template <class Real>
 ImplicitStep<Real> make_implicit_step(const Problem& problem, const Placement& placement,
                                       Formulation formulation);
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

@@ -6,7 +6,7 @@
 
 #include "backends/layout/rounding.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 namespace {
 
 /// Puts blocks with `is_border(block)` first. The order within either part stays.
@@ -37,4 +37,4 @@ BlockParts<std::uint32_t> part_blocks(std::size_t particles, unsigned block,
     return parted(std::move(blocks), [&](std::uint32_t number) { return touched[number] != 0; });
 }
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

@@ -7,7 +7,7 @@
 
 #include "backends/layout/blocks.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 
 /// The two parts of a step whose border is stepped first.
 enum class StepPart : std::uint8_t { border, interior };
@@ -31,4 +31,4 @@ BlockParts<BlockOrigin> part_blocks(const Lattice& lattice, BlockShape shape,
 BlockParts<std::uint32_t> part_blocks(std::size_t particles, unsigned block,
                                       const std::vector<std::uint32_t>& border);
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

@@ -11,7 +11,7 @@
 
 #include "backends/layout/rounding.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 namespace {
 
 constexpr int warp = 32;
@@ -184,7 +184,7 @@ int registers_at_launch(int threads) {
 
 /// Chooses pollers and registers for `plan`; a thread with a tile needs `needed` registers. Returns false if
 /// there are too few.
-bool dress(BrickPlan& plan, std::size_t polls, int needed, bool moves_registers) {
+bool assign_threads_and_registers(BrickPlan& plan, std::size_t polls, int needed, bool moves_registers) {
     const int lanes = plan.shape.lanes();
     constexpr int alike = warps_that_move_registers * warp;
     for (const int pollers : {256, 128}) {
@@ -209,12 +209,15 @@ bool dress(BrickPlan& plan, std::size_t polls, int needed, bool moves_registers)
     return false;
 }
 
-/// dress() that puts the increments into memory if registers have no room for them.
-bool dress(BrickPlan& plan, std::size_t polls, Formulation formulation, bool moves_registers) {
-    if (dress(plan, polls, registers_of(plan.shape, by_increments(formulation)), moves_registers))
+/// assign_threads_and_registers() that puts the increments into memory if registers have no room for them.
+bool assign_threads_and_registers(BrickPlan& plan, std::size_t polls, Formulation formulation,
+                                  bool moves_registers) {
+    if (assign_threads_and_registers(plan, polls, registers_of(plan.shape, by_increments(formulation)),
+                                     moves_registers))
         return true;
     plan.increments_in_memory = by_increments(formulation);
-    return plan.increments_in_memory && dress(plan, polls, registers_of(plan.shape, false), moves_registers);
+    return plan.increments_in_memory &&
+           assign_threads_and_registers(plan, polls, registers_of(plan.shape, false), moves_registers);
 }
 
 /// An upper bound of the points in the frame of a brick.
@@ -303,7 +306,9 @@ std::optional<BrickPlan> plan_bricks(const Problem& problem, Formulation formula
                         std::size_t(plan.shape.shared_bytes()) > device.block_shared_bytes)
                         continue;
                     // Plan without conflicts first, since finding the pads takes longer.
-                    if (!dress(plan, frame_of(plan.shape), formulation, moves_registers)) continue;
+                    if (!assign_threads_and_registers(plan, frame_of(plan.shape), formulation,
+                                                      moves_registers))
+                        continue;
                     if (best && seconds_of(plan, 0, device) >= best->seconds) continue;
                     std::size_t blocks = 0;
                     for (int z = 0; z < bricks.z && blocks <= most; ++z) {
@@ -565,4 +570,4 @@ std::vector<EditedWord> BrickLayout::edit(const SpringEdit& edit) {
     return edited;
 }
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

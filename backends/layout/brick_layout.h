@@ -18,7 +18,7 @@
 #include "backends/physics/formulation.h"
 #include "backends/physics/problem.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 
 /// The particles of one thread.
 struct BrickTileSize {
@@ -106,4 +106,4 @@ private:
     int rounds_ = 0;
 };
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

@@ -8,7 +8,7 @@
 #include "backends/layout/springs.h"
 #include "backends/layout/work.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 namespace {
 
 // A cache line of words in float32.
@@ -348,4 +348,4 @@ FOR_PRECISION(float)
 FOR_PRECISION(double)
 #undef FOR_PRECISION
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

@@ -12,7 +12,7 @@
 #include "backends/layout/records/edit.h"
 #include "backends/limits.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 
 /// One word per particle, with a guard at either end for the neighbours of the first and the last particle.
 Placement place_guarded(const Problem& problem);
@@ -76,4 +76,4 @@ DeltaStep<Real> make_delta_step(const Problem& problem, const Placement& placeme
 template <class Real>
 StepWork delta_work(const Problem& problem, Formulation formulation);
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

@@ -7,7 +7,7 @@
 #include "backends/layout/records/feed.h"
 #include "backends/layout/vectors.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 
 /// `word_of(i)`: the word of particle i.
 template <class Real, class WordOf>
@@ -22,4 +22,4 @@ std::vector<FedWord<Real>> pack_fed(const Problem& problem, const std::vector<st
     return fed;
 }
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

@@ -4,7 +4,7 @@
 
 #include "backends/layout/rounding.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 namespace {
 
 /// Mask bits of the directions whose offset `chosen` accepts.
@@ -96,4 +96,4 @@ MarchColumns::MarchColumns(const MarchCells& cells, const MarchShape& shape)
     }
 }
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

@@ -8,7 +8,7 @@
 #include "backends/layout/records/march.h"
 #include "backends/physics/problem.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 
 /// Cells of `width` voxels in a row. The width is a power of two and at most 128.
 class MarchCells {
@@ -70,4 +70,4 @@ private:
     std::vector<MarchWarps> warps_;
 };
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

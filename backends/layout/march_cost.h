@@ -10,7 +10,7 @@
 #include "backends/layout/records/march.h"
 #include "backends/physics/formulation.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 
 /// A tile of the march.
 struct MarchTile {
@@ -81,4 +81,4 @@ private:
     double start_bytes_;  ///< bytes that a block asks for before its first plane
 };
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

@@ -7,7 +7,7 @@
 #include "backends/layout/rounding.h"
 #include "backends/layout/springs.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 namespace {
 
 /// The first lattice direction of each spring class.
@@ -141,4 +141,4 @@ FOR_PRECISION(float)
 FOR_PRECISION(double)
 #undef FOR_PRECISION
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

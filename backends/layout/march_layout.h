@@ -12,7 +12,7 @@
 #include "backends/physics/formulation.h"
 #include "backends/physics/problem.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 
 /// The elements of an array of vectors: every x of the lattice, then every y, then every z.
 struct SoaStrides {
@@ -47,4 +47,4 @@ bool equal_edges(const Problem& problem, Formulation formulation);
 template <class Real>
 MarchStep<Real> make_march_step(const Problem& problem, Formulation formulation);
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

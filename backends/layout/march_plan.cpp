@@ -14,7 +14,7 @@
 #include "backends/layout/rounding.h"
 #include "backends/layout/springs.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 namespace {
 
 constexpr int max_rows = 2;
@@ -459,4 +459,4 @@ std::uint64_t max_plan_bytes(const Lattice& lattice, const MarchShape& shape) {
            (planes + items) * std::uint64_t(shape.threads()) * sizeof(std::uint64_t);
 }
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

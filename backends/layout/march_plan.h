@@ -13,7 +13,7 @@
 #include "backends/physics/formulation.h"
 #include "backends/physics/problem.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 
 /// Planes `begin` to `end` (exclusive) of a slab, which are stepped while its borders travel.
 struct MarchInterior {
@@ -46,4 +46,4 @@ MarchPlan plan_march(const Problem& problem, const std::vector<MarchTile>& tiles
 /// An upper bound of the bytes of a plan whose interior is everything.
 std::uint64_t max_plan_bytes(const Lattice& lattice, const MarchShape& shape);
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

@@ -6,7 +6,7 @@
 #include "backends/layout/records/particle.h"
 #include "backends/layout/work.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 namespace {
 
 /// Operations of a spring of the march. They are counted as in pull_operations(), except for what follows the
@@ -56,4 +56,4 @@ StepWork march_work(const Problem& problem, Formulation formulation) {
 template StepWork march_work<float>(const Problem&, Formulation);
 template StepWork march_work<double>(const Problem&, Formulation);
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

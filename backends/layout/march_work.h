@@ -5,11 +5,11 @@
 #include "backends/physics/formulation.h"
 #include "backends/physics/problem.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 
 /// The work of a step on particles in structure of arrays without masks, with most springs evaluated once for
 /// both ends.
 template <class Real>
 StepWork march_work(const Problem& problem, Formulation formulation);
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

@@ -7,7 +7,7 @@
 #include "backends/layout/rounding.h"
 #include "backends/layout/springs.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 
 namespace {
 
@@ -242,7 +242,7 @@ ExplicitStep<Real> make_explicit_step(const Problem& problem, const NeighbourLis
         step.first_slot[g] = lists.first_slot[g];
         step.stiffness[g] = Real(problem.group_stiffness[g]);
     }
-    // beyond_groups() has compared the other springs of the group.
+    // grouped_list_refusal() has compared the other springs of the group.
     for (const Direction& direction : directions())
         step.rest_length[std::size_t(direction.group)] = listed_length<Real>(problem, direction, formulation);
     std::ranges::copy(rest_by_code<Real>(problem), step.rest);
@@ -262,4 +262,4 @@ FOR_PRECISION(float)
 FOR_PRECISION(double)
 #undef FOR_PRECISION
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

@@ -10,7 +10,7 @@
 #include "backends/physics/formulation.h"
 #include "backends/physics/problem.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 
 enum class ListLayout : std::uint8_t { vertical, concatenated };
 
@@ -32,7 +32,8 @@ std::size_t list_size(std::size_t particles, std::uint32_t slots, ListLayout lay
 std::uint32_t slots_by_groups(const Problem& problem);
 std::uint32_t slots_by_springs(const Problem& problem);
 
-/// Lists with one counter per spring group and no secondary list, for a problem that is not beyond_groups().
+/// Lists with one counter per spring group and no secondary list, for a problem that is not
+/// grouped_list_refusal().
 template <class Real>
 NeighbourLists<Real> list_by_groups(const Problem& problem, ListLayout layout, Formulation formulation);
 /// Lists with one counter per particle, and one stiffness and rest length per spring, for any problem. A
@@ -63,4 +64,4 @@ template <class Real>
 ExplicitStep<Real> make_explicit_step(const Problem& problem, const NeighbourLists<Real>& lists,
                                       Formulation formulation);
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

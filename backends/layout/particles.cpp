@@ -5,7 +5,7 @@
 #include "backends/physics/neighbours.h"
 #include "backends/physics/stored.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 
 namespace {
 
@@ -151,4 +151,4 @@ FOR_PRECISION(float)
 FOR_PRECISION(double)
 #undef FOR_PRECISION
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

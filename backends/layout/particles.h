@@ -10,7 +10,7 @@
 #include "backends/physics/formulation.h"
 #include "backends/physics/problem.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 
 /// The largest number of words. Their indices are of type int, and so are those of surplus threads of a last
 /// block.
@@ -72,4 +72,4 @@ std::vector<std::uint32_t> state_bits(const Problem& problem);
 /// The terms of records/terms.h that `problem` has, except those of lists.
 std::uint32_t terms_of(const Problem& problem);
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

@@ -12,7 +12,7 @@
 #include "backends/layout/rounding.h"
 #include "backends/physics/addressing.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 namespace {
 
 constexpr std::size_t warp = 32;
@@ -414,7 +414,7 @@ ResidentLayout lay_out_resident(const Problem& problem, int blocks, int pollers,
         // A block has whole rows. On a card with few blocks these can take more lanes than single particles
         // do.
         ResidentLayout layout = lay_out(true);
-        if (too_much_for_a_block(layout).empty()) return layout;
+        if (block_refusal(layout).empty()) return layout;
     }
     return lay_out(partition == Partition::rows);
 }
@@ -474,7 +474,7 @@ std::string resident_refusal(const Problem& problem, int multiprocessors, bool l
     return {};
 }
 
-std::string too_much_for_a_block(const ResidentLayout& layout, ToolMode tool) {
+std::string block_refusal(const ResidentLayout& layout, ToolMode tool) {
     const auto beyond = [](int value, int most, const std::string& what) {
         return std::to_string(value) + " " + what + " exceed the " + std::to_string(most) +
                " that a resident block may have";
@@ -535,4 +535,4 @@ std::vector<std::uint32_t> held_by_lanes(const ResidentLayout& layout,
     return number;
 }
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

@@ -11,7 +11,7 @@
 #include "backends/physics/edit.h"
 #include "backends/physics/problem.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 
 /// How particles are dealt out to blocks: in equal numbers, by halving the body along its longest side again
 /// and again; or in whole rows of 32 voxels, one warp per row, which keeps every neighbour along x within the
@@ -86,10 +86,10 @@ std::vector<std::uint32_t> words_of_ghosts(const ResidentLayout& layout, const P
 std::string resident_refusal(const Problem& problem, int multiprocessors, bool launches_together);
 
 /// Empty, or which limit of the kernel the layout exceeds.
-std::string too_much_for_a_block(const ResidentLayout& layout, ToolMode tool = ToolMode::none);
+std::string block_refusal(const ResidentLayout& layout, ToolMode tool = ToolMode::none);
 
 /// For each lane the number of its particle in `held`, which is ascending; resident_none: it is not held.
 std::vector<std::uint32_t> held_by_lanes(const ResidentLayout& layout,
                                          const std::vector<std::uint32_t>& held);
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

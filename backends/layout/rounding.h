@@ -1,7 +1,7 @@
 // Rounding up to whole units.
 #pragma once
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 
 /// How many units it takes to hold `count`.
 template <class T>
@@ -14,4 +14,4 @@ constexpr T rounded_up(T count, T unit) {
     return units_of(count, unit) * unit;
 }
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

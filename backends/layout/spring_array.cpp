@@ -7,7 +7,7 @@
 #include "backends/layout/springs.h"
 #include "backends/layout/work.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 
 template <class Real>
 SpringArrays<Real> list_every_spring(const Problem& problem, Formulation formulation) {
@@ -166,4 +166,4 @@ FOR_PRECISION(float)
 FOR_PRECISION(double)
 #undef FOR_PRECISION
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

@@ -14,7 +14,7 @@
 #include "backends/physics/formulation.h"
 #include "backends/physics/problem.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 
 /// Every spring once. Springs of the lattice are ordered by direction, then by particle, so that the threads
 /// of a warp touch particles that lie together.
@@ -70,4 +70,4 @@ ScatterStep<Real> make_scatter_step(const Problem& problem, const SpringArrays<R
 template <class Real>
 StepWork scatter_work(const Problem& problem, Formulation formulation);
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

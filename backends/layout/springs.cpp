@@ -6,7 +6,7 @@
 #include "backends/layout/vectors.h"
 #include "backends/physics/inverse_root.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 
 namespace {
 
@@ -59,13 +59,13 @@ std::array<SpringRest<Real>, direction_codes> rest_by_code(const Problem& proble
     return rest;
 }
 
-std::string beyond_entries(const Problem& problem, Formulation formulation) {
+std::string list_entry_refusal(const Problem& problem, Formulation formulation) {
     if (on_positions(formulation) || problem.particle_count() <= LISTED_INDEX) return {};
     return std::to_string(problem.particle_count()) + " particles exceed the " +
            std::to_string(LISTED_INDEX) + " that a list entry with a direction can name";
 }
 
-std::string beyond_groups(const Problem& problem) {
+std::string grouped_list_refusal(const Problem& problem) {
     if (problem.lattice.voxel_count() == 0) return "the network lies on no regular grid";
     if (!problem.springs.empty()) return "springs between particles that are no grid neighbours";
     if (problem.has_materials()) return "several materials give the springs of a group several stiffnesses";
@@ -89,4 +89,4 @@ FOR_PRECISION(float)
 FOR_PRECISION(double)
 #undef FOR_PRECISION
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

@@ -12,7 +12,7 @@
 #include "backends/physics/neighbours.h"
 #include "backends/physics/problem.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 
 /// The square of a lattice direction's rest length. If the lattice is stress-free it is the square of the
 /// direction's offset, which is the very number that a kernel computes at rest, and not the square of a
@@ -41,14 +41,14 @@ std::uint32_t entry_of(std::uint32_t index, int bit, Formulation formulation);
 
 /// Empty, or why a list entry cannot hold particle and direction in one word, as formulations on
 /// displacements need it.
-std::string beyond_entries(const Problem& problem, Formulation formulation);
+std::string list_entry_refusal(const Problem& problem, Formulation formulation);
 
 /// Empty, or why stiffness and rest length differ between springs of one group.
-std::string beyond_groups(const Problem& problem);
+std::string grouped_list_refusal(const Problem& problem);
 
 /// The neighbour mask of a particle; 0 without a lattice.
 inline std::uint32_t mask_of(const Problem& problem, std::size_t particle) {
     return problem.lattice.mask.empty() ? 0 : problem.lattice.mask[particle];
 }
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

@@ -3,7 +3,7 @@
 #include <algorithm>
 #include <array>
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 
 void TickDesk::open(OrderWords* asked, std::span<AnswerWords> answers) {
     asked_ = asked;
@@ -50,4 +50,4 @@ bool TickDesk::answered() {
     return true;
 }
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

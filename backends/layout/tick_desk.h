@@ -9,7 +9,7 @@
 
 #include "backends/layout/records/ticks.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 
 /// Gives one order at a time: the next one only after the last one has been answered.
 class TickDesk {
@@ -49,4 +49,4 @@ private:
     std::vector<HeldForce<float>> forces_;
 };
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

@@ -2,7 +2,7 @@
 
 #include "backends/layout/vectors.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 
 template <class Real>
 std::vector<HeldWord<Real>> pack_held(const Problem& problem, const Placement& placement,
@@ -31,4 +31,4 @@ template std::vector<HeldWord<double>> pack_held(const Problem&, const Placement
 template glm::dvec3 force_on_tool(const std::vector<HeldForce<float>>&);
 template glm::dvec3 force_on_tool(const std::vector<HeldForce<double>>&);
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

@@ -7,7 +7,7 @@
 #include "backends/layout/particles.h"
 #include "backends/layout/records/tool.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 
 /// Every particle that the tool holds, in the order of Tool::particles; empty without a tool.
 template <class Real>
@@ -18,4 +18,4 @@ std::vector<HeldWord<Real>> pack_held(const Problem& problem, const Placement& p
 template <class Real>
 glm::dvec3 force_on_tool(const std::vector<HeldForce<Real>>& forces);
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

@@ -5,7 +5,7 @@
 
 #include "backends/layout/records/particle.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 
 template <class Real>
 Vector<Real> vector_of(const glm::dvec3& v) {
@@ -17,4 +17,4 @@ glm::dvec3 dvec_of(const Vector<Real>& v) {
     return {double(v.x), double(v.y), double(v.z)};
 }
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

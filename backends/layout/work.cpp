@@ -5,7 +5,7 @@
 #include "backends/layout/records/particle.h"
 #include "backends/layout/records/springs.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 namespace {
 
 /// Operations of unit_pull() for a relative position or displacement, including the 3 subtractions that make
@@ -117,4 +117,4 @@ template StepWork implicit_work<double>(const Problem&, Formulation);
 template StepWork explicit_work<float>(const Problem&, bool, Formulation);
 template StepWork explicit_work<double>(const Problem&, bool, Formulation);
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

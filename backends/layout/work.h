@@ -10,7 +10,7 @@
 #include "backends/physics/neighbours.h"
 #include "backends/physics/problem.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 
 template <class Real>
 constexpr bool is_single = sizeof(Real) == sizeof(float);
@@ -44,4 +44,4 @@ StepWork implicit_work(const Problem& problem, Formulation formulation);
 template <class Real>
 StepWork explicit_work(const Problem& problem, bool secondary, Formulation formulation);
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

@@ -145,11 +145,11 @@ DeviceKind kind_of(const vk::PhysicalDeviceProperties& properties) {
     }
 }
 
-/// Empty, or why a device cannot be used. `asked_for`: the user has named it.
-std::string refusal(const vk::raii::PhysicalDevice& physical, Precision precision, bool asked_for) {
+/// Empty, or why a device cannot be used. `advance_tag`: the user has named it.
+std::string refusal(const vk::raii::PhysicalDevice& physical, Precision precision, bool advance_tag) {
     const auto properties = physical.getProperties();
     if (properties.apiVersion < needed_version) return "has Vulkan older than 1.2";
-    if (!asked_for) {
+    if (!advance_tag) {
         const std::string why =
             reason_to_pass_over(uuid_of(physical), is_software(properties), measured_card());
         if (!why.empty()) return why + " (--vulkan-device takes it all the same)";

@@ -75,7 +75,7 @@ std::string VulkanBackend::unsupported(const Problem& problem) const {
         return why;
     if (std::string why = refused_layout(problem); !why.empty()) return why;
     const std::size_t word =
-        is_single(options_) ? sizeof(cuda::ParticleRecord<float>) : sizeof(cuda::ParticleRecord<double>);
+        is_single(options_) ? sizeof(layout::ParticleRecord<float>) : sizeof(layout::ParticleRecord<double>);
     if (std::string why = device_.buffer_limits().too_large("positions", place(problem).words * word);
         !why.empty())
         return why;
@@ -106,10 +106,10 @@ void VulkanBackend::put(Buffer& buffer, std::span<const std::byte> values) {
 
 template <class Real>
 void VulkanBackend::upload_state(const Problem& problem, const State& state) {
-    const cuda::Placement& placement = layout_.placement;
+    const layout::Placement& placement = layout_.placement;
     {
-        const cuda::PackedState<Real> packed =
-            cuda::pack<Real>(problem, state, placement, layout_.bits, formulation());
+        const layout::PackedState<Real> packed =
+            layout::pack<Real>(problem, state, placement, layout_.bits, formulation());
         put(words_[0], packed.current);
         // By increments a step writes every particle's word to this buffer before any step reads it.
         put(words_[1], by_increments(formulation()) ? packed.current : packed.previous);
@@ -142,7 +142,7 @@ void VulkanBackend::upload(const Problem& problem, const State& state) {
         holding_ = nullptr;
         if (problem.has_tool() && is_single(options_)) make_holding<float>();
         if (problem.has_tool() && !is_single(options_)) make_holding<double>();
-        stand_at_start();
+        reset_to_step_zero();
         held_bytes_ = bytes_needed(problem);
         queue_.wait();
     });
@@ -168,7 +168,7 @@ void VulkanBackend::make_stepping() {
     } else {
         glsl::set_motion<double>(uniforms, *problem_);
     }
-    uniforms.set("pitch", int(cuda::increment_pitch(layout_.placement)));
+    uniforms.set("pitch", int(layout::increment_pitch(layout_.placement)));
     set_uniforms(uniforms, *problem_);
     const auto pass = [&](std::size_t current) {
         return Pass(queue_, program, uniforms, buffers(current), nothing_);
@@ -180,10 +180,10 @@ void VulkanBackend::make_stepping() {
 
 template <class Real>
 void VulkanBackend::make_holding() {
-    const auto held = cuda::pack_held<Real>(*problem_, layout_.placement, formulation());
+    const auto held = layout::pack_held<Real>(*problem_, layout_.placement, formulation());
     auto holding = std::make_shared<Holding>();
     put(holding->held, held);
-    put(holding->forces, std::vector<cuda::HeldForce<Real>>(held.size()));
+    put(holding->forces, std::vector<layout::HeldForce<Real>>(held.size()));
     const auto pull = program(formulation() == Formulation::compensated ? "tool_compensated" : "tool");
     for (const std::size_t current : {0, 1}) {
         const Buffers buffers = {{glsl::words, &words_[current]},
@@ -217,9 +217,9 @@ void VulkanBackend::move_tool(const glm::dvec3& displacement) {
 
 template <class Real>
 glm::dvec3 VulkanBackend::read_tool_force() {
-    std::vector<cuda::HeldForce<Real>> forces(problem_->tool.particles.size());
+    std::vector<layout::HeldForce<Real>> forces(problem_->tool.particles.size());
     queue_.download(holding_->forces, std::as_writable_bytes(std::span(forces)));
-    return cuda::force_on_tool(forces);
+    return layout::force_on_tool(forces);
 }
 
 glm::dvec3 VulkanBackend::tool_force() {
@@ -266,7 +266,7 @@ void VulkanBackend::make_checking() {
     checking_ = std::make_shared<Checking>(Checking{std::move(passes), std::move(next), std::move(recorded)});
 }
 
-void VulkanBackend::stand_at_start() {
+void VulkanBackend::reset_to_step_zero() {
     steps_ = 0;
     current_ = 0;
     if (holding_) move_tool(glm::dvec3(0));
@@ -299,7 +299,7 @@ void VulkanBackend::rewind() {
     guarded("rewinding", [&] {
         const auto buffers = state_buffers();
         for (std::size_t n = 0; n < buffers.size(); ++n) queue_.copy(start_[n], *buffers[n]);
-        stand_at_start();
+        reset_to_step_zero();
         queue_.submit();
     });
 }
@@ -388,7 +388,7 @@ void VulkanBackend::synchronize() {
 
 template <class Real>
 State VulkanBackend::download_state() {
-    cuda::PackedState<Real> packed;
+    layout::PackedState<Real> packed;
     const auto out = [&]<class T>(std::vector<T>& values, const Buffer& buffer) {
         values.resize(buffer.bytes() / sizeof(T));
         queue_.download(buffer, std::as_writable_bytes(std::span(values)));
@@ -398,7 +398,7 @@ State VulkanBackend::download_state() {
     out(packed.current_low, low_[current_]);
     out(packed.increment, increment_);
     out(packed.increment_low, increment_low_);
-    return cuda::unpack<Real>(*problem_, packed, layout_.placement, formulation());
+    return layout::unpack<Real>(*problem_, packed, layout_.placement, formulation());
 }
 
 State VulkanBackend::download() {

@@ -46,7 +46,7 @@ public:
 protected:
     /// Where the particles of a problem lie, and what a step dispatches.
     struct Layout {
-        cuda::Placement placement;
+        layout::Placement placement;
         std::vector<std::uint32_t> bits;  ///< one per particle
         glm::ivec3 groups{0};             ///< work groups of invocations
     };
@@ -66,7 +66,7 @@ protected:
     virtual std::uint64_t bytes_needed(const Problem& problem) const = 0;
     /// Empty, or why a problem cannot be run, provided that its words fit into a storage buffer.
     virtual std::string refused_layout(const Problem& problem) const = 0;
-    virtual cuda::Placement place(const Problem& problem) const = 0;
+    virtual layout::Placement place(const Problem& problem) const = 0;
     /// Fills own() with what the shader reads beyond shaders/compute.glsl. No command is running.
     virtual Layout lay_out(const Problem& problem) = 0;
     /// Constants of the shader beyond those of shaders/terms.glsl.
@@ -136,7 +136,7 @@ private:
     Uniforms tool_uniforms(const Module& module, const glm::dvec3& moved) const;
     template <class Real>
     glm::dvec3 read_tool_force();
-    void stand_at_start();
+    void reset_to_step_zero();
     /// The program of stepping_ is bound before and after this call.
     void dispatch_step(const Commands& commands, std::size_t current) const;
     /// The recording of 2^power steps from the current words.

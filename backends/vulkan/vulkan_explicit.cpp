@@ -20,8 +20,8 @@ public:
     ~VulkanExplicit() override { queue().abandon(); }
 
     StepWork step_work(const Problem& problem) const override {
-        return cuda::explicit_work<Real>(problem, glsl::list_kind(problem, formulation()).secondary,
-                                         formulation());
+        return layout::explicit_work<Real>(problem, glsl::list_kind(problem, formulation()).secondary,
+                                           formulation());
     }
 
 private:
@@ -36,22 +36,22 @@ private:
     std::string refused_layout(const Problem& problem) const override {
         // On positions entries have no direction, so more particles could be addressed, but no driver takes
         // as many.
-        if (std::string why = cuda::beyond_entries(problem, formulation()); !why.empty()) return why;
+        if (std::string why = layout::list_entry_refusal(problem, formulation()); !why.empty()) return why;
         return vulkan::lists_refusal(problem, options(), device().buffer_limits());
     }
-    cuda::Placement place(const Problem& problem) const override { return cuda::place_compact(problem); }
+    layout::Placement place(const Problem& problem) const override { return layout::place_compact(problem); }
 
     Layout lay_out(const Problem& problem) override {
         kind_ = glsl::list_kind(problem, formulation());
-        cuda::NeighbourLists<Real> lists = glsl::make_lists<Real>(problem, formulation());
-        step_ = cuda::make_explicit_step<Real>(problem, lists, formulation());
+        layout::NeighbourLists<Real> lists = glsl::make_lists<Real>(problem, formulation());
+        step_ = layout::make_explicit_step<Real>(problem, lists, formulation());
         by_address_ = vulkan::by_address(problem, options(), device().buffer_limits());
         put_list(neighbours, lists.neighbour);
         put_list(spring_constants, lists.constants);
         put_list(off_lattice_rests, lists.off_lattice_rest);
         if (!by_increments(formulation())) {
             for (const vulkan::Buffer& part : parts_of(spring_constants))
-                measure(part, part.bytes() / sizeof(cuda::SpringConstants<Real>), 2, 1);
+                measure(part, part.bytes() / sizeof(layout::SpringConstants<Real>), 2, 1);
             measure_numbers(std::span<Real>(step_.rest_length));
         }
         const int groups = int((problem.particle_count() + std::size_t(block_) - 1) / std::size_t(block_));
@@ -85,7 +85,7 @@ private:
 
     void enqueue_edit_of(const Problem& edited, const SpringEdit& edit) override {
         const glsl::ListKind kind = glsl::list_kind(edited, formulation());
-        if (kind.secondary != kind_.secondary || cuda::longest_list(edit) > step_.shape.slots ||
+        if (kind.secondary != kind_.secondary || layout::longest_list(edit) > step_.shape.slots ||
             (kind.off_lattice_rest && !kind_.off_lattice_rest) ||
             edit.touched.size() * row_bytes() > device().buffer_limits().max_bytes) {
             lay_out_anew();
@@ -99,12 +99,12 @@ private:
     /// Bytes of a row in the list with the largest elements. Rows travel in storage buffers, which limits
     /// them.
     std::uint64_t row_bytes() const {
-        return step_.shape.slots * (kind_.off_lattice_rest ? sizeof(cuda::SpringRest<Real>)
-                                    : kind_.secondary      ? sizeof(cuda::SpringConstants<Real>)
+        return step_.shape.slots * (kind_.off_lattice_rest ? sizeof(layout::SpringRest<Real>)
+                                    : kind_.secondary      ? sizeof(layout::SpringConstants<Real>)
                                                            : sizeof(std::uint32_t));
     }
 
-    void write_rows(const cuda::EditedLists<Real>& rows) {
+    void write_rows(const layout::EditedLists<Real>& rows) {
         const auto program = this->program(by_address_ ? "edit_rows_addressed" : "edit_rows",
                                            glsl::edit_constants(kind_, formulation()));
         vulkan::Uniforms uniforms(program->module());
@@ -121,7 +121,7 @@ private:
 
     const int block_;
     glsl::ListKind kind_;  // which of the lists below exist
-    cuda::ExplicitStep<Real> step_{};
+    layout::ExplicitStep<Real> step_{};
     bool by_address_ = false;
     std::map<Own, vulkan::AddressedList> addressed_;  // the lists whose addresses are in own()
 };

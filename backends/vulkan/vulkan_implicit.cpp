@@ -7,18 +7,18 @@
 namespace voxspring {
 namespace {
 
-glm::ivec3 extents(cuda::BlockShape shape) { return {shape.x, shape.y, shape.z}; }
+glm::ivec3 extents(layout::BlockShape shape) { return {shape.x, shape.y, shape.z}; }
 
 template <class Real>
 class VulkanImplicit final : public vulkan::VulkanBackend {
 public:
     explicit VulkanImplicit(const Options& options)
-        : VulkanBackend(options, extents(cuda::BlockShape::parse(options.tuning.at("block")))),
-          shape_(cuda::BlockShape::parse(options.tuning.at("block"))),
+        : VulkanBackend(options, extents(layout::BlockShape::parse(options.tuning.at("block")))),
+          shape_(layout::BlockShape::parse(options.tuning.at("block"))),
           votes_(glsl::votes(options, device().capabilities().is_software)) {}
 
     StepWork step_work(const Problem& problem) const override {
-        return cuda::implicit_work<Real>(problem, formulation());
+        return layout::implicit_work<Real>(problem, formulation());
     }
 
 private:
@@ -32,8 +32,8 @@ private:
         if (std::string why = implicit_refusal(problem); !why.empty()) return why;
         return glsl::too_long(problem.lattice, shape_);
     }
-    cuda::Placement place(const Problem& problem) const override {
-        return cuda::place_on_grid(problem.lattice);
+    layout::Placement place(const Problem& problem) const override {
+        return layout::place_on_grid(problem.lattice);
     }
 
     Layout lay_out(const Problem& problem) override {
@@ -62,7 +62,7 @@ private:
         write_bits(particles, masks);
     }
 
-    const cuda::BlockShape shape_;
+    const layout::BlockShape shape_;
     const bool votes_;
     bool has_origins_ = false;
 };

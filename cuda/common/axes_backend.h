@@ -95,7 +95,7 @@ public:
         std::vector<SharedElements> elements;
         for (const SharedParticles& shared : borders)
             elements.push_back({shared.part, elements_of(shared.sent), elements_of(shared.received)});
-        return make_device_borders(elements, way, device(), border_state(put_first(borders, way)));
+        return make_device_borders(elements, way, device(), border_state(enable_border_stream(borders, way)));
     }
 
 protected:

@@ -16,8 +16,8 @@ namespace voxspring::cuda {
 ///     stream()      border of step n   send   receive          |  border of n + 1 ...
 ///
 /// So whatever is enqueued in the backend's stream between two steps sees the whole state and need not know
-/// of the second stream. A border is sent before the interior of its step ends, unless stay_behind() was
-/// called.
+/// of the second stream. A border is sent before the interior of its step ends, unless
+/// order_after_main_stream() was called.
 class BordersFirst {
 public:
     /// `whole`: the backend's stream, which must outlive this. The device prefers the border's work to the
@@ -31,7 +31,7 @@ public:
     /// other writes.
     template <class EnqueueBorder, class EnqueueInterior>
     void step(EnqueueBorder enqueue_border, EnqueueInterior enqueue_interior) {
-        catch_up();
+        wait_for_main_stream();
         enqueue_border(own_);
         stepped_.record(own_);
         enqueue_interior(whole_);
@@ -40,11 +40,11 @@ public:
     }
     /// The next send or receive waits for everything that the backend's stream has been given. To be called
     /// when that was something else than a step of this object.
-    void stay_behind() { is_ahead_ = false; }
+    void order_after_main_stream() { is_ahead_ = false; }
 
     /// Called before a send is enqueued in stream().
     void begin_send() {
-        if (!std::exchange(is_ahead_, false)) catch_up();
+        if (!std::exchange(is_ahead_, false)) wait_for_main_stream();
     }
     /// Called once the receive is enqueued there: what follows in the backend's stream finds the ghosts as
     /// the parts beside this one sent them.
@@ -54,7 +54,7 @@ public:
     }
 
 private:
-    void catch_up() {
+    void wait_for_main_stream() {
         begun_.record(whole_);
         begun_.hold(own_);
     }

@@ -81,7 +81,8 @@ void CudaBackend::begin_upload() {
     is_split_ = false;
 }
 
-BordersFirst* CudaBackend::put_first(const std::vector<SharedParticles>& borders, const std::string& way) {
+BordersFirst* CudaBackend::enable_border_stream(const std::vector<SharedParticles>& borders,
+                                                const std::string& way) {
     is_split_ = false;
     if (!overlaps(way)) return nullptr;
     std::vector<std::uint32_t> particles;
@@ -94,7 +95,7 @@ BordersFirst* CudaBackend::put_first(const std::vector<SharedParticles>& borders
             "nothing is left to step while borders travel: all that is launched together has "
             "particles of them");
     if (!borders_first_) borders_first_.emplace(stream_);
-    borders_first_->stay_behind();
+    borders_first_->order_after_main_stream();
     is_split_ = true;
     return &*borders_first_;
 }
@@ -119,15 +120,15 @@ void CudaBackend::rewind() {
     const std::vector<StateArray> arrays = state_arrays();
     for (std::size_t n = 0; n < arrays.size(); ++n)
         copy(arrays[n].data, start_[n].data(), arrays[n].bytes, stream_);
-    stand_at_start();
+    reset_to_step_zero();
     rewound();
 }
 
-void CudaBackend::stand_at_start() {
+void CudaBackend::reset_to_step_zero() {
     current_ = 0;
     monitor_ = next_monitor_;
     steps_ = last_check_ = 0;
-    if (borders_first_) borders_first_->stay_behind();
+    if (borders_first_) borders_first_->order_after_main_stream();
     rest_tool();
     const FirstDivergence none{std::numeric_limits<long long>::max(), std::numeric_limits<long long>::max()};
     if (monitor_.every > 0) first_divergence_.upload(std::span(&none, 1), stream_);
@@ -149,7 +150,7 @@ void CudaBackend::enqueue_steps(int count) {
         enqueue_split_steps(count);
         return;
     }
-    if (borders_first_) borders_first_->stay_behind();
+    if (borders_first_) borders_first_->order_after_main_stream();
     for (int k = graph_lengths - 1; k >= 0; --k) {
         for (; count >= 1 << k; count -= 1 << k) {
             std::optional<Graph>& graph =
@@ -190,7 +191,7 @@ void CudaBackend::stepped(int count) {
 void CudaBackend::check_divergence() {
     let_end();
     // The check reads ghosts as well, so none may arrive meanwhile.
-    if (borders_first_) borders_first_->stay_behind();
+    if (borders_first_) borders_first_->order_after_main_stream();
     enqueue_divergence_check({steps_, last_check_, monitor_.largest_increment}, first_divergence_.data());
     last_check_ = steps_;
 }

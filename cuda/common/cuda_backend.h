@@ -62,7 +62,7 @@ protected:
     /// To be called by device_borders(). If `way` asks for borders that are stepped first, they are from here
     /// on until the next upload(), by the returned object; otherwise the result is null. Throws Unavailable
     /// if a joint launch leaves nothing to the interior.
-    BordersFirst* put_first(const std::vector<SharedParticles>& borders, const std::string& way);
+    BordersFirst* enable_border_stream(const std::vector<SharedParticles>& borders, const std::string& way);
     /// Whether borders are stepped first.
     bool is_split() const { return is_split_; }
 
@@ -91,7 +91,7 @@ protected:
     int current() const { return current_; }
 
     /// Returns to step 0, with x(t) in buffer 0.
-    void stand_at_start();
+    void reset_to_step_zero();
     /// To be called when enqueue_step() would enqueue something else than before.
     void forget_graphs();
 

@@ -99,7 +99,7 @@ public:
         : stores_(stores), device_(device.number()), state_(state), stream_(state.lane()) {
         for (const SharedElements& elements : borders) {
             Link& link = links_.emplace_back(elements, state);
-            link.own = std::make_shared<Shore>();
+            link.own = std::make_shared<BorderInbox>();
             for (Buffer<Real>& message : link.own->arrived) message.resize(link.side.to_receive());
             if (!stores) link.leaving.resize(link.side.to_send());
         }
@@ -141,7 +141,7 @@ public:
 private:
     /// The two buffers for messages that arrive at one side of a border, and their events. Both sides share
     /// it; it is freed with the last of them.
-    struct Shore {
+    struct BorderInbox {
         std::array<Buffer<Real>, 2> arrived;
         std::array<Event, 2> sent{Event::without_time(), Event::without_time()};  ///< by this side
     };
@@ -149,7 +149,7 @@ private:
         Link(const SharedElements& elements, const BorderState<Real>& state) : side(elements, state) {}
         Side<Real> side;
         Buffer<Real> leaving;  ///< what is copied; unused with stores
-        std::shared_ptr<Shore> own, theirs = nullptr;
+        std::shared_ptr<BorderInbox> own, theirs = nullptr;
         int their_device = 0;
     };
 

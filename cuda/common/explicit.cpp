@@ -25,7 +25,7 @@ struct ListOptions {
 
     bool has_secondary(const Problem& problem) const {
         return secondary == Secondary::always ||
-               (secondary == Secondary::where_needed && !beyond_groups(problem).empty());
+               (secondary == Secondary::where_needed && !grouped_list_refusal(problem).empty());
     }
 };
 
@@ -131,10 +131,10 @@ private:
 
     std::string refused(const Problem& problem) const override {
         if (options_.secondary == Secondary::never) {
-            if (const std::string why = beyond_groups(problem); !why.empty())
+            if (const std::string why = grouped_list_refusal(problem); !why.empty())
                 return "a counter a spring group holds no constants of single springs: " + why;
         }
-        if (std::string why = beyond_entries(problem, this->formulation()); !why.empty()) return why;
+        if (std::string why = list_entry_refusal(problem, this->formulation()); !why.empty()) return why;
         return launch_refusal<Real>(problem.particle_count(), this->device(), this->family());
     }
     std::uint64_t bytes_needed(const Problem& problem) const override {

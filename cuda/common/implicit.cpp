@@ -73,10 +73,10 @@ public:
         if (!by_increments(this->formulation()))
             calibrate_rest_lengths<Real>(launch.step.rest_length, this->stream());
         this->start(problem, state, placement, lattice.mask, launch);
-        // With a tool there is no look: what the tool pulls at is known from the first step on.
+        // With a tool there is no start check: what the tool pulls at is known from the first step on.
         if (resting_.checks() && this->held().size() == 0) {
-            launch_resting(resting_.look(), 0);
-            resting_.looked(this->stream());
+            launch_resting(resting_.start_check(), 0);
+            resting_.start_checked(this->stream());
         }
     }
 

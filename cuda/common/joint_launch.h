@@ -11,6 +11,7 @@
 #include "backends/pace.h"
 #include "cuda/device/buffer.h"
 #include "cuda/device/pinned.h"
+#include "cuda/kernels/layout.h"
 
 namespace voxspring::cuda {
 
@@ -55,13 +56,13 @@ public:
         }
     }
 
-    /// Calls launch(tag, launches) for a launch that does not know how many steps it will take. asked_for()
+    /// Calls launch(tag, launches) for a launch that does not know how many steps it will take. advance_tag()
     /// counts them as they are ordered.
     template <class Launch>
     void open(Launch launch) {
         launch(tag_, ++launches_);
     }
-    void asked_for(int steps) { tag_ += std::uint32_t(steps); }
+    void advance_tag(int steps) { tag_ += std::uint32_t(steps); }
 
     /// Empty, or which wait a launch has reported to be in vain. Such a launch ends soon after. `block`: what
     /// to call a block in the note, for example "resident block".

@@ -6,6 +6,7 @@
 
 #include "backends/layout/records/springs.h"
 #include "cuda/device/buffer.h"
+#include "cuda/kernels/layout.h"
 
 namespace voxspring::cuda {
 

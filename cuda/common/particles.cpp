@@ -23,7 +23,6 @@ KernelFamily::KernelFamily(const Options& options, Fetch path)
       formulation(options.formulation),
       fetch(path),
       all_terms(options.tuning.at("terms") == "all"),
-      refined_root(options.tuning.at("root") == "refined"),
       dependent_launch(is_tuned(options, "dependent_launch", "on")),
       may_be_dependent(is_tuned(options, "dependent_launch", "auto")) {}
 
@@ -35,8 +34,7 @@ KernelFamily KernelFamily::on(const Device& device) const {
 
 KernelSource KernelFamily::source(const std::string& file, const Problem& problem, int threads, int blocks,
                                   std::uint32_t more_terms) const {
-    const std::uint32_t terms = (all_terms ? cuda::all_terms : terms_of(problem)) | more_terms |
-                                (refined_root ? term_refined_root : 0);
+    const std::uint32_t terms = (all_terms ? layout::all_terms : terms_of(problem)) | more_terms;
     const std::uint32_t groups = all_terms ? NEIGHBOUR_BITS : problem.group_bits;
     const char* const paths[] = {"PastL1", "ThroughL1", "ThroughTexture"};
     KernelSource source{

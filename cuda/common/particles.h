@@ -47,7 +47,6 @@ struct KernelFamily {
     Formulation formulation;
     Fetch fetch;
     bool all_terms;         ///< compiled in, and asked for at run time (tuning `terms`)
-    bool refined_root;      ///< tuning `root`
     bool dependent_launch;  ///< tuning `dependent_launch`
     bool may_be_dependent;  ///< tuning `dependent_launch` is "auto": on if the device can
 
@@ -119,7 +118,8 @@ public:
         std::vector<SharedElements> elements;
         for (const SharedParticles& shared : borders)
             elements.push_back({shared.part, elements_of(shared.sent), elements_of(shared.received)});
-        return make_device_borders(elements, way, this->device(), border_state(put_first(borders, way)));
+        return make_device_borders(elements, way, this->device(),
+                                   border_state(enable_border_stream(borders, way)));
     }
 
     bool has_tool() const override { return true; }
@@ -199,7 +199,7 @@ protected:
         inverse_masses_.upload(pack_inverse_masses<Real>(problem, placement), stream());
         launch.step.motion.load = load_.data();
         launch.step.motion.inverse_masses = inverse_masses_.data();
-        stand_at_start();
+        reset_to_step_zero();
         resume(launch, moved);
     }
 

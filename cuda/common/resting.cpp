@@ -68,7 +68,7 @@ std::uint64_t Resting::bytes_held() const {
 
 void Resting::upload(const Problem& problem, const State& state, BlockShape shape, const Stream& stream) {
     policy_.start(false, false);
-    asked_ = starts_checking_ = has_looked_ = false;
+    asked_ = starts_checking_ = has_start_check_ = false;
     if (!could_check(problem, shape)) return;
     const BlockGrid grid(problem.lattice, shape);
     const std::vector<BlockOrigin> all = list_blocks(problem.lattice, shape);
@@ -94,13 +94,13 @@ void Resting::upload(const Problem& problem, const State& state, BlockShape shap
     rewind(stream);
 }
 
-ActiveBlocks Resting::look() const {
+ActiveBlocks Resting::start_check() const {
     ActiveBlocks blocks = active(0);
-    blocks.looks = true;
+    blocks.only_checks = true;
     return blocks;
 }
 
-void Resting::looked(const Stream& stream) {
+void Resting::start_checked(const Stream& stream) {
     first_list_.resize(lists_[1].size());
     first_marks_.resize(marks_[1].size());
     copy(lists_[1], first_list_, stream);
@@ -109,14 +109,14 @@ void Resting::looked(const Stream& stream) {
     first_counts_.upload(std::span(&none, 1), stream);
     check(cudaMemcpyAsync(first_counts_.data()->data() + listed_for_0, counts_.data()->data() + listed_for_1,
                           sizeof(unsigned), cudaMemcpyDeviceToDevice, stream.get()));
-    has_looked_ = true;
+    has_start_check_ = true;
     rewind(stream);
 }
 
 void Resting::rewind(const Stream& stream) {
     policy_.start(starts_checking_, starts_checking_ && rest_ == Rest::choose);
     asked_ = false;
-    if (!has_looked_) {
+    if (!has_start_check_) {
         wake(0, stream);
         return;
     }

@@ -11,6 +11,7 @@
 #include "cuda/device/buffer.h"
 #include "cuda/device/event.h"
 #include "cuda/device/pinned.h"
+#include "cuda/kernels/layout.h"
 
 namespace voxspring::cuda {
 
@@ -28,12 +29,13 @@ public:
     std::uint64_t bytes_needed(const Problem& problem, BlockShape shape) const;
     std::uint64_t bytes_held() const;
 
-    /// For a run that starts from `state`. Its first step takes all blocks, unless looked() is called before.
+    /// For a run that starts from `state`. Its first step takes all blocks, unless start_checked() is called
+    /// before.
     void upload(const Problem& problem, const State& state, BlockShape shape, const Stream& stream);
-    /// The blocks for a look: a step from the start that stores nothing.
-    ActiveBlocks look() const;
-    /// Called when the look was enqueued: first steps take the blocks that it listed.
-    void looked(const Stream& stream);
+    /// The blocks of the start check: a step from the start that stores nothing.
+    ActiveBlocks start_check() const;
+    /// Called when the start check was enqueued: first steps take the blocks that it listed.
+    void start_checked(const Stream& stream);
     /// For a run that starts from the same state as the last one.
     void rewind(const Stream& stream);
     /// The next step takes all blocks. It reads buffer `reading` of the particles.
@@ -79,8 +81,8 @@ private:
     std::array<Buffer<BlockOrigin>, 2> lists_;
     std::array<Buffer<std::uint32_t>, 2> marks_;
     Buffer<Counts> counts_;
-    // What a look at the start has listed.
-    bool has_looked_ = false;
+    // What the start check has listed.
+    bool has_start_check_ = false;
     Buffer<BlockOrigin> first_list_;
     Buffer<std::uint32_t> first_marks_;
     Buffer<Counts> first_counts_;

@@ -15,9 +15,6 @@ inline const TuningValues dependent_launches = {"off", "on"};
 inline std::map<std::string, TuningValues> tuning(std::map<std::string, TuningValues> own) {
     // Compile in the terms that the scene needs, or all of them, chosen at run time.
     own["terms"] = {"needed", "all"};
-    // Whether strain_density() takes the hardware's root and reciprocal as they are, or refines them with a
-    // Newton step.
-    own["root"] = {"hardware", "refined"};
     return own;
 }
 

@@ -196,7 +196,7 @@ std::optional<double> exchange_seconds(const LimitKernels& kernels, const Stream
     if (!kernels.device().launches_together()) return std::nullopt;
     const auto kernel = kernels.get("exchange");
     const auto blocks = unsigned(kernels.device().multiprocessors());
-    Buffer<TaggedPoint> points;
+    Buffer<layout::TaggedPoint> points;
     points.resize(std::size_t(2) * blocks * block);
     points.fill_with_zeros(stream);
     std::uint32_t tag = 0;

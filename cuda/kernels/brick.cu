@@ -47,7 +47,7 @@ __device__ std::uint32_t lane_of(int thread) { return blockIdx.x * lanes + std::
 
 /// The half of the points that is read in a step, and the half that is written. Two offsets are swapped: with
 /// a condition instead the compiler would duplicate the loop.
-class Turns {
+class DoubleBuffer {
 public:
     __device__ float* now() const { return points + now_; }
     __device__ float* next() const { return points + next_; }
@@ -67,32 +67,32 @@ private:
 template <class Words>
 __device__ void run_steps(const BrickStep& step, Tile& tile, Words& words, bool idle, int thread, int count,
                           std::uint32_t tag) {
-    Turns turns;
+    DoubleBuffer buffers;
     tile.start(points, words);
     TaggedPoint* const first = step.exchange + tile.element(step, 0, 0, 0);
     ROLLED
     for (int n = 1; n <= count; ++n) {
         if constexpr (!keeps_masks && !Words::by_side) words.load(step, lane_of(thread));
-        if (!idle) tile.add_early(step, turns.now(), words);
+        if (!idle) tile.add_early(step, buffers.now(), words);
         border_is_here();
         if (!idle) {
-            tile.add_late(step, turns.now(), words);
-            TaggedPoint* const to = first + turns.exchange(step);
+            tile.add_late(step, buffers.now(), words);
+            TaggedPoint* const to = first + buffers.exchange(step);
             tile.integrate(
-                step, turns.next(), words, [&](bool here, int i, int j, int k, Vector<float> point) {
+                step, buffers.next(), words, [&](bool here, int i, int j, int k, Vector<float> point) {
                     publish_if(here, to + tile.from_first(step, i, j, k), point, tag + std::uint32_t(n));
                 });
         }
         step_is_done();
-        turns.swap();
+        buffers.swap();
     }
 }
 
 /// How many points a poller looks up at the same time.
-constexpr int together = ROUNDS < kept_polls ? ROUNDS : polls_in_turn;
+constexpr int polls_in_flight = ROUNDS < kept_polls ? ROUNDS : polls_in_turn;
 /// Whether a poller keeps in registers where its points are. If there are more, it reads that anew in each
 /// step.
-constexpr bool keeps_polls = ROUNDS == together;
+constexpr bool keeps_polls = ROUNDS == polls_in_flight;
 
 /// The load bypasses L1, which is left to the masks.
 __device__ BrickPoll load_poll(const BrickPoll* from) {
@@ -102,11 +102,11 @@ __device__ BrickPoll load_poll(const BrickPoll* from) {
 }
 
 struct Polls {
-    BrickPoll poll[together];
+    BrickPoll poll[polls_in_flight];
     /// The poller's polls from number `first` on.
     __device__ void load(const BrickStep& step, int poller, int first) {
 #pragma unroll
-        for (int n = 0; n < together; ++n) {
+        for (int n = 0; n < polls_in_flight; ++n) {
             const std::uint32_t round = std::uint32_t(first + n);
             poll[n] = {resident_none, 0};
             if (round < ROUNDS)
@@ -121,18 +121,18 @@ __device__ bool fetch_published(const Polls& polls, const BrickStep& step, float
                                 const TaggedPoint* exchange, std::uint32_t tag) {
     std::uint32_t missing = 0;
 #pragma unroll
-    for (int n = 0; n < together; ++n) {
+    for (int n = 0; n < polls_in_flight; ++n) {
         if (polls.poll[n].from != resident_none) missing |= 1U << n;
     }
     BoundedWait wait(step.wait, tag);
     while (missing != 0) {
-        TaggedPoint found[together];
+        TaggedPoint found[polls_in_flight];
 #pragma unroll
-        for (int n = 0; n < together; ++n) {
-            if ((missing >> n & 1U) != 0) found[n] = look_up(exchange + polls.poll[n].from);
+        for (int n = 0; n < polls_in_flight; ++n) {
+            if ((missing >> n & 1U) != 0) found[n] = load_word_gpu(exchange + polls.poll[n].from);
         }
 #pragma unroll
-        for (int n = 0; n < together; ++n) {
+        for (int n = 0; n < polls_in_flight; ++n) {
             if ((missing >> n & 1U) == 0 || found[n].tag != tag) continue;
             Tile::store(to, int(polls.poll[n].slot), found[n].point);
             missing &= ~(1U << n);
@@ -184,7 +184,7 @@ extern "C" __global__ void __launch_bounds__(all_threads, 1)
         const bool idle = __all_sync(0xFFFFFFFFU, words.none()) || !has_tile;
 #if PLAIN_BLOCKS
         if (all_plain) {
-            PlainWords plain(sides, words, Tile::particles);
+            FullTileMasks plain(sides, words, Tile::particles);
             run_steps(step, tile, plain, idle, thread, count, tag);
         } else
 #endif
@@ -212,10 +212,10 @@ extern "C" __global__ void __launch_bounds__(all_threads, 1)
         const int poller = thread - lanes;
         Polls polls;
         ROLLED
-        for (int first = 0; first < ROUNDS; first += together) {
+        for (int first = 0; first < ROUNDS; first += polls_in_flight) {
             polls.load(step, poller, first);
 #pragma unroll
-            for (int n = 0; n < together; ++n) {
+            for (int n = 0; n < polls_in_flight; ++n) {
                 const BrickPoll& poll = polls.poll[n];
                 if (poll.from != resident_none)
                     Tile::store(points, int(poll.slot), load_axes(current + poll.from, step.axis));
@@ -223,7 +223,7 @@ extern "C" __global__ void __launch_bounds__(all_threads, 1)
         }
         __syncthreads();
         if (thread == lanes) count_block(step.started_blocks);
-        Turns turns;
+        DoubleBuffer buffers;
         if constexpr (!keeps_polls) polls.load(step, poller, 0);
         border_is_here();
         step_is_done();
@@ -233,18 +233,20 @@ extern "C" __global__ void __launch_bounds__(all_threads, 1)
             // Poll only after this block's step is done: polling takes instruction slots from it, and would
             // find little.
             ROLLED
-            for (int first = 0; first < ROUNDS; first += together) {
+            for (int first = 0; first < ROUNDS; first += polls_in_flight) {
                 // Load the next turn's polls while the points of this turn travel.
                 Polls next_polls = polls;
                 if constexpr (!keeps_polls)
-                    next_polls.load(step, poller, first + together < ROUNDS ? first + together : 0);
+                    next_polls.load(step, poller,
+                                    first + polls_in_flight < ROUNDS ? first + polls_in_flight : 0);
                 if (!in_vain)
-                    in_vain = !fetch_published(polls, step, turns.next(),
-                                               step.exchange + turns.exchange(step), tag + std::uint32_t(n));
+                    in_vain =
+                        !fetch_published(polls, step, buffers.next(), step.exchange + buffers.exchange(step),
+                                         tag + std::uint32_t(n));
                 polls = next_polls;
             }
             border_is_here();
-            turns.swap();
+            buffers.swap();
             step_is_done();
         }
     }

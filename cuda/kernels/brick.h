@@ -25,14 +25,15 @@ VOXSPRING_HOST_DEVICE constexpr BrickMask brick_mask() {
 }
 
 /// Masks of a plain thread. Conditions that its springs share are tested once.
-struct PlainWords {
+struct FullTileMasks {
     static constexpr bool by_side = true;
     TileSides sides;
     std::uint32_t moving;  ///< one bit per particle
 
     /// `words`: the complete masks of the thread's `particles` particles.
     template <class Words>
-    VOXSPRING_HOST_DEVICE PlainWords(TileSides of, const Words& words, int particles) : sides(of), moving(0) {
+    VOXSPRING_HOST_DEVICE FullTileMasks(TileSides of, const Words& words, int particles)
+        : sides(of), moving(0) {
         UNROLLED
         for (int n = 0; n < particles; ++n) moving |= std::uint32_t(words.moves(n)) << n;
     }

@@ -15,6 +15,7 @@
 #pragma once
 
 #include "backends/layout/records/resident.h"
+#include "cuda/kernels/layout.h"
 
 namespace voxspring::cuda {
 
@@ -37,7 +38,7 @@ __device__ inline void publish_if(bool here, TaggedPoint* to, Vector<float> poin
 }
 
 /// Defines TaggedPoint NAME(from). The scope, "gpu" or "sys", is part of the instruction.
-#define LOOK_UP(name, scope)                                                                 \
+#define LOAD_WORD(name, scope)                                                               \
     __device__ inline TaggedPoint name(const TaggedPoint* from) {                            \
         TaggedPoint found;                                                                   \
         asm volatile(                                                                        \
@@ -55,13 +56,13 @@ __device__ inline void publish_if(bool here, TaggedPoint* to, Vector<float> poin
             : "memory");                                                                     \
         return found;                                                                        \
     }
-LOOK_UP(look_up, "gpu")
+LOAD_WORD(load_word_gpu, "gpu")
 /// Reads what threads of any device write.
-LOOK_UP(look_beyond, "sys")
-#undef LOOK_UP
+LOAD_WORD(load_word_system, "sys")
+#undef LOAD_WORD
 
 /// publish_if() for readers on any device.
-__device__ inline void send_beyond(TaggedPoint* to, Vector<float> point, std::uint32_t tag) {
+__device__ inline void store_word_system(TaggedPoint* to, Vector<float> point, std::uint32_t tag) {
     asm volatile(
         "{\n"
         " .reg .b64 low, high;\n"

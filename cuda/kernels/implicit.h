@@ -154,7 +154,7 @@ VOXSPRING_HOST_DEVICE bool step_voxel(const ImplicitStep<Real>& step, int index,
     const Vector<Real> force = all_full_stencils<Terms>(self.bits)
                                    ? implicit_force<Terms, true>(step, self, neighbour, compliance)
                                    : implicit_force<Terms, false>(step, self, neighbour, compliance);
-    const bool stores = !Terms::compiled(term_resting) || !step.active.looks;
+    const bool stores = !Terms::compiled(term_resting) || !step.active.only_checks;
     return integrate_and_store<Terms>(step.motion, output, index, self, before, force, stores);
 }
 

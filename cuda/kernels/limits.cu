@@ -83,8 +83,8 @@ KERNEL exchange(TaggedPoint* points, int exchanges, std::uint32_t tag) {
         publish_if(true, half + blockIdx.x * blockDim.x, point, tag + std::uint32_t(n));
         TaggedPoint left{}, right{};
         do {
-            left = look_up(half + before * blockDim.x);
-            right = look_up(half + after * blockDim.x);
+            left = load_word_gpu(half + before * blockDim.x);
+            right = load_word_gpu(half + after * blockDim.x);
         } while (left.tag != tag + std::uint32_t(n) || right.tag != tag + std::uint32_t(n));
         // The sum keeps an exchange from beginning before the last one is over.
         point = left.point + right.point;

@@ -90,9 +90,7 @@ VOXSPRING_HOST_DEVICE Pull<Real> unit_pull(Vector<Real> relative, const SpringRe
     const Vector<Real> offset = Terms::positions ? relative : relative - rest.offset;
     const Real squared = squared_length(offset.x, offset.y, offset.z, shortest_squared);
     if constexpr (Terms::increments) {
-        const Real deficit = strain_deficit(relative, offset, rest);
-        return {offset, Terms::refined ? refined_strain_density(squared, rest_length, deficit)
-                                       : unit_strain_density(squared, rest_length, deficit)};
+        return {offset, unit_strain_density(squared, rest_length, strain_deficit(relative, offset, rest))};
     } else {
         return {offset, unit_force_density(squared, rest_length, inverse_root(squared))};
     }

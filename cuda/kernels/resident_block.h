@@ -263,8 +263,8 @@ private:
     __device__ void send(std::uint32_t to, Vector<float> point, std::uint32_t tag) const {
         if (to == resident_none) return;
         const ResidentNeighbour& neighbour = step_.links.neighbour[to / second_neighbour];
-        send_beyond(neighbour.exchange + turn_of(0, tag) * neighbour.words + to % second_neighbour, point,
-                    tag);
+        store_word_system(neighbour.exchange + turn_of(0, tag) * neighbour.words + to % second_neighbour,
+                          point, tag);
     }
 
     template <class Border>
@@ -368,9 +368,9 @@ private:
             for (int n = 0; n < shape.rounds; ++n) {
                 const TaggedPoint* const from = polls.from[n] + turn * step_.published_count;
                 if constexpr (shape.part) {
-                    word[n] = look_beyond(from);
+                    word[n] = load_word_system(from);
                 } else {
-                    word[n] = look_up(from);
+                    word[n] = load_word_gpu(from);
                 }
             }
             UNROLLED

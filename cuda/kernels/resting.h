@@ -4,7 +4,7 @@
 // no bit of them, the next one would change none either, and is left out (term_resting). x(t) and x(t - dt)
 // of such a block are equal, so both buffers already hold what the step would write. A block in which a step
 // changes something lists itself and its neighbours for the next step, which takes only listed blocks. Before
-// the first step, a look at all blocks, which stores nothing, finds those that the first step takes.
+// the first step, a check of all blocks, which stores nothing, finds those that the first step takes.
 #pragma once
 
 #include "backends/layout/records/implicit.h"

@@ -88,12 +88,13 @@ template <class Real, MarchShape shape>
 class MarchRings {
     static constexpr int real = sizeof(Real);
     using PlaneRing = WindowRing<shape.planes, 3 * shape.axis(real) * real, shape.window_bytes(real)>;
-    using BeforeRing = WindowRing<shape.befores, 3 * shape.before_axis() * real, shape.before_bytes(real)>;
+    using BeforeRing =
+        WindowRing<shape.previous_windows, 3 * shape.before_axis() * real, shape.before_bytes(real)>;
 
 public:
     __device__ MarchRings(unsigned char* shared, const MarchStep<Real>& step, const TensorMap& positions,
-                          const TensorMap& befores, const MarchItem& item)
-        : positions_(positions), befores_(befores), item_(item), planes_(step.nz) {
+                          const TensorMap& previous_windows, const MarchItem& item)
+        : positions_(positions), previous_windows_(previous_windows), item_(item), planes_(step.nz) {
         const std::uint32_t address = shared_address(shared);
         const std::uint32_t barriers = address + PlaneRing::size + BeforeRing::size;
         ring_ = {address, barriers};
@@ -111,7 +112,8 @@ public:
         // The last slot of either ring is filled in refill(), which therefore seldom waits for other warps.
         const int first = item.begin == 0 ? 0 : item.begin - 1;
         for (int n = 0; n + 1 < shape.planes; ++n) fill(place_.ahead(n), first + n);
-        for (int n = 0; n + 1 < shape.befores; ++n) fill_before(before_place_.ahead(n), item.begin + n);
+        for (int n = 0; n + 1 < shape.previous_windows; ++n)
+            fill_before(before_place_.ahead(n), item.begin + n);
     }
 
     /// Asks for planes whose slots have become free, before `plane` arrives. Fills are as far ahead of
@@ -120,7 +122,7 @@ public:
         if (threadIdx.x != 0) return;
         fill(place_.ahead(shape.planes - 2), plane + shape.planes - 2);
         if (plane > item_.begin)
-            fill_before(before_place_.ahead(shape.befores - 1), plane + shape.befores - 2);
+            fill_before(before_place_.ahead(shape.previous_windows - 1), plane + shape.previous_windows - 2);
     }
     __device__ static bool any(bool here) { return __any_sync(~0U, int(here)) != 0; }
     __device__ const Real* arrive() {
@@ -149,12 +151,12 @@ private:
         if (plane <= item_.end && plane < planes_)
             ring_.fill(place, positions_, item_.x - shape.margin(real), item_.y - 1, plane);
     }
-    __device__ void fill_before(RingPlace<shape.befores> place, int plane) const {
-        if (plane < item_.end) before_ring_.fill(place, befores_, item_.x, item_.y, plane);
+    __device__ void fill_before(RingPlace<shape.previous_windows> place, int plane) const {
+        if (plane < item_.end) before_ring_.fill(place, previous_windows_, item_.x, item_.y, plane);
     }
 
     const TensorMap& positions_;
-    const TensorMap& befores_;
+    const TensorMap& previous_windows_;
     const MarchItem& item_;
     PlaneRing ring_;
     BeforeRing before_ring_;
@@ -162,7 +164,7 @@ private:
     const Real* before_;
     int planes_;  ///< of the lattice
     RingPlace<shape.planes> place_;
-    RingPlace<shape.befores> before_place_;
+    RingPlace<shape.previous_windows> before_place_;
 };
 
 }  // namespace voxspring::cuda

@@ -6,6 +6,7 @@
 #include "backends/layout/records/terms.h"
 #include "backends/physics/formulation.h"
 #include "backends/physics/portable.h"
+#include "cuda/kernels/layout.h"
 
 namespace voxspring::cuda {
 
@@ -19,7 +20,6 @@ struct KernelTerms {
     static constexpr bool positions = on_positions(scene_formulation);
     static constexpr bool increments = by_increments(scene_formulation);
     static constexpr bool split = scene_formulation == Formulation::compensated;
-    static constexpr bool refined = (scene_terms & term_refined_root) != 0;
     static constexpr std::uint32_t groups = scene_groups;
 
     /// Whether `term` is compiled in.

@@ -9,6 +9,7 @@
 #pragma once
 
 #include "backends/layout/records/resident.h"
+#include "cuda/kernels/layout.h"
 
 namespace voxspring::cuda {
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "backends/layout/records/particle.h"
+#include "cuda/kernels/layout.h"
 
 namespace voxspring::cuda {
 

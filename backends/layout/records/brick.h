@@ -5,7 +5,7 @@
 #include "backends/layout/records/march.h"
 #include "backends/layout/records/resident.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 
 /// A block has wx x wy x wz threads, and each thread has one tile of tx x ty x tz particles. X, Y, Z are
 /// coordinates in the brick; i, j, k are coordinates in a tile. -1 and the number after the last one are in
@@ -233,4 +233,4 @@ VOXSPRING_HOST_DEVICE constexpr int visit_brick_springs(Visit& visit, int bit) {
     return bit;
 }
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

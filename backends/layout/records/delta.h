@@ -4,7 +4,7 @@
 #include "backends/layout/records/implicit.h"
 #include "backends/layout/records/springs.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 
 /// Particles per slice: those that a warp steps.
 inline constexpr int slice_particles = 32;
@@ -70,4 +70,4 @@ struct DeltaStep : ImplicitStep<Real> {
 /// Slots of springs beyond the lattice are allocated and read in multiples of this.
 inline constexpr int off_lattice_chunk = 2;
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

@@ -4,7 +4,7 @@
 #include "backends/layout/records/delta.h"
 #include "backends/layout/records/springs.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 
 /// A particle's new bits and the index of its word, or a table's new value and its index.
 struct alignas(8) EditedWord {
@@ -54,4 +54,4 @@ inline constexpr std::size_t max_argument_bytes = 3840;
 using ShortArgument = Argument<16>;
 using LongArgument = Argument<max_argument_bytes / sizeof(ArgumentWord)>;
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

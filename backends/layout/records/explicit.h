@@ -5,7 +5,7 @@
 #include "backends/layout/records/springs.h"
 #include "backends/physics/neighbours.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 
 /// Slot s of particle i is element i * particle_stride + s * slot_stride. `vertical` lists (Figure 6 b) keep
 /// one slot of all particles together, `concatenated` lists (Figure 6 a) keep all slots of one particle
@@ -52,4 +52,4 @@ struct GroupCounters {
 /// Slots that are read at a time; lists by springs have whole chunks.
 inline constexpr int list_chunk = 6;
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

@@ -3,7 +3,7 @@
 
 #include "backends/layout/records/particle.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 
 /// In GLSL: vec3, uint.
 template <class Real>
@@ -14,4 +14,4 @@ struct alignas(4 * sizeof(Real)) FedWord {
     bool operator==(const FedWord&) const = default;
 };
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

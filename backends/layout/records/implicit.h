@@ -3,7 +3,7 @@
 
 #include "backends/layout/records/motion.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 
 /// Where a block of an implicit kernel starts, in voxels.
 struct alignas(16) BlockOrigin {
@@ -25,7 +25,7 @@ struct ActiveBlocks {
     std::uint32_t* next_marks;
     unsigned* readers;  ///< blocks of threads that have read now_count; zero before and after
     unsigned* taken;    ///< blocks that the latest step took
-    bool looks;         ///< the step stores only the next list, and nothing of the particles
+    bool only_checks;   ///< the step stores only the next list, and nothing of the particles
     bool operator==(const ActiveBlocks&) const = default;
 };
 
@@ -48,4 +48,4 @@ struct ImplicitStep {
     bool operator==(const ImplicitStep&) const = default;
 };
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

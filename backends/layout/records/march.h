@@ -6,13 +6,13 @@
 #include "backends/layout/records/springs.h"
 #include "backends/physics/neighbours.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 
 /// How a block covers a tile. A warp has `lanes` threads along x and 32 / lanes along y, and a block has
 /// `wide` x `high` warps. Windows lie in shared memory in two rings: `planes` windows of positions, and
-/// `befores` windows of what the step overwrites.
+/// `previous_windows` windows of what the step overwrites.
 struct MarchShape {
-    int rows, lanes, wide, high, planes, befores;
+    int rows, lanes, wide, high, planes, previous_windows;
 
     VOXSPRING_HOST_DEVICE constexpr int warps() const { return wide * high; }
     VOXSPRING_HOST_DEVICE constexpr int threads() const { return 32 * warps(); }
@@ -52,7 +52,8 @@ struct MarchShape {
     }
     /// Both rings, and two barriers of 8 bytes per window.
     VOXSPRING_HOST_DEVICE constexpr int shared_bytes(int real) const {
-        return planes * window_bytes(real) + befores * before_bytes(real) + 16 * (planes + befores);
+        return planes * window_bytes(real) + previous_windows * before_bytes(real) +
+               16 * (planes + previous_windows);
     }
     bool operator==(const MarchShape&) const = default;
 };
@@ -189,4 +190,4 @@ VOXSPRING_HOST_DEVICE void visit_springs(Visit& visit) {
     }
 }
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

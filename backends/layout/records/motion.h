@@ -3,7 +3,7 @@
 
 #include "backends/layout/records/particle.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 
 /// What moves every particle.
 template <class Real>
@@ -31,4 +31,4 @@ struct Output {
     std::size_t pitch;
 };
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

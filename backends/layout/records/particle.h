@@ -8,7 +8,7 @@
 
 #include "backends/physics/portable.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 
 template <class Real>
 struct Vector {
@@ -62,4 +62,4 @@ struct alignas(16) ParticleRecord {
     bool operator==(const ParticleRecord&) const = default;
 };
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

@@ -5,7 +5,7 @@
 #include "backends/layout/records/ticks.h"
 #include "backends/physics/neighbours.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 
 /// A point on its way from block to block (cuda/kernels/exchange.h).
 struct alignas(16) TaggedPoint {
@@ -115,4 +115,4 @@ VOXSPRING_HOST_DEVICE constexpr int bit_of(int x, int y, int z) {
 #undef BIT_IF
 }
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

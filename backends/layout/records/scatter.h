@@ -4,7 +4,7 @@
 #include "backends/layout/records/motion.h"
 #include "backends/layout/records/springs.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 
 /// Everything a step needs besides positions.
 template <class Real>
@@ -24,4 +24,4 @@ struct ScatterStep {
     bool operator==(const ScatterStep&) const = default;
 };
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

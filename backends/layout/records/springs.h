@@ -3,7 +3,7 @@
 
 #include "backends/layout/records/particle.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 
 /// One spring of a list.
 template <class Real>
@@ -31,4 +31,4 @@ struct alignas(8) SpringEnds {
     bool operator==(const SpringEnds&) const = default;
 };
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

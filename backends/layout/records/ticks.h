@@ -5,7 +5,7 @@
 
 #include "backends/layout/records/tool.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 
 /// A value with the number of its tick.
 VOXSPRING_HOST_DEVICE constexpr std::uint64_t tick_word(std::uint32_t value, std::uint32_t tick) {
@@ -53,4 +53,4 @@ struct TickLine {
     std::uint64_t max_idle;       ///< nanoseconds
 };
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

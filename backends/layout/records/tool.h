@@ -3,7 +3,7 @@
 
 #include "backends/layout/records/particle.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 
 /// A particle that the tool holds. In GLSL: vec3, uint, vec3.
 template <class Real>
@@ -27,4 +27,4 @@ struct alignas(16) ToolState {
     Real stiffness;
 };
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout
