@@ -9,7 +9,7 @@
 
 #include "backends/layout/rounding.h"
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 namespace {
 
 constexpr int quarters = 4;  // of a multiprocessor, each with one scheduler
@@ -55,9 +55,6 @@ MarchRates rates_of(Precision precision, Formulation formulation) {
 
 /// The cost of rows of 16 lanes, in which the two halves of a warp read rows that share banks.
 constexpr double narrow_share = 1.1;
-/// The cost of threads with fewer registers than the 96 that float32 takes: some values are spilled.
-constexpr double spilled_share = 1.35;
-constexpr int registers = 65536, unspilled_registers = 96;  // per multiprocessor, per thread
 
 }  // namespace
 
@@ -67,8 +64,7 @@ const std::vector<MarchTile>& march_tiles(Precision precision) {
     static const std::vector<MarchTile> of_float32 = {
         {"128x20", {2, 32, 2, 10, 4, 2}, 1}, {"64x16", {2, 32, 1, 8, 4, 3}, 2},
         {"64x8", {2, 32, 1, 4, 3, 2}, 5},    {"32x20", {2, 16, 1, 5, 3, 2}, 4},
-        {"64x20", {2, 32, 1, 10, 4, 2}, 2},  {"128x16", {2, 32, 2, 8, 4, 3}, 1},
-        {"64x24", {2, 32, 1, 12, 3, 2}, 2},  {"128x24", {2, 32, 2, 12, 3, 2}, 1}};
+        {"64x20", {2, 32, 1, 10, 4, 2}, 2},  {"128x16", {2, 32, 2, 8, 4, 3}, 1}};
     static const std::vector<MarchTile> of_float64 = {{"64x8", {1, 32, 1, 8, 4, 3}, 2},
                                                       {"64x4", {1, 32, 1, 4, 3, 2}, 4},
                                                       {"128x8", {1, 32, 2, 8, 4, 3}, 1}};
@@ -99,10 +95,7 @@ int resident_blocks(const MarchTile& tile, Precision precision, const MarchDevic
 
 MarchRates march_rates(const MarchTile& tile, Precision precision, Formulation formulation) {
     MarchRates rates = rates_of(precision, formulation);
-    double share = tile.shape.lanes < 32 ? narrow_share : 1;
-    if (precision == Precision::float32 &&
-        registers / (tile.blocks * tile.shape.threads()) < unspilled_registers)
-        share *= spilled_share;
+    const double share = tile.shape.lanes < 32 ? narrow_share : 1;
     rates.full *= share;
     rates.masked *= share;
     return rates;
@@ -116,7 +109,7 @@ MarchCost::MarchCost(const MarchTile& tile, Precision precision, Formulation for
       resident_(std::max(1, resident_blocks(tile, precision, device))) {
     const int real = real_bytes(precision);
     start_bytes_ = (tile.shape.planes - 1) * tile.shape.window_bytes(real) +
-                   (tile.shape.befores - 1) * tile.shape.before_bytes(real);
+                   (tile.shape.previous_windows - 1) * tile.shape.before_bytes(real);
 }
 
 double MarchCost::start_seconds(std::size_t items) const {
@@ -208,4 +201,4 @@ double MarchCost::step_seconds(const std::vector<MarchLoad>& loads, double bytes
                                      1 / overlap_exponent);
 }
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout

@@ -172,18 +172,6 @@ unit_strain_density(Real squared, Real rest_length, Real deficit) {
     return density;
 }
 
-/// unit_strain_density() with one Newton step on the root and on the reciprocal.
-SHARED_SCALAR(Real)
-refined_strain_density(Real squared, Real rest_length, Real deficit) {
-    PRECISE Real inverse = inverse_root(squared);
-    inverse = fma(inverse * Real(0.5), fma(-(squared * inverse), inverse, Real(1)), inverse);
-    PRECISE Real sum = fma(squared, inverse, rest_length);
-    PRECISE Real reciprocal = fast_reciprocal(sum);
-    reciprocal = fma(reciprocal, fma(-sum, reciprocal, Real(1)), reciprocal);
-    PRECISE Real density = deficit * inverse * reciprocal;
-    return density;
-}
-
 #ifndef VOXSPRING_GLSL
 /// unit_strain_density() as deficit / (|d|^2 + l |d|), which in float32 saves a multiplication if the
 /// hardware has a root.

@@ -3,7 +3,7 @@
 
 #include <cstdint>
 
-namespace voxspring::cuda {
+namespace voxspring::layout {
 
 inline constexpr std::uint32_t term_materials = 1;  ///< springs between several materials
 inline constexpr std::uint32_t term_damping = 2;
@@ -11,7 +11,6 @@ inline constexpr std::uint32_t term_gravity = 4;
 inline constexpr std::uint32_t term_pins = 8;
 inline constexpr std::uint32_t term_loads = 16;
 inline constexpr std::uint32_t term_off_lattice_rests = 32;  ///< springs beyond the lattice, on displacements
-inline constexpr std::uint32_t term_refined_root = 64;       ///< refined_strain_density()
 inline constexpr std::uint32_t term_full_stencil = 128;      ///< no masks if no neighbour is missing
 inline constexpr std::uint32_t term_off_lattice_springs = 256;  ///< springs beyond the lattice, by deltas
 inline constexpr std::uint32_t term_resting = 512;  ///< blocks at rest are not stepped (resting.h)
@@ -19,4 +18,4 @@ inline constexpr std::uint32_t term_flush = 1024;   ///< what is less than flush
 inline constexpr std::uint32_t all_terms =
     term_materials | term_damping | term_gravity | term_pins | term_loads;
 
-}  // namespace voxspring::cuda
+}  // namespace voxspring::layout
