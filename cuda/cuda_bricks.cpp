@@ -76,7 +76,8 @@ public:
         set_problem(edited);
         if (edit.empty()) return;
         const std::vector<EditedWord> changed = layout_->edit(edit);
-        write_words(masks_.data(), staging_.send(std::span(changed), stream()), changed.size(), stream());
+        launch_for_each(*support_kernels<float>().write_bare_words, changed.size(), stream(), masks_.data(),
+                        staging_.send(std::span(changed), stream()), changed.size());
     }
 
     std::optional<Choice> choice() const override {

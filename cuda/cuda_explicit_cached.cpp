@@ -1,25 +1,15 @@
 // Neighbour lists with a secondary list of stiffness and rest length. Positions are read through the texture
 // path.
 #include "cuda/common/explicit.h"
-#include "cuda/common/tuning.h"
 
 namespace voxspring::cuda {
 namespace {
 
-const Registered entry({
-    .name = "cuda_explicit_cached",
-    .summary = "One thread per particle, neighbours, stiffness and rest length by list, positions through a "
-               "texture object.",
-    .precisions = {Precision::float32, Precision::float64},
-    .formulations = every_formulation,
-    .tuning = tuning({{"dependent_launch", dependent_launches},
-                      {"block", explicit_blocks},
-                      {"fetch", {"texture", "l1"}},
-                      {"layout", list_layouts}}),
-    .make = [](const Options& options) { return make_explicit(options, Secondary::always); },
-    .bytes = [](const Problem& problem,
-                const Options& options) { return explicit_bytes(problem, options, Secondary::always); },
-});
+const Registered entry(
+    explicit_entry("cuda_explicit_cached",
+                   "One thread per particle, neighbours, stiffness and rest length by list, "
+                   "positions through a texture object.",
+                   {"texture", "l1"}, Secondary::always));
 
 }  // namespace
 }  // namespace voxspring::cuda

@@ -92,8 +92,9 @@ public:
         write_rows(edited_columns_.send(changes.columns, !by_increments(this->formulation()), this->stream()),
                    columns, changes.columns.lists.shape, static_cast<ParticleRecord<Real>*>(nullptr),
                    neighbour_.data(), constants_.data(), off_lattice_rest_.data(), this->stream());
-        write_slices(edited_slices_.send(std::span<const EditedSlice>(changes.slices), this->stream()),
-                     changes.slices.size(), slices_on_device_.data(), this->stream());
+        launch_for_each(*support_kernels<Real>().write_slices, changes.slices.size(), this->stream(),
+                        edited_slices_.send(std::span<const EditedSlice>(changes.slices), this->stream()),
+                        changes.slices.size(), slices_on_device_.data());
     }
 
     StepWork step_work(const Problem& problem) const override {

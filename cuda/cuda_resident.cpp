@@ -225,9 +225,9 @@ public:
         if (edit.empty()) return;
         let_end();
         const ResidentEdit written = resident_edit(*layout_, edit);
-        const EditedWord* const words = staging_.send(std::span(written.words), stream());
-        write_slots_and_bits(tables_.slot(), written.slots, current_words(), words, written.words.size(),
-                             stream());
+        launch_for_each(*support_kernels<float>().write_slots_and_bits, written.words.size(), stream(),
+                        tables_.slot(), written.slots, current_words(),
+                        staging_.send(std::span(written.words), stream()), written.words.size());
     }
 
     /// The work of an implicit step without its memory traffic: the state leaves registers only at the end of

@@ -75,9 +75,9 @@ public:
             choose_kernels(edited, launch);
             this->resume(launch);
         }
-        write_springs(edited_springs_.send(std::span<const EditedSpring<Real>>(springs), this->stream()),
-                      springs.size(), ends_.data(), constants_.data(), off_lattice_rest_.data(),
-                      this->stream());
+        launch_for_each(*support_kernels<Real>().write_springs, springs.size(), this->stream(),
+                        edited_springs_.send(std::span<const EditedSpring<Real>>(springs), this->stream()),
+                        springs.size(), ends_.data(), constants_.data(), off_lattice_rest_.data());
     }
 
     StepWork step_work(const Problem& problem) const override {

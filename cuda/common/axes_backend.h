@@ -129,7 +129,9 @@ protected:
     /// The kernel's constants for `problem`, with inverse roots that the device itself computed.
     MarchStep<Real> measured_step(const Problem& problem) const {
         MarchStep<Real> step = make_march_step<Real>(problem, formulation_);
-        if (!by_increments(formulation_)) measure_inverse_roots<Real>(step.rest_length, stream());
+        if (!by_increments(formulation_))
+            measure_on_device<Real>(*support_kernels<Real>().measure_inverse_roots, step.rest_length,
+                                    stream());
         return step;
     }
 
@@ -138,9 +140,11 @@ protected:
     }
     void enqueue_divergence_check(const DivergenceCheck& parameters, FirstDivergence* first) final {
         const auto now = std::size_t(current());
-        launch_divergence_check_on_axes(
-            positions_[now].data(), by_increments(formulation_) ? nullptr : positions_[1 - now].data(),
-            increment_.data(), axes_.axis, axes_.axis, parameters, first, stream());
+        const Real* const before = by_increments(formulation_) ? nullptr : positions_[1 - now].data();
+        launch_divergence_check(
+            *support_kernels<Real>().check_axes,
+            ParticlesInAxes<Real>{positions_[now].data(), before, increment_.data(), axes_.axis}, axes_.axis,
+            parameters, first, stream());
     }
 
 private:

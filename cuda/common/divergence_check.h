@@ -1,10 +1,10 @@
 // The divergence monitor's check of the state on the device: is every particle finite and slow enough?
 #pragma once
 
+#include <algorithm>
 #include <cstdint>
 
-#include "backends/layout/records/particle.h"
-#include "cuda/device/stream.h"
+#include "cuda/common/support_kernels.h"
 #include "cuda/kernels/divergence_check.h"
 
 namespace voxspring::cuda {
@@ -15,18 +15,22 @@ struct DivergenceCheck {
     double largest_increment;  ///< |x(t) - x(t - dt)|
 };
 
-/// Enqueues a check. An increment is the difference from `before` to `words`. If `before` is null, it is
-/// three numbers of `increment`, `pitch` elements apart. A word without bits is no particle. The caller fills
+/// Enqueues a check of the first `count` elements of `particles` with its kernel, check_words or check_axes.
+/// In structure of arrays, elements without a particle neither move nor are infinite. The caller fills
 /// `first` with the largest numbers there are.
-template <class Real>
-void launch_divergence_check(const ParticleRecord<Real>* words, const ParticleRecord<Real>* before,
-                             const Real* increment, std::size_t pitch, std::size_t count,
-                             const DivergenceCheck& parameters, FirstDivergence* first, const Stream& stream);
-/// launch_divergence_check() for positions in axes `pitch` apart. Elements without a particle neither move
-/// nor are infinite.
-template <class Real>
-void launch_divergence_check_on_axes(const Real* now, const Real* before, const Real* increment,
-                                     std::size_t pitch, std::size_t count, const DivergenceCheck& parameters,
-                                     FirstDivergence* first, const Stream& stream);
+template <class Real, template <class> class Particles>
+void launch_divergence_check(const Kernel& kernel, const Particles<Real>& particles, std::size_t count,
+                             const DivergenceCheck& parameters, FirstDivergence* first,
+                             const Stream& stream) {
+    if (count == 0) return;
+    // So few blocks that one atomic operation of each costs nothing.
+    constexpr std::size_t block = 256, max_blocks = 1024;
+    const auto blocks = unsigned(std::min(max_blocks, (count + block - 1) / block));
+    const auto max_squared = Real(parameters.largest_increment * parameters.largest_increment);
+    const auto step = static_cast<long long>(parameters.step);
+    const auto last_check = static_cast<long long>(parameters.last_check);
+    kernel.launch(stream, dim3(blocks), dim3(unsigned(block)), 0, particles, count, max_squared, step,
+                  last_check, first);
+}
 
 }  // namespace voxspring::cuda

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "backends/layout/neighbour_lists.h"
+#include "cuda/common/support_kernels.h"
 #include "cuda/device/event.h"
 #include "cuda/device/pinned.h"
 #include "cuda/kernels/edit.h"
@@ -111,25 +112,14 @@ private:
     Staging<std::byte> staging_;
 };
 
-// Each of these functions enqueues one kernel.
-
-template <class Real>
-void write_bits(ParticleRecord<Real>* words, const EditedWord* edited, std::size_t count,
-                const Stream& stream);
-/// write_bits() for words that hold nothing but bits.
-void write_words(std::uint32_t* words, const EditedWord* edited, std::size_t count, const Stream& stream);
-/// Writes the first `slots` of `edited` into `slot`, and the others as write_bits() does.
-void write_slots_and_bits(std::uint16_t* slot, std::size_t slots, ParticleRecord<float>* words,
-                          const EditedWord* edited, std::size_t count, const Stream& stream);
-/// Writes `count` rows and, unless `words` is null, the bits of their particles.
+/// Enqueues a kernel that writes `count` rows and, unless `words` is null, the bits of their particles.
 template <class Real>
 void write_rows(const EditedRows<Real>& rows, std::size_t count, const ListShape& shape,
                 ParticleRecord<Real>* words, std::uint32_t* neighbour, SpringConstants<Real>* constants,
-                SpringRest<Real>* off_lattice_rest, const Stream& stream);
-void write_slices(const EditedSlice* edited, std::size_t count, Slice* slices, const Stream& stream);
-template <class Real>
-void write_springs(const EditedSpring<Real>* edited, std::size_t count, SpringEnds* ends,
-                   SpringConstants<Real>* constants, SpringRest<Real>* off_lattice_rest,
-                   const Stream& stream);
+                SpringRest<Real>* off_lattice_rest, const Stream& stream) {
+    const std::size_t slots = count * shape.slots;
+    launch_for_each(*support_kernels<Real>().write_rows, slots, stream, rows, slots, shape, words, neighbour,
+                    constants, off_lattice_rest);
+}
 
 }  // namespace voxspring::cuda

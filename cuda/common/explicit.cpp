@@ -7,6 +7,7 @@
 #include "backends/layout/work.h"
 #include "cuda/common/measure.h"
 #include "cuda/common/particles.h"
+#include "cuda/common/tuning.h"
 
 namespace voxspring::cuda {
 namespace {
@@ -154,19 +155,33 @@ private:
 
 }  // namespace
 
-std::uint64_t explicit_bytes(const Problem& problem, const Options& options, Secondary secondary) {
-    const ListOptions chosen(secondary, options);
-    return options.precision == Precision::float32
-               ? explicit_bytes<float>(problem, chosen, options.formulation)
-               : explicit_bytes<double>(problem, chosen, options.formulation);
-}
-
-std::unique_ptr<Backend> make_explicit(const Options& options, Secondary secondary) {
-    const ListOptions chosen(secondary, options);
-    const KernelFamily family(options, fetch_path(options.tuning.at("fetch")));
-    if (options.precision == Precision::float32)
-        return std::make_unique<ExplicitBackend<float>>(family, chosen);
-    return std::make_unique<ExplicitBackend<double>>(family, chosen);
+BackendEntry explicit_entry(const std::string& name, const std::string& summary, const TuningValues& fetches,
+                            Secondary secondary) {
+    const auto make = [secondary](const Options& options) -> std::unique_ptr<Backend> {
+        const ListOptions chosen(secondary, options);
+        const KernelFamily family(options, fetch_path(options.tuning.at("fetch")));
+        if (options.precision == Precision::float32)
+            return std::make_unique<ExplicitBackend<float>>(family, chosen);
+        return std::make_unique<ExplicitBackend<double>>(family, chosen);
+    };
+    const auto bytes = [secondary](const Problem& problem, const Options& options) {
+        const ListOptions chosen(secondary, options);
+        return options.precision == Precision::float32
+                   ? explicit_bytes<float>(problem, chosen, options.formulation)
+                   : explicit_bytes<double>(problem, chosen, options.formulation);
+    };
+    return {.name = name,
+            .summary = summary,
+            .precisions = {Precision::float32, Precision::float64},
+            .formulations = every_formulation,
+            .tuning = tuning({// Whether a step is launched while the step before it still runs.
+                              {"dependent_launch", {"off", "on"}},
+                              {"block", {"128", "64", "256", "512"}},
+                              {"fetch", fetches},
+                              // The layouts of the paper's Figures 6 b and 6 a.
+                              {"layout", {"vertical", "concatenated"}}}),
+            .make = make,
+            .bytes = bytes};
 }
 
 }  // namespace voxspring::cuda

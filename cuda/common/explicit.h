@@ -1,7 +1,7 @@
 // Explicit addressing on the device: one thread per particle, with and without a secondary list.
 #pragma once
 
-#include <memory>
+#include <string>
 
 #include "backends/registry.h"
 
@@ -10,14 +10,8 @@ namespace voxspring::cuda {
 /// When a backend carries the secondary list.
 enum class Secondary : std::uint8_t { always, where_needed, never };
 
-/// Device memory in bytes.
-std::uint64_t explicit_bytes(const Problem& problem, const Options& options, Secondary secondary);
-/// A backend that reads positions by the path that the tuning parameter `fetch` names.
-std::unique_ptr<Backend> make_explicit(const Options& options, Secondary secondary);
-
-/// Threads per block, the default first.
-inline const TuningValues explicit_blocks = {"128", "64", "256", "512"};
-/// The layouts of the paper's Figures 6 b and 6 a.
-inline const TuningValues list_layouts = {"vertical", "concatenated"};
+/// A strategy of this kind. `fetches`: the paths by which it can read positions, the default first.
+BackendEntry explicit_entry(const std::string& name, const std::string& summary, const TuningValues& fetches,
+                            Secondary secondary);
 
 }  // namespace voxspring::cuda

@@ -18,26 +18,45 @@
 namespace voxspring::cuda {
 namespace {
 
-/// Enqueues the kernel that writes what `feeding` names to `displacements`, which the device can reach.
+/// The particles of a feed, and the launch that writes where they are.
 template <class Real>
-void enqueue_feed(Feeding<Real> feeding, const Buffer<FedWord<Real>>& fed, void* displacements,
-                  const Stream& stream) {
-    feeding.fed = fed.data();
-    feeding.count = fed.size();
-    launch_for_each(*support_kernels<Real>().feed, feeding.count, stream, feeding, displacements);
-}
-
-/// To be called before the buffers of a feed are freed, since freeing waits for whatever the device runs.
-/// Asking `feeding` ends a launch that waits for ticks; otherwise such a launch would end only when its
-/// patience does.
-template <class Real>
-void end_launch(const std::function<Feeding<Real>()>& feeding) noexcept {
-    try {
-        static_cast<void>(feeding());
-    } catch (const DeviceError&) {
-        // The launch has ended. The next call that steps reports why.
+class FeedKernel {
+public:
+    FeedKernel(const std::vector<FedWord<Real>>& fed, const Stream& stream,
+               std::function<Feeding<Real>()> feeding)
+        : stream_(stream), feeding_(std::move(feeding)) {
+        fed_.upload(fed, stream);
     }
-}
+    FeedKernel(const FeedKernel&) = delete;
+    FeedKernel& operator=(const FeedKernel&) = delete;
+    /// Freeing the buffers of a feed waits for whatever the device runs. Asking `feeding` ends a launch that
+    /// waits for ticks; otherwise such a launch would end only when its patience does.
+    ~FeedKernel() {
+        try {
+            static_cast<void>(feeding_());
+        } catch (const DeviceError&) {
+            // The launch has ended. The next call that steps reports why.
+        }
+    }
+    bool empty() const { return fed_.size() == 0; }
+    /// Where the particles are now; also ends a launch that waits for ticks.
+    Feeding<Real> feeding() const {
+        Feeding<Real> feeding = feeding_();
+        feeding.fed = fed_.data();
+        feeding.count = fed_.size();
+        return feeding;
+    }
+    /// Enqueues the kernel that writes `feeding` to `displacements`, which the device can reach.
+    void enqueue(const Feeding<Real>& feeding, void* displacements) const {
+        launch_for_each(*support_kernels<Real>().feed, feeding.count, stream_, feeding, displacements);
+    }
+    const Stream& stream() const { return stream_; }
+
+private:
+    const Stream& stream_;
+    std::function<Feeding<Real>()> feeding_;
+    Buffer<FedWord<Real>> fed_;
+};
 
 using Resource = Handle<cudaGraphicsResource_t, cudaGraphicsUnregisterResource>;
 
@@ -46,32 +65,26 @@ class WindowFeed final : public Feed {
 public:
     WindowFeed(Resource resource, const std::vector<FedWord<Real>>& fed, const Stream& stream,
                std::function<Feeding<Real>()> feeding)
-        : resource_(std::move(resource)), stream_(stream), feeding_(std::move(feeding)) {
-        fed_.upload(fed, stream);
-    }
-    WindowFeed(const WindowFeed&) = delete;
-    WindowFeed& operator=(const WindowFeed&) = delete;
-    ~WindowFeed() override { end_launch(feeding_); }
+        : resource_(std::move(resource)), kernel_(fed, stream, std::move(feeding)) {}
 
     void write() override {
-        if (fed_.size() == 0) return;
-        const Feeding<Real> feeding = feeding_();
+        if (kernel_.empty()) return;
+        const Feeding<Real> feeding = kernel_.feeding();
+        const Stream& stream = kernel_.stream();
         cudaGraphicsResource_t resource = resource_.get();
-        check(cudaGraphicsMapResources(1, &resource, stream_.get()));
+        check(cudaGraphicsMapResources(1, &resource, stream.get()));
         void* displacements = nullptr;
         std::size_t bytes = 0;
         check(cudaGraphicsResourceGetMappedPointer(&displacements, &bytes, resource));
-        enqueue_feed(feeding, fed_, displacements, stream_);
+        kernel_.enqueue(feeding, displacements);
         // OpenGL's commands from here on come after the kernel.
-        check(cudaGraphicsUnmapResources(1, &resource, stream_.get()));
-        stream_.synchronize();
+        check(cudaGraphicsUnmapResources(1, &resource, stream.get()));
+        stream.synchronize();
     }
 
 private:
     Resource resource_;
-    const Stream& stream_;
-    std::function<Feeding<Real>()> feeding_;
-    Buffer<FedWord<Real>> fed_;
+    FeedKernel<Real> kernel_;
 };
 
 /// A feed whose kernel writes to the host's memory itself. A copy of so few bytes would be one more command
@@ -81,27 +94,21 @@ class PinnedFeed final : public HostFeed {
 public:
     PinnedFeed(const std::vector<FedWord<Real>>& fed, const Stream& stream,
                std::function<Feeding<Real>()> feeding)
-        : stream_(stream), feeding_(std::move(feeding)) {
-        fed_.upload(fed, stream);
+        : kernel_(fed, stream, std::move(feeding)) {
         displacements_.resize(fed.size());
     }
-    PinnedFeed(const PinnedFeed&) = delete;
-    PinnedFeed& operator=(const PinnedFeed&) = delete;
-    ~PinnedFeed() override { end_launch(feeding_); }
 
     std::span<const glm::vec4> read() override {
-        if (fed_.size() == 0) return {};
-        enqueue_feed(feeding_(), fed_, displacements_.data(), stream_);
-        stream_.synchronize();
+        if (kernel_.empty()) return {};
+        kernel_.enqueue(kernel_.feeding(), displacements_.data());
+        kernel_.stream().synchronize();
         return displacements_.values();
     }
 
 private:
-    const Stream& stream_;
-    std::function<Feeding<Real>()> feeding_;
-    Buffer<FedWord<Real>> fed_;
     static_assert(sizeof(glm::vec4) == sizeof(FedDisplacement));
     Pinned<glm::vec4> displacements_;
+    FeedKernel<Real> kernel_;  // last, so that its launch has ended when memory is freed
 };
 
 }  // namespace
@@ -125,13 +132,13 @@ std::unique_ptr<HostFeed> make_host_feed(const std::vector<FedWord<Real>>& fed, 
     return std::make_unique<PinnedFeed<Real>>(fed, stream, std::move(feeding));
 }
 
-template std::unique_ptr<Feed> make_feed(const std::vector<FedWord<float>>&, std::uint32_t, const Stream&,
-                                         std::function<Feeding<float>()>);
-template std::unique_ptr<Feed> make_feed(const std::vector<FedWord<double>>&, std::uint32_t, const Stream&,
-                                         std::function<Feeding<double>()>);
-template std::unique_ptr<HostFeed> make_host_feed(const std::vector<FedWord<float>>&, const Stream&,
-                                                  std::function<Feeding<float>()>);
-template std::unique_ptr<HostFeed> make_host_feed(const std::vector<FedWord<double>>&, const Stream&,
-                                                  std::function<Feeding<double>()>);
+#define FOR_PRECISION(Real)                                                                             \
+    template std::unique_ptr<Feed> make_feed(const std::vector<FedWord<Real>>&, std::uint32_t,          \
+                                             const Stream&, std::function<Feeding<Real>()>);            \
+    template std::unique_ptr<HostFeed> make_host_feed(const std::vector<FedWord<Real>>&, const Stream&, \
+                                                      std::function<Feeding<Real>()>);
+FOR_PRECISION(float)
+FOR_PRECISION(double)
+#undef FOR_PRECISION
 
 }  // namespace voxspring::cuda

@@ -5,9 +5,11 @@
 #include "backends/layout/springs.h"
 #include "backends/layout/work.h"
 #include "backends/physics/addressing.h"
+#include "backends/rest_policy.h"
 #include "cuda/common/measure.h"
 #include "cuda/common/particles.h"
 #include "cuda/common/resting.h"
+#include "cuda/common/tuning.h"
 
 namespace voxspring::cuda {
 namespace {
@@ -234,28 +236,50 @@ private:
     Buffer<Real> compliance_;
 };
 
-std::unique_ptr<Backend> make(const KernelFamily& family, const Options& options, bool tiled) {
-    if (family.precision == Precision::float32)
-        return std::make_unique<ImplicitBackend<float>>(family, options, tiled);
-    return std::make_unique<ImplicitBackend<double>>(family, options, tiled);
-}
-
 }  // namespace
 
-std::uint64_t implicit_bytes(const Problem& problem, const Options& options) {
-    const BlockShape shape = BlockShape::parse(options.tuning.at("block"));
-    return options.precision == Precision::float32
-               ? implicit_bytes<float>(problem, shape, options.formulation)
-               : implicit_bytes<double>(problem, shape, options.formulation);
-}
-
-std::unique_ptr<Backend> make_implicit(const Options& options) {
-    return make(KernelFamily(options, fetch_path(options.tuning.at("fetch"))), options, false);
-}
-
-// The tile is the cache, so it is filled past L1.
-std::unique_ptr<Backend> make_tiled(const Options& options) {
-    return make(KernelFamily(options, Fetch::past_l1), options, true);
+BackendEntry implicit_entry(const std::string& name, const std::string& summary, const TuningValues& fetches,
+                            const TuningValues& blocks) {
+    const bool tiled = fetches.empty();
+    const auto make = [tiled](const Options& options) -> std::unique_ptr<Backend> {
+        // A tile is the cache, so it is filled past L1.
+        const KernelFamily family(options, tiled ? Fetch::past_l1 : fetch_path(options.tuning.at("fetch")));
+        if (options.precision == Precision::float32)
+            return std::make_unique<ImplicitBackend<float>>(family, options, tiled);
+        return std::make_unique<ImplicitBackend<double>>(family, options, tiled);
+    };
+    const auto bytes = [](const Problem& problem, const Options& options) {
+        const BlockShape shape = BlockShape::parse(options.tuning.at("block"));
+        return options.precision == Precision::float32
+                   ? implicit_bytes<float>(problem, shape, options.formulation)
+                   : implicit_bytes<double>(problem, shape, options.formulation);
+    };
+    std::map<std::string, TuningValues> own = {
+        // Whether a step is launched while the step before it still runs.
+        {"dependent_launch", {"off", "on"}},
+        {"block", blocks},
+        // Registers per thread in float32; in float64 a thread has twice as many. All threads of a small
+        // lattice run at once, and a step takes as long as one thread waits for memory: with many registers
+        // it fetches all neighbours of a group at once. On a large lattice other threads run meanwhile, and
+        // few registers make room for more of them. `auto` decides by the lattice's size and the formulation.
+        {"registers", {"auto", "32", "40", "48", "64", "128"}},
+        // Whether a warp skips the masks if all its particles have all neighbours (`vote`). `auto` decides by
+        // the lattice's size.
+        {"interior", {"auto", "mask", "vote"}},
+        // Which blocks of voxels are launched: those with a particle, or all, with one thread per voxel,
+        // active or not, as in the paper.
+        {"launched", {"occupied", "all"}},
+        // What a step does with blocks at rest (resting.h).
+        {"rest", {"auto", "step", "skip", "flush"}}};
+    if (!tiled) own["fetch"] = fetches;
+    return {.name = name,
+            .summary = summary,
+            .precisions = {Precision::float32, Precision::float64},
+            .formulations = every_formulation,
+            .tuning = tuning(own),
+            .make = make,
+            .bytes = bytes,
+            .refused_options = refused_rest};
 }
 
 }  // namespace voxspring::cuda

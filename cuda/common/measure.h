@@ -1,25 +1,34 @@
 // Rest lengths measured with the device's inverse root (physics/inverse_root.h).
 #pragma once
 
-#include <array>
 #include <span>
 
 #include "backends/layout/records/springs.h"
+#include "cuda/common/support_kernels.h"
 #include "cuda/device/buffer.h"
 #include "cuda/kernels/layout.h"
 
 namespace voxspring::cuda {
 
-/// measured_length() of each square, computed on the device.
+/// Replaces each square by what `kernel` makes of it on the device.
 template <class Real>
-void calibrate_rest_lengths(std::span<Real> squared, const Stream& stream);
-
-/// inverse_root() of each square, computed on the device.
+void measure_on_device(const Kernel& kernel, std::span<Real> squared, const Stream& stream) {
+    Buffer<Real> values;
+    values.upload(squared, stream);
+    launch_for_each(kernel, values.size(), stream, values.data(), values.size());
+    values.download(squared, stream);
+}
+/// measured_length() of each square.
 template <class Real>
-void measure_inverse_roots(std::span<Real> squared, const Stream& stream);
-
+void calibrate_rest_lengths(std::span<Real> squared, const Stream& stream) {
+    measure_on_device(*support_kernels<Real>().measure_lengths, squared, stream);
+}
 /// Turns the squared rest length of every spring into its length, in place.
 template <class Real>
-void calibrate_rest_lengths(const Buffer<SpringConstants<Real>>& springs, const Stream& stream);
+void calibrate_rest_lengths(const Buffer<SpringConstants<Real>>& springs, const Stream& stream) {
+    launch_for_each(*support_kernels<Real>().measure_springs, springs.size(), stream, springs.data(),
+                    springs.size());
+    stream.synchronize();
+}
 
 }  // namespace voxspring::cuda

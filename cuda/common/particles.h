@@ -21,9 +21,9 @@
 #include "cuda/common/divergence_check.h"
 #include "cuda/common/edit.h"
 #include "cuda/common/feed.h"
-#include "cuda/common/tool.h"
 #include "cuda/device/kernel.h"
 #include "cuda/device/texture.h"
+#include "cuda/kernels/tool.h"
 
 namespace voxspring::cuda {
 
@@ -235,8 +235,9 @@ protected:
         edited.reserve(particles.size());
         for (std::size_t n = 0; n < particles.size(); ++n)
             edited.push_back({std::uint32_t(placement_.at(particles[n])), bits[n]});
-        write_bits(current_words(), edited_words_.send(std::span<const EditedWord>(edited), stream()),
-                   edited.size(), stream());
+        launch_for_each(*support_kernels<Real>().write_particle_bits, edited.size(), stream(),
+                        current_words(), edited_words_.send(std::span<const EditedWord>(edited), stream()),
+                        edited.size());
     }
 
     /// Writes the masks of the particles that `edit` touched.
@@ -397,9 +398,9 @@ private:
 
     void enqueue_tool(int reading) final {
         const auto from = std::size_t(reading);
-        pull_held(Holding<Real>{held_.data(), held_.size(), tool_.data(), words_[from].data(),
-                                low_[from].data(), load_.data(), held_forces_.data()},
-                  stream());
+        const Holding<Real> holding{held_.data(),      held_.size(), tool_.data(),       words_[from].data(),
+                                    low_[from].data(), load_.data(), held_forces_.data()};
+        launch_for_each(*support_kernels<Real>().pull_held_particles, held_.size(), stream(), holding);
     }
     void rest_tool() final {
         if (held_.size() > 0) move_tool(glm::dvec3(0));
@@ -409,8 +410,10 @@ private:
         const auto now = std::size_t(current());
         const ParticleRecord<Real>* const before =
             by_increments(family_.formulation) ? nullptr : words_[1 - now].data();
-        launch_divergence_check(words_[now].data(), before, increment_.data(), increment_pitch(placement_),
-                                placement_.words, parameters, first, stream());
+        const ParticlesInWords<Real> particles{words_[now].data(), before, increment_.data(),
+                                               increment_pitch(placement_)};
+        launch_divergence_check(*support_kernels<Real>().check_words, particles, placement_.words, parameters,
+                                first, stream());
     }
 
     const KernelFamily family_;

@@ -29,24 +29,8 @@ SupportKernels load(const Device& device, CompileTime& time) {
     const KernelSource source{"between_steps.cu",
                               {{"REAL", sizeof(Real) == sizeof(float) ? "float" : "double"}}};
     SupportKernels loaded;
-#define LOAD(name) loaded.name = Kernel::get(source, device, time, #name)
-    LOAD(gather_border);
-    LOAD(scatter_border);
-    LOAD(check_words);
-    LOAD(check_axes);
-    LOAD(write_particle_bits);
-    LOAD(write_bare_words);
-    LOAD(write_slots_and_bits);
-    LOAD(write_rows);
-    LOAD(write_slices);
-    LOAD(write_springs);
-    LOAD(write_short_argument);
-    LOAD(write_long_argument);
-    LOAD(feed);
-    LOAD(pull_held_particles);
-    LOAD(measure_lengths);
-    LOAD(measure_springs);
-    LOAD(measure_inverse_roots);
+#define LOAD(name) loaded.name = Kernel::get(source, device, time, #name);
+    SUPPORT_KERNELS(LOAD)
 #undef LOAD
     return loaded;
 }

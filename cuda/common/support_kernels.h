@@ -10,12 +10,17 @@
 
 namespace voxspring::cuda {
 
-/// Each kernel is named as in between_steps.cu.
+/// The kernels, named as in between_steps.cu.
+#define SUPPORT_KERNELS(X)                                                                              \
+    X(gather_border)                                                                                    \
+    X(scatter_border) X(check_words) X(check_axes) X(write_particle_bits) X(write_bare_words)           \
+        X(write_slots_and_bits) X(write_rows) X(write_slices) X(write_springs) X(write_short_argument)  \
+            X(write_long_argument) X(feed) X(pull_held_particles) X(measure_lengths) X(measure_springs) \
+                X(measure_inverse_roots)
 struct SupportKernels {
-    std::shared_ptr<const Kernel> gather_border, scatter_border, check_words, check_axes, write_particle_bits,
-        write_bare_words, write_slots_and_bits, write_rows, write_slices, write_springs, write_short_argument,
-        write_long_argument, feed, pull_held_particles, measure_lengths, measure_springs,
-        measure_inverse_roots;
+#define MEMBER(name) std::shared_ptr<const Kernel> name;
+    SUPPORT_KERNELS(MEMBER)
+#undef MEMBER
 };
 
 /// Compiles and loads the kernels of `Real` on the current device, `device`, unless that has been done.

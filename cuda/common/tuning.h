@@ -8,9 +8,6 @@
 
 namespace voxspring::cuda {
 
-/// Whether a step is launched while the step before it still runs, for strategies with one kernel per step.
-inline const TuningValues dependent_launches = {"off", "on"};
-
 /// `own` together with the shared parameters.
 inline std::map<std::string, TuningValues> tuning(std::map<std::string, TuningValues> own) {
     // Compile in the terms that the scene needs, or all of them, chosen at run time.
