@@ -2,10 +2,16 @@
 // processor.
 #pragma once
 
+#include <algorithm>
 #include <chrono>
+#include <cstddef>
 #include <cstdint>
+#include <cstring>
+#include <functional>
 #include <optional>
 #include <string>
+#include <utility>
+#include <vector>
 
 #include "backends/backend.h"
 
@@ -49,6 +55,38 @@ private:
     std::int64_t steps_ = 0;      ///< since upload()
     std::int64_t last_good_ = 0;  ///< the latest step that a check found within bounds
     std::optional<Divergence> divergence_;
+};
+
+/// A border of a backend that keeps vectors of type `Vec` in canonical order.
+template <class Vec>
+class VectorBorder final : public Border {
+public:
+    /// `arrays()`: the arrays that hold x or u now, and its low parts if there are any.
+    VectorBorder(std::function<std::vector<std::vector<Vec>*>()> arrays, std::vector<std::uint32_t> particles)
+        : arrays_(std::move(arrays)), particles_(std::move(particles)) {}
+
+    std::size_t bytes() const override { return particles_.size() * arrays_().size() * sizeof(Vec); }
+    void read(std::byte* to) const override {
+        each_place([&](const Vec& here) { to = std::copy_n(bytes_of(here), sizeof(Vec), to); });
+    }
+    void write(const std::byte* from) override {
+        each_place([&](Vec& here) {
+            std::memcpy(&here, from, sizeof(Vec));
+            from += sizeof(Vec);
+        });
+    }
+
+private:
+    static const std::byte* bytes_of(const Vec& here) { return reinterpret_cast<const std::byte*>(&here); }
+    template <class Visit>
+    void each_place(Visit visit) const {
+        for (std::vector<Vec>* const array : arrays_()) {
+            for (const std::uint32_t i : particles_) visit((*array)[i]);
+        }
+    }
+
+    const std::function<std::vector<std::vector<Vec>*>()> arrays_;
+    const std::vector<std::uint32_t> particles_;
 };
 
 /// `target`: the instruction set in use; `threads`: how many run a step.

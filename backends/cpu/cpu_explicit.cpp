@@ -8,7 +8,6 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
-#include <cstring>
 #include <glm/geometric.hpp>
 #include <glm/vec3.hpp>
 #include <memory>
@@ -189,7 +188,12 @@ public:
     }
 
     std::unique_ptr<Border> border(const std::vector<std::uint32_t>& particles) override {
-        return std::make_unique<Places>(*this, particles);
+        const auto arrays = [this] {
+            std::vector<Vectors*> all = {&at_[current_]};
+            if (formulation_ == Formulation::compensated) all.push_back(&at_low_[current_]);
+            return all;
+        };
+        return std::make_unique<VectorBorder<Vec3>>(arrays, particles);
     }
 
     StepWork step_work(const Problem& problem) const override {
@@ -218,41 +222,6 @@ public:
 private:
     /// Particles from which on a step is worth another thread, if the user does not choose their number.
     static constexpr std::size_t min_particles = 1024;
-
-    /// The places of some particles, which are those of a border.
-    class Places final : public Border {
-    public:
-        Places(CpuExplicit& of, std::vector<std::uint32_t> particles)
-            : of_(of), particles_(std::move(particles)) {}
-
-        std::size_t bytes() const override { return particles_.size() * arrays().size() * sizeof(Vec3); }
-        void read(std::byte* to) const override {
-            for (const Vectors* const array : arrays()) {
-                for (const std::uint32_t i : particles_) {
-                    std::memcpy(to, &(*array)[i], sizeof(Vec3));
-                    to += sizeof(Vec3);
-                }
-            }
-        }
-        void write(const std::byte* from) override {
-            for (Vectors* const array : arrays()) {
-                for (const std::uint32_t i : particles_) {
-                    std::memcpy(&(*array)[i], from, sizeof(Vec3));
-                    from += sizeof(Vec3);
-                }
-            }
-        }
-
-    private:
-        std::vector<Vectors*> arrays() const {
-            std::vector<Vectors*> all = {&of_.at_[of_.current_]};
-            if (of_.formulation_ == Formulation::compensated) all.push_back(&of_.at_low_[of_.current_]);
-            return all;
-        }
-
-        CpuExplicit& of_;
-        const std::vector<std::uint32_t> particles_;
-    };
 
     template <class Do>
     void each_particle(const Do& act) const {

@@ -1,6 +1,5 @@
 // The oracle: float64, a plain loop over springs, one thread. All other backends are compared with it.
 #include <cmath>
-#include <cstring>
 #include <glm/geometric.hpp>
 #include <glm/vec3.hpp>
 #include <memory>
@@ -47,7 +46,11 @@ public:
     }
 
     std::unique_ptr<Border> border(const std::vector<std::uint32_t>& particles) override {
-        return std::make_unique<Places>(*this, particles);
+        return std::make_unique<VectorBorder<glm::dvec3>>(
+            [this] {
+                return std::vector{&at_, &at_low_};
+            },
+            particles);
     }
 
     StepWork step_work(const Problem& problem) const override {
@@ -75,33 +78,6 @@ public:
     }
 
 private:
-    /// at_ and at_low_ of some particles, those of a border.
-    class Places final : public Border {
-    public:
-        Places(CpuReference& of, std::vector<std::uint32_t> particles)
-            : of_(of), particles_(std::move(particles)) {}
-
-        std::size_t bytes() const override { return particles_.size() * 2 * sizeof(glm::dvec3); }
-        void read(std::byte* to) const override {
-            for (const std::uint32_t i : particles_) {
-                std::memcpy(to, &of_.at_[i], sizeof(glm::dvec3));
-                std::memcpy(to + sizeof(glm::dvec3), &of_.at_low_[i], sizeof(glm::dvec3));
-                to += 2 * sizeof(glm::dvec3);
-            }
-        }
-        void write(const std::byte* from) override {
-            for (const std::uint32_t i : particles_) {
-                std::memcpy(&of_.at_[i], from, sizeof(glm::dvec3));
-                std::memcpy(&of_.at_low_[i], from + sizeof(glm::dvec3), sizeof(glm::dvec3));
-                from += 2 * sizeof(glm::dvec3);
-            }
-        }
-
-    private:
-        CpuReference& of_;
-        const std::vector<std::uint32_t> particles_;
-    };
-
     void begin(const Problem& problem, const State& state) override {
         problem_ = &problem;
         springs_ = list_springs(problem);

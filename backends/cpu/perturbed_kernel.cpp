@@ -36,23 +36,7 @@ constexpr hn::ScalableTag<double> real_tag{};
 constexpr hn::ScalableTag<std::uint64_t> bits_tag{};
 using Bits = hn::Vec<hn::ScalableTag<std::uint64_t>>;
 
-template <class Pointer>
-HWY_INLINE V load3(const std::array<Pointer, 3>& from, std::ptrdiff_t i) {
-    return {L::load(from[0] + i), L::load(from[1] + i), L::load(from[2] + i)};
-}
-HWY_INLINE void store3(V v, const std::array<double*, 3>& to, std::ptrdiff_t i) {
-    v.x.store(to[0] + i);
-    v.y.store(to[1] + i);
-    v.z.store(to[2] + i);
-}
-HWY_INLINE V broadcast3(const std::array<double, 3>& v) { return {L(v[0]), L(v[1]), L(v[2])}; }
 HWY_INLINE V absolute(V v) { return {L(hn::Abs(v.x.v)), L(hn::Abs(v.y.v)), L(hn::Abs(v.z.v))}; }
-template <class Mask>
-HWY_INLINE V select(Mask chosen, V a, V b) {
-    const auto m = hn::RebindMask(real_tag, chosen);
-    return {L(hn::IfThenElse(m, a.x.v, b.x.v)), L(hn::IfThenElse(m, a.y.v, b.y.v)),
-            L(hn::IfThenElse(m, a.z.v, b.z.v))};
-}
 
 /// The product of the low halves, with its high half mixed into the low one.
 HWY_INLINE Bits mixed(Bits a, std::uint32_t by) {
@@ -115,14 +99,13 @@ struct Forces {
 
 template <Formulation formulation, bool perturbed>
 HWY_INLINE Forces sum_forces(const Task& task, std::ptrdiff_t i, V here, Bits mask) {
-    const V zero = broadcast3({0, 0, 0});
-    Forces sum{zero, zero};
+    Forces sum{zero3<L>(), zero3<L>()};
     const L shortest_squared(task.shortest_squared);
     for (std::size_t p = 0; p < task.pull_count; ++p) {
         const Pull& pull = task.pulls[p];
         const std::ptrdiff_t neighbour = i + pull.stride;
-        const V relative = here - load3(task.at, neighbour);
-        const V rest_offset = broadcast3(pull.rest_offset);
+        const V relative = here - load3<L>(task.at, neighbour);
+        const V rest_offset = broadcast3<L>(pull.rest_offset);
         L stiffness(pull.stiffness);
         if (task.compliance != nullptr)
             stiffness = series_stiffness(L::load(task.compliance + i), L::load(task.compliance + neighbour));
@@ -146,10 +129,10 @@ HWY_INLINE Forces sum_forces(const Task& task, std::ptrdiff_t i, V here, Bits ma
             sum.size = select(joined, sum.size + size, sum.size);
         }
     }
-    if (task.load[0] != nullptr) sum.force = sum.force + load3(task.load, i);
+    if (task.load[0] != nullptr) sum.force = sum.force + load3<L>(task.load, i);
     if (task.extra[0] != nullptr) {
-        sum.force = sum.force + load3(task.extra, i);
-        if constexpr (perturbed) sum.size = sum.size + load3(task.extra_size, i);
+        sum.force = sum.force + load3<L>(task.extra, i);
+        if constexpr (perturbed) sum.size = sum.size + load3<L>(task.extra_size, i);
     }
     return sum;
 }
@@ -167,10 +150,10 @@ enum : std::uint64_t {
 template <Formulation formulation, bool perturbed>
 HWY_INLINE void step_register(const Task& task, std::ptrdiff_t i) {
     const Bits mask = hn::LoadU(bits_tag, task.mask + i);
-    const V here = load3(task.at, i);
+    const V here = load3<L>(task.at, i);
     const Forces forces = sum_forces<formulation, perturbed>(task, i, here, mask);
     const L inverse_mass = L::load(task.inverse_mass + i);
-    V gravity = broadcast3(task.gravity);
+    V gravity = broadcast3<L>(task.gravity);
     const Random random(task.rounding, i);
     // Compensated sums keep what rounding loses. Every other number that is stored goes through this.
     const auto stored = [&](V v, std::uint64_t which) HWY_ATTR {
@@ -191,7 +174,7 @@ HWY_INLINE void step_register(const Task& task, std::ptrdiff_t i) {
     const auto moving =
         hn::Eq(hn::And(mask, hn::Set(bits_tag, ACTIVE_BIT | PINNED_BIT)), hn::Set(bits_tag, ACTIVE_BIT));
     if constexpr (by_increments(formulation)) {
-        const V before = load3(task.increment, i);
+        const V before = load3<L>(task.increment, i);
         const V change = stored(
             increment_change(before, forces.force, inverse_mass, gravity, L(task.damping), time_step_squared),
             for_change);
@@ -199,7 +182,7 @@ HWY_INLINE void step_register(const Task& task, std::ptrdiff_t i) {
         store3(select(moving, increment, before), task.increment, i);
         store3(select(moving, stored(here + increment, for_state), here), task.next, i);
     } else {
-        const V previous = load3(task.next, i);
+        const V previous = load3<L>(task.next, i);
         const V change = stored((forces.force * inverse_mass + gravity) * time_step_squared, for_change);
         const V carried = [&]() HWY_ATTR {
             if constexpr (formulation == Formulation::paper) {

@@ -124,22 +124,9 @@ __device__ bool fetch_published(const Polls& polls, const BrickStep& step, float
     for (int n = 0; n < polls_in_flight; ++n) {
         if (polls.poll[n].from != resident_none) missing |= 1U << n;
     }
-    BoundedWait wait(step.wait, tag);
-    while (missing != 0) {
-        TaggedPoint found[polls_in_flight];
-#pragma unroll
-        for (int n = 0; n < polls_in_flight; ++n) {
-            if ((missing >> n & 1U) != 0) found[n] = load_word_gpu(exchange + polls.poll[n].from);
-        }
-#pragma unroll
-        for (int n = 0; n < polls_in_flight; ++n) {
-            if ((missing >> n & 1U) == 0 || found[n].tag != tag) continue;
-            Tile::store(to, int(polls.poll[n].slot), found[n].point);
-            missing &= ~(1U << n);
-        }
-        if (missing != 0 && wait.is_over()) return false;
-    }
-    return true;
+    return wait_for_words<polls_in_flight, false>(
+        step.wait, missing, tag, [&](int n) { return load_word_gpu(exchange + polls.poll[n].from); },
+        [&](int n, Vector<float> point) { Tile::store(to, int(polls.poll[n].slot), point); });
 }
 
 /// Takes `count` steps, at least one, of the state in `current` and `before`, which are in structure of

@@ -361,27 +361,15 @@ private:
     template <class Found>
     __device__ bool wait_for_points(const Polls& polls, std::uint32_t missing, int turn, std::uint32_t tag,
                                     Found found) {
-        BoundedWait wait(step_.wait, tag);
-        while (missing != 0) {
-            TaggedPoint word[shape.rounds];
-            UNROLLED
-            for (int n = 0; n < shape.rounds; ++n) {
-                const TaggedPoint* const from = polls.from[n] + turn * step_.published_count;
-                if constexpr (shape.part) {
-                    word[n] = load_word_system(from);
-                } else {
-                    word[n] = load_word_gpu(from);
-                }
+        const auto load = [&](int n) {
+            const TaggedPoint* const from = polls.from[n] + turn * step_.published_count;
+            if constexpr (shape.part) {
+                return load_word_system(from);
+            } else {
+                return load_word_gpu(from);
             }
-            UNROLLED
-            for (int n = 0; n < shape.rounds; ++n) {
-                if ((missing >> n & 1) == 0 || word[n].tag != tag) continue;
-                found(n, word[n].point);
-                missing &= ~(1U << n);
-            }
-            if (missing != 0 && wait.is_over()) return false;
-        }
-        return true;
+        };
+        return wait_for_words<shape.rounds, true>(step_.wait, missing, tag, load, found);
     }
 
     /// Stores the ghosts that this thread keeps where the last step of a launch leaves them: as x(t) and,

@@ -8,6 +8,7 @@
 // else the process runs on the device, and all processes that share the device by MPS.
 #pragma once
 
+#include "backends/layout/records/loops.h"
 #include "backends/layout/records/resident.h"
 #include "cuda/kernels/layout.h"
 
@@ -76,6 +77,30 @@ private:
     std::uint32_t looks_ = 0;
     std::uint32_t began_ = 0;
 };
+
+/// Waits until each of the words `missing`, as bits of their numbers, has `tag`. load(n) reads word n, and
+/// found(n, point) takes its point. Returns false if not all of them came; the launch must then end.
+/// `loads_all`: words that have come are loaded as well, without a branch.
+template <int count, bool loads_all, class Load, class Found>
+__device__ bool wait_for_words(const WaitLimit& limit, std::uint32_t missing, std::uint32_t tag, Load load,
+                               Found found) {
+    BoundedWait wait(limit, tag);
+    while (missing != 0) {
+        TaggedPoint word[count];
+        UNROLLED
+        for (int n = 0; n < count; ++n) {
+            if (loads_all || (missing >> n & 1U) != 0) word[n] = load(n);
+        }
+        UNROLLED
+        for (int n = 0; n < count; ++n) {
+            if ((missing >> n & 1U) == 0 || word[n].tag != tag) continue;
+            found(n, word[n].point);
+            missing &= ~(1U << n);
+        }
+        if (missing != 0 && wait.is_over()) return false;
+    }
+    return true;
+}
 
 /// Waits until `wanted` blocks have counted themselves in `counted_blocks`, so that what they have read may
 /// be overwritten. `number`: the latest step. Returns false if they did not; the launch must then end.

@@ -12,6 +12,9 @@
 
 #include <hwy/highway.h>
 
+#include <array>
+#include <cstddef>
+
 #include "backends/cpu/simd/root.h"
 #include "backends/physics/portable.h"
 
@@ -126,6 +129,39 @@ HWY_INLINE Lanes3<L> operator*(Lanes3<L> a, L s) {
 template <class L>
 HWY_INLINE L dot(Lanes3<L> a, Lanes3<L> b) {
     return a.x * b.x + a.y * b.y + a.z * b.z;
+}
+
+template <class L, class Pointer>
+HWY_INLINE Lanes3<L> load3(const std::array<Pointer, 3>& from, std::ptrdiff_t i) {
+    return {L::load(from[0] + i), L::load(from[1] + i), L::load(from[2] + i)};
+}
+
+template <class L>
+HWY_INLINE void store3(Lanes3<L> v, const std::array<typename L::T*, 3>& to, std::ptrdiff_t i) {
+    v.x.store(to[0] + i);
+    v.y.store(to[1] + i);
+    v.z.store(to[2] + i);
+}
+
+template <class L>
+HWY_INLINE Lanes3<L> broadcast3(const std::array<typename L::T, 3>& v) {
+    return {L(v[0]), L(v[1]), L(v[2])};
+}
+
+template <class L>
+HWY_INLINE Lanes3<L> zero3() {
+    return broadcast3<L>({0, 0, 0});
+}
+
+template <class L>
+using MaskTag = hn::RebindToUnsigned<typename L::Tag>;
+
+/// `a` in lanes that are `chosen`, otherwise `b`. The other value is dropped, even if it is a NaN.
+template <class L, class Chosen>
+HWY_INLINE Lanes3<L> select(Chosen chosen, Lanes3<L> a, Lanes3<L> b) {
+    const auto m = hn::RebindMask(typename L::Tag(), chosen);
+    return {L(hn::IfThenElse(m, a.x.v, b.x.v)), L(hn::IfThenElse(m, a.y.v, b.y.v)),
+            L(hn::IfThenElse(m, a.z.v, b.z.v))};
 }
 
 }  // namespace voxspring::HWY_NAMESPACE
