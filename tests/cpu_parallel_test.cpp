@@ -15,6 +15,7 @@
 #include "backends/physics/spring.h"
 #include "backends/registry.h"
 #include "harness/verification/verify.h"
+#include "tests/bodies.h"
 #include "tests/simd_target.h"
 #include "tests/specifications.h"
 #include "tests/support.h"
@@ -30,41 +31,30 @@ struct Scene {
     Problem problem;
 };
 
-Problem with_dynamics(Problem problem) {
-    problem.gravity = {8e-4, 0, -2e-3};
-    problem.damping = 0.01;
-    problem.time_step = 0.2;
-    return problem;
-}
-
 /// Rows of one block and of several, whole blocks and holes, and each optional term with and without.
 std::vector<Scene> scenes() {
     std::vector<Scene> all;
-    all.push_back({"box", with_dynamics(make_lattice_problem(solid({37, 11, 9}), FACE_BITS | EDGE_BITS))});
+    all.push_back({"box", lattice(solid({37, 11, 9}), FACE_BITS | EDGE_BITS)});
 
     all.push_back({"no_damping_no_gravity", make_lattice_problem(solid({37, 5, 6}), FACE_BITS | EDGE_BITS)});
     all.back().problem.time_step = 0.2;
 
-    all.push_back(
-        {"sparse", with_dynamics(make_lattice_problem(random_grid({70, 9, 7}, 0.05, 31), NEIGHBOUR_BITS))});
+    all.push_back({"sparse", lattice(random_grid({70, 9, 7}, 0.05, 31), NEIGHBOUR_BITS)});
 
-    all.push_back({"pinned_and_loaded", with_dynamics(make_lattice_problem(random_grid({41, 10, 9}, 0.9, 32),
-                                                                           FACE_BITS | EDGE_BITS))});
+    all.push_back({"pinned_and_loaded", lattice(random_grid({41, 10, 9}, 0.9, 32), FACE_BITS | EDGE_BITS)});
     pin_base(all.back().problem);
     all.back().problem.load.assign(all.back().problem.particle_count(), glm::dvec3(0));
     all.back().problem.load[100] = {0.01, -0.02, 0.03};
 
-    all.push_back(
-        {"labels", with_dynamics(make_lattice_problem(random_grid({40, 8, 8}, 0.8, 33, 3), NEIGHBOUR_BITS))});
+    all.push_back({"labels", lattice(random_grid({40, 8, 8}, 0.8, 33, 3), NEIGHBOUR_BITS)});
     all.back().problem.materials = {{1, 1}, {2, 0.25}, {0.75, 0.5}};
 
-    all.push_back({"stiffness_a_group",
-                   with_dynamics(make_lattice_problem(solid({34, 7, 5}, {0.7, 1.0, 1.9}), NEIGHBOUR_BITS))});
+    all.push_back({"stiffness_a_group", lattice(solid({34, 7, 5}, {0.7, 1.0, 1.9}), NEIGHBOUR_BITS)});
     all.back().problem.group_stiffness = {1, 0.5, 0.25};
 
-    all.push_back({"faces", with_dynamics(make_lattice_problem(solid({33, 4, 4}), FACE_BITS))});
-    all.push_back({"one_row", with_dynamics(make_lattice_problem(solid({50, 1, 1}), NEIGHBOUR_BITS))});
-    all.push_back({"one_particle", with_dynamics(make_lattice_problem(solid({1, 1, 1}), NEIGHBOUR_BITS))});
+    all.push_back({"faces", lattice(solid({33, 4, 4}), FACE_BITS)});
+    all.push_back({"one_row", lattice(solid({50, 1, 1}), NEIGHBOUR_BITS)});
+    all.push_back({"one_particle", lattice(solid({1, 1, 1}), NEIGHBOUR_BITS)});
     return all;
 }
 

@@ -23,7 +23,7 @@
 #include "backends/layout/springs.h"
 #include "backends/registry.h"
 #include "cuda/kernels/edit.h"
-#include "harness/verification/verify.h"
+#include "tests/bodies.h"
 #include "tests/host_kernels.h"
 #include "tests/support.h"
 
@@ -31,11 +31,14 @@ namespace voxspring::cuda {
 namespace {
 
 using testing::edit_everything;
+using testing::lattice;
 using testing::make_grid;
 using testing::random_grid;
 using testing::random_network;
 using testing::random_state;
 using testing::solid;
+using testing::sutured;
+using testing::with_dynamics;
 
 /// The fourth component of a word, moved as shaders and kernels move it.
 float fourth(const ParticleRecord<float>& word) { return std::bit_cast<float>(word.bits); }
@@ -82,23 +85,6 @@ TEST(Words, AreNoMoreThanThreadsHaveNumbers) {
               std::size_t(std::numeric_limits<int>::max()));
 }
 
-Problem with_dynamics(Problem problem) {
-    problem.gravity = {8e-4, 0, -2e-3};
-    problem.damping = 0.01;
-    problem.time_step = 0.2;
-    return problem;
-}
-
-Problem lattice(const VoxelGrid& grid, std::uint32_t groups = FACE_BITS | EDGE_BITS) {
-    return with_dynamics(make_lattice_problem(grid, groups));
-}
-
-Problem sutured(Problem problem) {
-    const auto last = std::uint32_t(problem.particle_count() - 1);
-    problem.springs = {{0, last, 0.5, 3.0}, {1, last - 1, 0.25, 2.0}, {1, last, 0.125, 0}};
-    return problem;
-}
-
 Problem loaded_and_pinned(Problem problem) {
     testing::pin_base(problem);
     problem.load.assign(problem.particle_count(), glm::dvec3(0));
@@ -109,20 +95,9 @@ Problem loaded_and_pinned(Problem problem) {
 
 /// Problems that lie on a grid and have no springs beyond it.
 std::map<std::string, Problem> lattices() {
-    std::map<std::string, Problem> problems;
-    problems["one_particle"] = lattice(solid({1, 1, 1}));
-    problems["row_x"] = lattice(solid({37, 1, 1}));
-    problems["row_y"] = lattice(solid({1, 19, 1}));
-    problems["row_z"] = lattice(solid({1, 1, 23}));
-    problems["prime_box"] = lattice(solid({13, 7, 11}));
+    std::map<std::string, Problem> problems = testing::small_bodies();
     problems["aligned_box"] = lattice(solid({32, 8, 4}));
     problems["wide_box"] = lattice(solid({67, 9, 5}));
-    problems["without_springs"] =
-        lattice(make_grid({8, 7, 6}, [](int x, int y, int z) { return (x + y + z) % 2; }), FACE_BITS);
-    problems["sparse"] = lattice(random_grid({41, 17, 9}, 0.2, 1));
-    problems["dense"] = lattice(random_grid({41, 17, 9}, 0.8, 2));
-    problems["faces"] = lattice(solid({9, 8, 7}), FACE_BITS);
-    problems["edges"] = lattice(solid({9, 8, 7}), EDGE_BITS);
     problems["corners"] = lattice(solid({9, 8, 7}), CORNER_BITS);
     // Particles with all neighbours at both ends of a row, and no particle in its middle.
     problems["sparse_edges"] = lattice(random_grid({21, 9, 10}, 0.95, 8), EDGE_BITS);
@@ -155,14 +130,7 @@ protected:
         sizeof(typename V::Real) == 4 ? Precision::float32 : Precision::float64;
 
     static void expect_reference(const Problem& problem, const State& start, Simulation<V>& simulation) {
-        constexpr int steps = 5;
-        const auto oracle = BackendSpec::parse("cpu_reference").make();
-        oracle->upload(problem, start);
-        oracle->step(steps);
-        simulation.step(steps);
-        const Comparison comparison =
-            compare(problem, simulation.download(), oracle->download(), precision, steps);
-        EXPECT_TRUE(comparison.passed()) << comparison.reason;
+        testing::expect_reference(problem, start, simulation, precision);
     }
 };
 using Variants =
@@ -447,52 +415,6 @@ TYPED_TEST(KernelBodies, AParticleThatTurnsRoundIsNotAtRest) {
 
 // --- Layouts ---------------------------------------------------------------------------------------------
 
-using Pair = std::pair<std::uint32_t, std::uint32_t>;
-
-TEST(NeighbourLists, HoldEachSpringFromBothEnds) {
-    auto problems = lattices();
-    problems.merge(networks());
-    for (const auto& [name, problem] : problems) {
-        SCOPED_TRACE(name);
-        std::multiset<Pair> expected;
-        for (const Spring& spring : list_springs(problem)) {
-            expected.insert({spring.first, spring.second});
-            expected.insert({spring.second, spring.first});
-        }
-        const auto lists = list_by_springs<double>(problem, ListLayout::vertical, Formulation::position);
-        std::multiset<Pair> found;
-        for (std::uint32_t i = 0; i < problem.particle_count(); ++i) {
-            const std::uint32_t count = lists.bits[i] & list_count_bits;
-            for (std::uint32_t slot = 0; slot < lists.shape.slots; ++slot) {
-                const std::size_t at = lists.shape.at(i, slot);
-                if (slot < count) {
-                    found.insert({i, lists.neighbour[at]});
-                } else {
-                    EXPECT_EQ(lists.neighbour[at], i);
-                    EXPECT_EQ(lists.constants[at].stiffness, 0);
-                }
-            }
-        }
-        EXPECT_EQ(found, expected);
-    }
-}
-
-TEST(NeighbourLists, CountTheSpringsOfEachGroup) {
-    for (const auto& [name, problem] : lattices()) {
-        if (!grouped_list_refusal(problem).empty()) continue;
-        SCOPED_TRACE(name);
-        const auto lists = list_by_groups<float>(problem, ListLayout::concatenated, Formulation::position);
-        std::array<std::uint64_t, 3> ends{};
-        for (std::uint32_t i = 0; i < problem.particle_count(); ++i) {
-            EXPECT_NE(lists.bits[i] & ACTIVE_BIT, 0U);
-            EXPECT_EQ((lists.bits[i] & PINNED_BIT) != 0, problem.is_pinned(i));
-            for (int g = 0; g < 3; ++g) ends[std::size_t(g)] += GroupCounters::count(lists.bits[i], g);
-        }
-        const SpringCounts counts = count_springs(problem);
-        for (std::size_t g = 0; g < 3; ++g) EXPECT_EQ(ends[g], 2 * counts.group[g]);
-    }
-}
-
 TEST(NeighbourLists, NeighboursComeInSummationOrder) {
     const Problem problem = lattice(solid({3, 3, 3}), NEIGHBOUR_BITS);
     const auto lists = list_by_springs<float>(problem, ListLayout::vertical, Formulation::position);
@@ -527,42 +449,6 @@ TEST(NeighbourLists, IndicesOfLargeLatticesDoNotWrap) {
     EXPECT_EQ(list_size(particles, 26, ListLayout::concatenated), 26ULL * particles);
 }
 
-/// The neighbours in the list of a particle.
-const RowDeltas& list_of(const DeltaLists& compressed, std::uint32_t particle) {
-    const Slice& slice = compressed.slices[particle / slice_particles];
-    return compressed.lists[std::size_t(slice.list + rank(slice.starts, particle % slice_particles))];
-}
-
-TEST(DeltaLists, LeadToEveryNeighbour) {
-    for (const auto& [name, problem] : lattices()) {
-        SCOPED_TRACE(name);
-        const DeltaLists compressed = compress_lists(problem);
-        const Placement placement = place_guarded(problem);
-        const std::vector<std::uint32_t> particle = particle_of_voxel(problem.lattice);
-        for (std::uint32_t i = 0; i < problem.particle_count(); ++i) {
-            const RowDeltas& list = list_of(compressed, i);
-            for (const Direction& direction : directions()) {
-                const glm::ivec3 o = direction.offset;
-                const int row = row_number(o.y, o.z);
-                int delta = o.x;
-                if (row < row_count) {
-                    delta += list.rows[row / 4].row[row % 4];
-                    if (o.x > 0) delta -= int(list.gaps >> row & 1U);
-                }
-                // A kernel reads this slot whether it is used or not.
-                const auto word = std::ptrdiff_t(placement.at(i)) + delta;
-                ASSERT_GE(word, 0);
-                ASSERT_LT(word, std::ptrdiff_t(placement.words));
-                if ((problem.lattice.mask[i] >> direction.bit & 1U) == 0) continue;
-                const auto voxel =
-                    std::ptrdiff_t(problem.lattice.voxel[i]) + problem.lattice.stride(direction);
-                ASSERT_EQ(std::int64_t(i) + delta, std::int64_t(particle[std::size_t(voxel)]))
-                    << "particle " << i << ", direction " << direction.bit;
-            }
-        }
-    }
-}
-
 TEST(DeltaLists, AreSharedByRuns) {
     // A box has one list for all but its first and last slice and row, where deltas would lead out of it.
     EXPECT_LE(compress_lists(lattice(solid({50, 40, 30}))).lists.size(), 8U);
@@ -586,69 +472,10 @@ TEST(DeltaLists, DoNotDependOnLatticeSprings) {
     EXPECT_EQ(before.lists, after.lists);
 }
 
-TEST(SpringArrays, HoldEachSpringOnceAndByDirection) {
-    auto problems = lattices();
-    problems.merge(networks());
-    for (const auto& [name, problem] : problems) {
-        SCOPED_TRACE(name);
-        std::multiset<std::pair<Pair, double>> expected, found;
-        for (const Spring& spring : list_springs(problem))
-            expected.insert({{spring.first, spring.second}, spring.stiffness});
-        const auto springs = list_every_spring<double>(problem, Formulation::position);
-        for (std::size_t s = 0; s < springs.ends.size(); ++s)
-            found.insert({{springs.ends[s].first, springs.ends[s].second}, springs.constants[s].stiffness});
-        EXPECT_EQ(found, expected);
-    }
+TEST(SpringArrays, AreOrderedByDirection) {
     const auto springs = list_every_spring<double>(lattice(solid({4, 4, 4})), Formulation::position);
     EXPECT_EQ(springs.ends[0], (SpringEnds{0, 1}));
     EXPECT_EQ(springs.ends[1], (SpringEnds{1, 2}));
-}
-
-TEST(Placement, GuardsHoldEveryNeighbourOfEveryVoxel) {
-    for (const glm::ivec3 dims : {glm::ivec3{1, 1, 1}, {5, 1, 3}, {7, 6, 5}, {1, 9, 2}}) {
-        const Problem problem = lattice(solid(dims));
-        const Placement placement = place_on_grid(problem.lattice);
-        for (const std::size_t particle : {std::size_t(0), problem.particle_count() - 1}) {
-            for (const Direction& direction : directions()) {
-                const auto at = std::ptrdiff_t(placement.at(particle)) + problem.lattice.stride(direction);
-                EXPECT_GE(at, 0);
-                EXPECT_LT(at, std::ptrdiff_t(placement.words));
-            }
-        }
-    }
-}
-
-TEST(PackedState, RoundTripsInDoublePrecision) {
-    const Problem problem = lattices().at("sparse");
-    const State start = random_state(problem, 0.05, 3);
-    const Placement placement = place_on_grid(problem.lattice);
-    const State back = unpack<double>(
-        problem, pack<double>(problem, start, placement, problem.lattice.mask, Formulation::position),
-        placement, Formulation::position);
-    for (std::size_t i = 0; i < problem.particle_count(); ++i) {
-        // x = rest + u rounds to half an ulp of a coordinate under 64, previous x likewise.
-        for (int axis = 0; axis < 3; ++axis) {
-            EXPECT_NEAR(back.displacement[i][axis], start.displacement[i][axis], std::ldexp(1.0, -48));
-            EXPECT_NEAR(back.increment[i][axis], start.increment[i][axis], std::ldexp(1.0, -47));
-        }
-    }
-}
-
-TEST(ActiveBlocks, HoldEveryActiveVoxelAndNoEmptyBlock) {
-    const Problem problem =
-        lattice(make_grid({70, 21, 9}, [](int x, int y, int z) { return x > 40 && y < 3 && z > 5 ? 1 : 0; }));
-    const BlockShape shape = BlockShape::parse("32x4x2");
-    const std::vector<BlockOrigin> origins = occupied_blocks(problem.lattice, shape);
-    EXPECT_LT(origins.size(), std::size_t(3 * 6 * 5));
-    std::set<std::array<int, 3>> blocks;
-    for (const BlockOrigin& o : origins) blocks.insert({o.x, o.y, o.z});
-    EXPECT_EQ(blocks.size(), origins.size());
-    std::set<std::array<int, 3>> needed;
-    for (const std::uint32_t voxel : problem.lattice.voxel) {
-        const glm::ivec3 c = problem.lattice.coordinates(voxel);
-        needed.insert({c.x / 32 * 32, c.y / 4 * 4, c.z / 2 * 2});
-    }
-    EXPECT_EQ(blocks, needed);
 }
 
 TEST(ActiveBlocks, AreListedOnlyWhereTheyDoNotCoverTheLattice) {
@@ -765,8 +592,7 @@ TYPED_TEST(KernelBodies, EditedDeltaListsStepLikeThoseOfTheEditedProblem) {
             }
             played.step(3);
             built.step(3);
-            EXPECT_EQ(played.download().displacement, built.download().displacement);
-            EXPECT_EQ(played.download().increment, built.download().increment);
+            testing::expect_same_bits(played.download(), built.download());
         }
     }
 }

@@ -18,9 +18,8 @@
 #include "backends/layout/march_plan.h"
 #include "backends/layout/springs.h"
 #include "backends/physics/inverse_root.h"
-#include "backends/registry.h"
 #include "cuda/kernels/march.h"
-#include "harness/verification/verify.h"
+#include "tests/bodies.h"
 #include "tests/host_subdomains.h"
 #include "tests/support.h"
 
@@ -28,40 +27,18 @@ namespace voxspring::cuda {
 namespace {
 
 using testing::expect_bits_of_each;
+using testing::lattice;
 using testing::make_grid;
+using testing::pinned;
 using testing::random_grid;
 using testing::random_state;
 using testing::solid;
 
-/// A device that runs one block on each of its multiprocessors.
-MarchDevice device_of(int multiprocessors) {
-    return {.multiprocessors = multiprocessors,
-            .threads = 2048,
-            .shared_bytes = 228 << 10U,
-            .reserved_bytes = 1 << 10U,
-            .block_shared_bytes = 227 << 10U,
-            .hertz = 2e9,
-            .bytes_per_second = 5e12,
-            .cache_bytes = 6e7};
-}
 MarchPlan plan_for(const Problem& problem, const MarchShape& shape, int multiprocessors = 4,
                    Precision precision = Precision::float32, Formulation formulation = Formulation::position,
                    MarchInterior interior = {}) {
-    return plan_march(problem, {{"", shape, 1}}, precision, formulation, device_of(multiprocessors),
-                      interior);
-}
-
-Problem lattice(const VoxelGrid& grid, std::uint32_t groups = FACE_BITS | EDGE_BITS) {
-    Problem problem = make_lattice_problem(grid, groups);
-    problem.gravity = {8e-4, 0, -2e-3};
-    problem.damping = 0.01;
-    problem.time_step = 0.2;
-    return problem;
-}
-
-Problem pinned(Problem problem) {
-    testing::pin_base(problem);
-    return problem;
+    return plan_march(problem, {{"", shape, 1}}, precision, formulation,
+                      testing::march_device_of(multiprocessors), interior);
 }
 
 Problem cut(Problem problem) {
@@ -73,37 +50,17 @@ Problem cut(Problem problem) {
 
 /// Problems that the march accepts.
 std::map<std::string, Problem> lattices() {
-    std::map<std::string, Problem> problems;
-    problems["one_particle"] = lattice(solid({1, 1, 1}));
-    problems["row_x"] = lattice(solid({37, 1, 1}));
-    problems["row_y"] = lattice(solid({1, 19, 1}));
-    problems["row_z"] = lattice(solid({1, 1, 23}));
-    problems["prime_box"] = lattice(solid({13, 7, 11}));
+    std::map<std::string, Problem> problems = testing::bodies_by_class();
     problems["aligned_box"] = lattice(solid({32, 8, 20}));
     problems["wide_box"] = lattice(solid({67, 22, 5}));
     problems["high_box"] = lattice(solid({20, 12, 41}));
-    problems["without_springs"] =
-        lattice(make_grid({8, 7, 6}, [](int x, int y, int z) { return (x + y + z) % 2; }), FACE_BITS);
-    problems["sparse"] = lattice(random_grid({41, 17, 9}, 0.2, 1));
-    problems["dense"] = lattice(random_grid({41, 17, 9}, 0.8, 2));
     problems["two_runs"] = lattice(make_grid({9, 8, 28}, [](int, int, int z) { return z < 9 || z > 20; }));
-    problems["corner"] =
-        lattice(make_grid({70, 21, 9}, [](int x, int y, int z) { return x > 40 && y > 14 && z > 5; }));
-    problems["faces"] = lattice(solid({9, 8, 7}), FACE_BITS);
-    problems["edges"] = lattice(solid({9, 8, 7}), EDGE_BITS);
-    problems["stiffness_a_group"] = lattice(random_grid({21, 9, 10}, 0.8, 3));
-    problems["stiffness_a_group"].group_stiffness = {1.0, 0.5, 0.25};
     problems["soft_edges"] = lattice(solid({21, 9, 10}));
     problems["soft_edges"].group_stiffness = {1.0, 0, 0};
-    problems["anisotropic"] = lattice(solid({9, 10, 11}, {0.7, 1.0, 1.9}));
-    problems["pinned"] = pinned(lattice(random_grid({12, 11, 10}, 0.9, 5)));
     problems["pinned_box"] = pinned(lattice(solid({18, 12, 36})));
     problems["cut"] = cut(lattice(solid({20, 10, 8})));
     problems["heavy"] = lattice(solid({6, 5, 4}));
     problems["heavy"].materials = {{3.0, 1.0}};
-    problems["free"] = lattice(solid({6, 5, 4}));
-    problems["free"].damping = 0;
-    problems["free"].gravity = glm::dvec3(0);
     return problems;
 }
 
@@ -316,33 +273,14 @@ using Variants = ::testing::Types<
     Variant<double, Formulation::increment, 1, 32, 1, 2>>;
 TYPED_TEST_SUITE(MarchBody, Variants);
 
-TYPED_TEST(MarchBody, AgreesWithTheReference) {
-    constexpr int steps = 5;
+TYPED_TEST(MarchBody, AgreesWithTheReferenceAndStaysAtRest) {
     for (const auto& [name, problem] : lattices()) {
         SCOPED_TRACE(name);
         const State start = random_state(problem, 0.05, 7);
-        const auto oracle = BackendSpec::parse("cpu_reference").make();
-        oracle->upload(problem, start);
-        oracle->step(steps);
         Simulation<TypeParam> simulation(problem, start);
-        simulation.step(steps);
-        const Comparison comparison =
-            compare(problem, simulation.download(), oracle->download(), TypeParam::precision, steps);
-        EXPECT_TRUE(comparison.passed()) << comparison.reason;
-    }
-}
-
-TYPED_TEST(MarchBody, RestStaysRestToTheBit) {
-    for (const auto& [name, problem] : lattices()) {
+        testing::expect_reference(problem, start, simulation, TypeParam::precision);
         if (name == "anisotropic" && on_positions(TypeParam::formulation)) continue;  // x are rounded
-        SCOPED_TRACE(name);
-        Problem still = problem;
-        still.gravity = glm::dvec3(0);
-        const State rest = state_at_rest(still);
-        Simulation<TypeParam> simulation(still, rest);
-        simulation.step(3);
-        EXPECT_EQ(simulation.download().displacement, rest.displacement);
-        EXPECT_EQ(simulation.download().increment, rest.increment);
+        testing::expect_rest<Simulation<TypeParam>>(problem, 3);
     }
 }
 
@@ -363,8 +301,7 @@ TYPED_TEST(MarchBody, MasksChangeNoBit) {
         masked.mask_everything();
         simulation.step(3);
         masked.step(3);
-        EXPECT_EQ(simulation.download().displacement, masked.download().displacement);
-        EXPECT_EQ(simulation.download().increment, masked.download().increment);
+        testing::expect_same_bits(simulation.download(), masked.download());
     }
     // In tiles this narrow and high some of these lattices have whole warps beside others.
     const bool in_some = TypeParam::shape.width() == 16 && TypeParam::shape.high > 1;
@@ -388,8 +325,7 @@ TYPED_TEST(MarchBody, CutsChangeNoBit) {
             for (const MarchItem& item : cut.plan().items)
                 shortest = std::min(shortest, item.end - item.begin);
             cut.step(3);
-            EXPECT_EQ(cut.download().displacement, whole.download().displacement);
-            EXPECT_EQ(cut.download().increment, whole.download().increment);
+            testing::expect_same_bits(cut.download(), whole.download());
         }
     }
     EXPECT_LE(shortest, 3);
@@ -430,17 +366,6 @@ TYPED_TEST(MarchBody, AStrayParticleStaysAlone) {
     EXPECT_TRUE(std::isnan(state.displacement[stray].x));
 }
 
-TYPED_TEST(MarchBody, PacksAndUnpacks) {
-    const Problem problem = lattice(random_grid({19, 17, 13}, 0.5, 3));
-    const State start = random_state(problem, 0.05, 7);
-    const auto packed = pack_march<typename TypeParam::Real>(problem, start, TypeParam::formulation);
-    const State back = unpack_march<typename TypeParam::Real>(problem, packed, TypeParam::formulation);
-    const Comparison comparison = compare(problem, back, start, TypeParam::precision, 1);
-    EXPECT_TRUE(comparison.passed()) << comparison.reason;
-    EXPECT_EQ(std::count_if(packed.current.begin(), packed.current.end(), [](auto v) { return v != 0; }),
-              std::ptrdiff_t(3 * problem.particle_count()));
-}
-
 TEST(MarchShape, CoversItsTileOnce) {
     for (const char* name : {"32x20", "64x4", "64x8", "64x16", "64x20", "128x8", "128x16", "128x20"}) {
         for (const Precision precision : {Precision::float32, Precision::float64}) {
@@ -475,7 +400,7 @@ TEST(MarchPlan, TakesTheTileThatIsPredictedToBeTheFastestOfThoseThatFit) {
         for (const Precision precision : {Precision::float32, Precision::float64}) {
             for (const auto& [name, problem] : problems) {
                 SCOPED_TRACE(name + " " + to_string(precision) + " " + std::to_string(kibibytes));
-                MarchDevice device = device_of(8);
+                MarchDevice device = testing::march_device_of(8);
                 device.block_shared_bytes = kibibytes << 10U;
                 device.shared_bytes = device.block_shared_bytes + device.reserved_bytes;
                 const auto planned = [&, &of = problem](const std::vector<MarchTile>& tiles) {
@@ -531,27 +456,6 @@ TEST(MarchPlan, HasTheLongestRunOfPlanesBetweenBordersAsItsInterior) {
     EXPECT_EQ(interior_of(box, {0, 1, 7, 8}), (MarchInterior{2, 7}));
     const MarchInterior none = interior_of(box, {0, 1, 2, 3, 4, 5, 6, 7, 8});
     EXPECT_EQ(none.begin, none.end);
-}
-
-TEST(MarchPlan, HoldsEveryParticleOnce) {
-    constexpr MarchShape shape{2, 8, 1, 2, 3, 2};
-    for (const auto& [name, problem] : lattices()) {
-        SCOPED_TRACE(name);
-        std::map<std::tuple<int, int, int>, int> items;
-        const MarchPlan plan = plan_for(problem, shape);
-        for (const MarchItem& item : plan.items) {
-            EXPECT_LT(item.begin, item.end);
-            for (int z = item.begin; z < item.end; ++z) ++items[{item.x, item.y, z}];
-        }
-        for (const std::uint32_t voxel : problem.lattice.voxel) {
-            const glm::ivec3 c = problem.lattice.coordinates(voxel);
-            EXPECT_EQ(
-                (items[{c.x / shape.width() * shape.width(), c.y / shape.height() * shape.height(), c.z}]),
-                1);
-        }
-        EXPECT_LE(plan.words.size() * sizeof(std::uint64_t) + plan.items.size() * sizeof(MarchItem),
-                  max_plan_bytes(problem.lattice, shape));
-    }
 }
 
 TEST(MarchPlan, NeedsMasksOnlyWhereSpringsAreMissing) {

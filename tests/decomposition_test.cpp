@@ -20,6 +20,7 @@
 #include "backends/device_choice.h"
 #include "backends/registry.h"
 #include "harness/scene/scene.h"
+#include "tests/bodies.h"
 #include "tests/required.h"
 #include "tests/specifications.h"
 #include "tests/support.h"
@@ -38,20 +39,13 @@ std::vector<glm::ivec3> cuts_of(const Problem& problem) {
     return cuts;
 }
 
-Problem with_dynamics(Problem problem) {
-    problem.gravity = {8e-4, 0, -2e-3};
-    problem.damping = 0.01;
-    problem.time_step = 0.2;
-    return problem;
-}
-
 /// Longest along x, y and z; solid and with holes; with materials, loads and pins.
 std::vector<Problem> problems() {
     std::vector<Problem> all;
-    all.push_back(with_dynamics(make_lattice_problem(solid({6, 5, 13}), FACE_BITS | EDGE_BITS)));
-    all.push_back(with_dynamics(make_lattice_problem(random_grid({37, 9, 8}, 0.37, 1), NEIGHBOUR_BITS)));
+    all.push_back(lattice(solid({6, 5, 13}), FACE_BITS | EDGE_BITS));
+    all.push_back(lattice(random_grid({37, 9, 8}, 0.37, 1), NEIGHBOUR_BITS));
     take_hold(all.back(), {.particles = {3, 200, 201, 700}, .held = {}, .stiffness = 0.05});
-    all.push_back(with_dynamics(make_lattice_problem(random_grid({9, 23, 8}, 0.37, 2, 3), NEIGHBOUR_BITS)));
+    all.push_back(lattice(random_grid({9, 23, 8}, 0.37, 2, 3), NEIGHBOUR_BITS));
     all.back().materials = {{1, 1}, {2, 0.25}, {0.75, 0.5}};
     pin_base(all.back());
     all.back().load.assign(all.back().particle_count(), {0.001, -0.002, 0.003});
@@ -402,7 +396,7 @@ TEST_P(SubdomainBits, AreThoseOfOneDeviceWhateverTheWayOfTheirBorders) {
     if (ways.empty()) GTEST_SKIP() << "its borders go through the host's memory alone";
     std::vector<Problem> wholes = problems();
     // Its slabs have blocks of particles without any particle of a border, however blocks are made.
-    wholes.push_back(with_dynamics(make_lattice_problem(solid({8, 8, 40}), FACE_BITS | EDGE_BITS)));
+    wholes.push_back(lattice(solid({8, 8, 40}), FACE_BITS | EDGE_BITS));
     for (const std::string& way : ways) {
         if (way.starts_with("nccl")) continue;  // needs a device for each rank
         SCOPED_TRACE(way);
@@ -486,10 +480,9 @@ TEST_P(SubdomainsWithinSteps, HaveTheBitsOfOneDevice) {
     if (!any) return;
     const BackendSpec spec = BackendSpec::parse(GetParam());
     const std::vector<int> counts = {1, 1, 4, 1, 100, 1, 1000};
-    for (const Problem& whole :
-         {with_dynamics(make_lattice_problem(solid({6, 5, 13}), FACE_BITS | EDGE_BITS)),
-          with_dynamics(make_lattice_problem(solid({32, 8, 16}), FACE_BITS | EDGE_BITS)),
-          with_dynamics(make_lattice_problem(random_grid({37, 9, 8}, 0.37, 1), NEIGHBOUR_BITS))}) {
+    for (const Problem& whole : {lattice(solid({6, 5, 13}), FACE_BITS | EDGE_BITS),
+                                 lattice(solid({32, 8, 16}), FACE_BITS | EDGE_BITS),
+                                 lattice(random_grid({37, 9, 8}, 0.37, 1), NEIGHBOUR_BITS)}) {
         const State start = random_state(whole, 0.05, 3);
         for (const bool cut : {false, true}) {
             Problem edited = whole;

@@ -156,8 +156,12 @@ void expect_lists(const Problem& problem, const Ends& ends, ListLayout layout) {
                 listed.emplace_back(i, lists.neighbour.at(lists.shape.at(i, slot)));
                 ++used;
             }
-            for (std::uint32_t slot = 0; slot < lists.shape.slots; ++slot)
-                used += lists.neighbour.at(lists.shape.at(i, slot)) == i ? 1 : 0;
+            for (std::uint32_t slot = 0; slot < lists.shape.slots; ++slot) {
+                const std::size_t at = lists.shape.at(i, slot);
+                if (lists.neighbour.at(at) != i) continue;
+                ++used;
+                ASSERT_TRUE(lists.constants.empty() || lists.constants.at(at).stiffness == 0);
+            }
             ASSERT_EQ(used, lists.shape.slots) << "an unused slot holds its own particle";
         }
         std::sort(listed.begin(), listed.end());
@@ -322,7 +326,9 @@ void expect_resident(const Problem& problem, const Card& card, Partition partiti
         std::map<int, std::uint32_t> point;
         const std::size_t first = std::size_t(block) * std::size_t(layout.lanes);
         for (std::size_t at = first; at < first + std::size_t(layout.lanes); ++at) {
-            if (layout.particle[at] != resident_none) point[layout.own_slot[at]] = layout.particle[at];
+            if (layout.particle[at] != resident_none) {
+                ASSERT_TRUE(point.emplace(layout.own_slot[at], layout.particle[at]).second) << "a slot twice";
+            }
         }
         for (int n = 0; n < layout.rounds; ++n) {
             for (int p = 0; p < pollers; ++p) {
@@ -331,18 +337,24 @@ void expect_resident(const Problem& problem, const Card& card, Partition partiti
                                          std::size_t(p);
                 if (layout.polled[poll] == resident_none) continue;
                 ASSERT_LT(layout.polled[poll], layout.published_count);
-                point[layout.polled_slot[poll]] = layout.polled_word[poll];
+                ASSERT_TRUE(point.emplace(layout.polled_slot[poll], layout.polled_word[poll]).second);
             }
         }
         for (std::size_t at = first; at < first + std::size_t(layout.lanes); ++at) {
-            if (layout.particle[at] == resident_none) continue;
+            if (layout.particle[at] == resident_none) {
+                ASSERT_FALSE(point.contains(layout.own_slot[at])) << "an idle lane writes where others read";
+                continue;
+            }
             const std::uint32_t i = layout.particle[at];
             for (const Direction& direction : directions()) {
-                if ((problem.lattice.mask[i] >> direction.bit & 1U) == 0) continue;
                 glm::ivec3 o = direction.offset;
                 if ((layout.border[at / 32] & mirrored_y) != 0) o.y = -o.y;
                 if ((layout.border[at / 32] & mirrored_z) != 0) o.z = -o.z;
                 const int slot = slots[std::size_t(bit_of(o.x, o.y, o.z)) * layout.lane_count() + at];
+                if ((problem.lattice.mask[i] >> direction.bit & 1U) == 0) {
+                    ASSERT_EQ(slot, layout.own_slot[at]);
+                    continue;
+                }
                 const auto voxel =
                     std::ptrdiff_t(problem.lattice.voxel[i]) + problem.lattice.stride(direction);
                 ASSERT_EQ(point.at(slot), particle[std::size_t(voxel)]);

@@ -21,6 +21,7 @@
 // The kernel bodies need the functions above, which a device has built in.
 #include "cuda/kernels/edit.h"
 #include "cuda/kernels/resident_block.h"
+#include "tests/bodies.h"
 #include "tests/host_kernels.h"
 #include "tests/support.h"
 
@@ -39,13 +40,7 @@ using testing::random_grid;
 using testing::random_state;
 using testing::solid;
 
-Problem lattice(const VoxelGrid& grid) {
-    Problem problem = make_lattice_problem(grid, FACE_BITS | EDGE_BITS);
-    problem.gravity = {8e-4, 0, -2e-3};
-    problem.damping = 0.01;
-    problem.time_step = 0.2;
-    return problem;
-}
+using testing::lattice;
 Problem lattice(glm::ivec3 dims) { return lattice(solid(dims)); }
 
 /// The problem with a tool; one of the particles also has a load.

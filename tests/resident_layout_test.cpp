@@ -90,43 +90,6 @@ protected:
     const std::vector<std::uint16_t> slot_;
 };
 
-TEST_P(Resident, EveryParticleHasOneLane) {
-    std::vector<int> lanes(problem_.particle_count());
-    for (const std::uint32_t i : layout_.particle) {
-        if (i != resident_none) ++lanes[i];
-    }
-    EXPECT_EQ(std::count(lanes.begin(), lanes.end(), 1), std::ptrdiff_t(lanes.size()));
-    EXPECT_LE(layout_.blocks, GetParam().blocks);
-    EXPECT_EQ(layout_.lanes % 32, 0);
-}
-
-TEST_P(Resident, EverySlotHoldsTheNeighbourOfItsDirection) {
-    const auto particle = particle_of_voxel(problem_.lattice);
-    for (std::size_t block = 0; block < std::size_t(layout_.blocks); ++block) {
-        const auto slots = slots_of(block);
-        for (std::size_t lane = 0; lane < std::size_t(layout_.lanes); ++lane) {
-            const std::size_t at = lane_of(block, lane);
-            const std::uint32_t i = layout_.particle[at];
-            // An idle lane writes to a slot that no thread reads.
-            if (i == resident_none) {
-                EXPECT_FALSE(slots.contains(layout_.own_slot[at]));
-                continue;
-            }
-            for (const Direction& direction : directions()) {
-                const int slot = slot_of(at, direction);
-                if ((problem_.lattice.mask[i] >> direction.bit & 1U) == 0) {
-                    EXPECT_EQ(slot, layout_.own_slot[at]);
-                    continue;
-                }
-                const auto voxel =
-                    std::ptrdiff_t(problem_.lattice.voxel[i]) + problem_.lattice.stride(direction);
-                ASSERT_TRUE(slots.contains(slot));
-                EXPECT_EQ(slots.at(slot), particle[std::size_t(voxel)]);
-            }
-        }
-    }
-}
-
 TEST_P(Resident, EveryPollNamesThePointThatItsOwnerPublishes) {
     std::map<std::uint32_t, std::uint32_t> publisher;
     for (std::size_t at = 0; at < layout_.published.size(); ++at) {

@@ -7,40 +7,31 @@
 
 namespace voxspring::cuda {
 
-__device__ inline std::uint32_t list_entry_past_l1(const std::uint32_t* p) { return __ldcg(p); }
-__device__ inline SpringEnds list_entry_past_l1(const SpringEnds* p) {
-    const uint2 v = __ldcg(reinterpret_cast<const uint2*>(p));
-    return {v.x, v.y};
-}
-__device__ inline SpringConstants<float> list_entry_past_l1(const SpringConstants<float>* p) {
-    const float2 v = __ldcg(reinterpret_cast<const float2*>(p));
-    return {v.x, v.y};
-}
-__device__ inline SpringConstants<double> list_entry_past_l1(const SpringConstants<double>* p) {
-    const double2 v = __ldcg(reinterpret_cast<const double2*>(p));
-    return {v.x, v.y};
-}
+/// The type of CUDA as which an entry of a list is loaded.
+template <class Entry>
+struct LoadedAs;
+#define LOAD_AS(Entry, Vector) \
+    template <>                \
+    struct LoadedAs<Entry> {   \
+        using type = Vector;   \
+    };
+LOAD_AS(std::uint32_t, unsigned)
+LOAD_AS(SpringEnds, uint2)
+LOAD_AS(SpringConstants<float>, float2)
+LOAD_AS(SpringConstants<double>, double2)
+LOAD_AS(FourDeltas, int4)
+LOAD_AS(Slice, uint4)
+#undef LOAD_AS
 
-__device__ inline std::uint32_t list_entry_through_l1(const std::uint32_t* p) { return __ldg(p); }
-__device__ inline SpringEnds list_entry_through_l1(const SpringEnds* p) {
-    const uint2 v = __ldg(reinterpret_cast<const uint2*>(p));
-    return {v.x, v.y};
+template <class Entry>
+__device__ Entry list_entry_past_l1(const Entry* p) {
+    using Vector = typename LoadedAs<Entry>::type;
+    return __builtin_bit_cast(Entry, __ldcg(reinterpret_cast<const Vector*>(p)));
 }
-__device__ inline SpringConstants<float> list_entry_through_l1(const SpringConstants<float>* p) {
-    const float2 v = __ldg(reinterpret_cast<const float2*>(p));
-    return {v.x, v.y};
-}
-__device__ inline SpringConstants<double> list_entry_through_l1(const SpringConstants<double>* p) {
-    const double2 v = __ldg(reinterpret_cast<const double2*>(p));
-    return {v.x, v.y};
-}
-__device__ inline FourDeltas list_entry_through_l1(const FourDeltas* p) {
-    const int4 v = __ldg(reinterpret_cast<const int4*>(p));
-    return {{v.x, v.y, v.z, v.w}};
-}
-__device__ inline Slice list_entry_through_l1(const Slice* p) {
-    const uint4 v = __ldg(reinterpret_cast<const uint4*>(p));
-    return {int(v.x), v.y, v.z, v.w};
+template <class Entry>
+__device__ Entry list_entry_through_l1(const Entry* p) {
+    using Vector = typename LoadedAs<Entry>::type;
+    return __builtin_bit_cast(Entry, __ldg(reinterpret_cast<const Vector*>(p)));
 }
 
 /// Reads global memory past L1 (ld.global.cg), today's nearest equivalent to the uncached loads of 2008.

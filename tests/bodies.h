@@ -1,0 +1,102 @@
+// Bodies that layouts and kernel bodies are tried on, and what every kernel body must do with them.
+#pragma once
+
+#include <gtest/gtest.h>
+
+#include <map>
+#include <string>
+
+#include "backends/layout/march_cost.h"
+#include "backends/registry.h"
+#include "harness/verification/verify.h"
+#include "tests/support.h"
+
+namespace voxspring::testing {
+
+/// An H200 with that many multiprocessors, as far as plans depend on it.
+inline layout::MarchDevice march_device_of(int multiprocessors) {
+    return {.multiprocessors = multiprocessors,
+            .threads = 2048,
+            .shared_bytes = 228 << 10U,
+            .reserved_bytes = 1 << 10U,
+            .block_shared_bytes = 227 << 10U,
+            .hertz = 2e9,
+            .bytes_per_second = 5e12,
+            .cache_bytes = 6e7};
+}
+
+inline Problem with_dynamics(Problem problem) {
+    problem.gravity = {8e-4, 0, -2e-3};
+    problem.damping = 0.01;
+    problem.time_step = 0.2;
+    return problem;
+}
+inline Problem lattice(const VoxelGrid& grid, std::uint32_t groups = FACE_BITS | EDGE_BITS) {
+    return with_dynamics(make_lattice_problem(grid, groups));
+}
+inline Problem pinned(Problem problem) {
+    pin_base(problem);
+    return problem;
+}
+inline Problem sutured(Problem problem) {
+    const auto last = std::uint32_t(problem.particle_count() - 1);
+    problem.springs = {{0, last, 0.5, 3.0}, {1, last - 1, 0.25, 2.0}, {1, last, 0.125, 0}};
+    return problem;
+}
+
+/// Small bodies of one material, with face or edge springs.
+inline std::map<std::string, Problem> small_bodies() {
+    std::map<std::string, Problem> problems;
+    problems["one_particle"] = lattice(solid({1, 1, 1}));
+    problems["row_x"] = lattice(solid({37, 1, 1}));
+    problems["row_y"] = lattice(solid({1, 19, 1}));
+    problems["row_z"] = lattice(solid({1, 1, 23}));
+    problems["prime_box"] = lattice(solid({13, 7, 11}));
+    problems["without_springs"] =
+        lattice(make_grid({8, 7, 6}, [](int x, int y, int z) { return (x + y + z) % 2; }), FACE_BITS);
+    problems["sparse"] = lattice(random_grid({41, 17, 9}, 0.2, 1));
+    problems["dense"] = lattice(random_grid({41, 17, 9}, 0.8, 2));
+    problems["faces"] = lattice(solid({9, 8, 7}), FACE_BITS);
+    problems["edges"] = lattice(solid({9, 8, 7}), EDGE_BITS);
+    return problems;
+}
+/// These and others, for kernels that step springs by class.
+inline std::map<std::string, Problem> bodies_by_class() {
+    std::map<std::string, Problem> problems = small_bodies();
+    problems["corner"] =
+        lattice(make_grid({30, 21, 9}, [](int x, int y, int z) { return x > 20 && y > 14 && z > 5; }));
+    problems["stiffness_a_group"] = lattice(random_grid({21, 9, 10}, 0.8, 3));
+    problems["stiffness_a_group"].group_stiffness = {1.0, 0.5, 0.25};
+    problems["anisotropic"] = lattice(solid({9, 10, 11}, {0.7, 1.0, 1.9}));
+    problems["pinned"] = pinned(lattice(random_grid({12, 11, 10}, 0.9, 5)));
+    problems["free"] = lattice(solid({6, 5, 4}));
+    problems["free"].damping = 0;
+    problems["free"].gravity = glm::dvec3(0);
+    return problems;
+}
+
+/// Five steps of `simulation`, which is at `start`, agree with the reference.
+template <class Simulation>
+void expect_reference(const Problem& problem, const State& start, Simulation& simulation,
+                      Precision precision) {
+    constexpr int steps = 5;
+    const auto oracle = BackendSpec::parse("cpu_reference").make();
+    oracle->upload(problem, start);
+    oracle->step(steps);
+    simulation.step(steps);
+    const Comparison comparison =
+        compare(problem, simulation.download(), oracle->download(), precision, steps);
+    EXPECT_TRUE(comparison.passed()) << comparison.reason;
+}
+
+/// A body without gravity stays at rest to the bit in a Simulation(problem, start).
+template <class Simulation>
+void expect_rest(Problem problem, int steps) {
+    problem.gravity = glm::dvec3(0);
+    const State rest = state_at_rest(problem);
+    Simulation simulation(problem, rest);
+    simulation.step(steps);
+    expect_same_bits(simulation.download(), rest);
+}
+
+}  // namespace voxspring::testing
