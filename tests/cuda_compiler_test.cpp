@@ -15,6 +15,7 @@
 #include "backends/layout/march_cost.h"
 #include "backends/layout/march_layout.h"
 #include "backends/layout/particles.h"
+#include "cuda/common/support_kernels.h"
 #include "cuda/device/compiler.h"
 #include "cuda/device/serialiser.h"
 #include "cuda/kernels/resident.h"
@@ -23,6 +24,17 @@
 
 namespace voxspring::cuda {
 namespace {
+
+/// The source of a kernel with these macros and, where they leave it open, a simple case.
+KernelSource source_of(const std::string& file, std::map<std::string, std::string> macros) {
+    macros.merge(
+        std::map<std::string, std::string>{{"REAL", "float"},
+                                           {"FETCH", "PastL1"},
+                                           {"THREADS", "512"},
+                                           {"BLOCKS", "1"},
+                                           {"TERMS", "KernelTerms<Formulation::position,262143u,6u,false>"}});
+    return {file, macros};
+}
 
 struct Kind {
     const char* name;
@@ -40,36 +52,24 @@ std::vector<Kind> kinds() {
          "tile.cu",
          {{"THREADS", "256"}, {"BLOCKS", "2"}, {"WIDTH", "64"}, {"HEIGHT", "4"}},
          {"PastL1"}},
-        {"by_groups", "explicit.cu", {{"THREADS", "512"}, {"BLOCKS", "1"}}, memory},
-        {"by_springs", "explicit.cu", {{"THREADS", "512"}, {"BLOCKS", "1"}, {"SECONDARY", "1"}}, memory},
+        {"by_groups", "explicit.cu", {}, memory},
+        {"by_springs", "explicit.cu", {{"SECONDARY", "1"}}, memory},
         {"delta", "delta.cu", {{"THREADS", "256"}, {"BLOCKS", "4"}}, {"ThroughL1"}},
-        {"groups_launched_dependent",
-         "explicit.cu",
-         {{"THREADS", "512"}, {"BLOCKS", "1"}, {"DEPENDENT_LAUNCH", "1"}},
-         {"PastL1"},
-         true},
+        {"groups_launched_dependent", "explicit.cu", {{"DEPENDENT_LAUNCH", "1"}}, {"PastL1"}, true},
         {"deltas_launched_dependent",
          "delta.cu",
          {{"THREADS", "256"}, {"BLOCKS", "4"}, {"DEPENDENT_LAUNCH", "1"}},
          {"ThroughL1"},
          true},
-        {"groups_of_a_part",
-         "explicit.cu",
-         {{"THREADS", "512"}, {"BLOCKS", "1"}, {"LISTED_BLOCKS", "1"}},
-         {"PastL1"},
-         true},
-        {"springs_of_a_part",
-         "explicit.cu",
-         {{"THREADS", "512"}, {"BLOCKS", "1"}, {"SECONDARY", "1"}, {"LISTED_BLOCKS", "1"}},
-         {"PastL1"},
-         true},
+        {"groups_of_a_part", "explicit.cu", {{"LISTED_BLOCKS", "1"}}, {"PastL1"}, true},
+        {"springs_of_a_part", "explicit.cu", {{"SECONDARY", "1"}, {"LISTED_BLOCKS", "1"}}, {"PastL1"}, true},
         {"deltas_of_a_part",
          "delta.cu",
          {{"THREADS", "256"}, {"BLOCKS", "4"}, {"LISTED_BLOCKS", "1"}},
          {"ThroughL1"},
          true},
-        {"add_forces", "scatter.cu", {{"THREADS", "512"}, {"BLOCKS", "1"}, {"FORCES", "1"}}, {"ThroughL1"}},
-        {"integrate", "scatter.cu", {{"THREADS", "512"}, {"BLOCKS", "1"}}, {"ThroughL1"}}};
+        {"add_forces", "scatter.cu", {{"FORCES", "1"}}, {"ThroughL1"}},
+        {"integrate", "scatter.cu", {}, {"ThroughL1"}}};
 }
 
 class Compiler : public ::testing::TestWithParam<Formulation> {};
@@ -91,7 +91,7 @@ TEST_P(Compiler, CompilesEveryKernel) {
                         // enough there.
                         if (architecture == 75 && (everything || !on_oldest)) continue;
                         SCOPED_TRACE(std::string(kind.name) + " " + fetch + " " + real);
-                        KernelSource source{kind.file, kind.macros};
+                        KernelSource source = source_of(kind.file, kind.macros);
                         source.macros["REAL"] = real;
                         source.macros["FETCH"] = fetch;
                         const std::string terms =
@@ -113,7 +113,8 @@ TEST_P(Compiler, CompilesEveryKernel) {
     }
 }
 
-// The names that cuda/common/support_kernels.cpp and cuda/device/limits.cpp look kernels up by are symbols of
+#define NAME(kernel) #kernel,
+// The names by which cuda/common/support_kernels.cpp and cuda/device/limits.cpp find kernels are symbols of
 // the machine code.
 TEST(Compiler, CompilesWhatRunsBetweenStepsAndMeasuresLimits) {
     const auto expect_kernels = [](const KernelSource& source, const std::vector<const char*>& names) {
@@ -124,12 +125,7 @@ TEST(Compiler, CompilesWhatRunsBetweenStepsAndMeasuresLimits) {
         }
     };
     for (const char* real : {"float", "double"}) {
-        expect_kernels(
-            {"between_steps.cu", {{"REAL", real}}},
-            {"gather_border", "scatter_border", "check_words", "check_axes", "write_particle_bits",
-             "write_bare_words", "write_slots_and_bits", "write_rows", "write_slices", "write_springs",
-             "write_short_argument", "write_long_argument", "feed", "pull_held_particles", "measure_lengths",
-             "measure_springs", "measure_inverse_roots"});
+        expect_kernels({"between_steps.cu", {{"REAL", real}}}, {SUPPORT_KERNELS(NAME)});
     }
     expect_kernels({"limits.cu", {{"THREADS", "256"}}},
                    {"do_nothing", "sweep_1_0_1", "sweep_1_0_2", "sweep_1_1_1", "sweep_1_1_2", "sweep_2_1_1",
@@ -146,20 +142,15 @@ KernelSource resident_source(
     const char* tool, const char* part = "0", const char* slots = "768", int borders = 1 << mixed_border,
     const char* masked = "0",
     const std::string& terms = "KernelTerms<Formulation::increment,262143u,0u,false>") {
-    return {"resident.cu",
-            {{"REAL", "float"},
-             {"FETCH", "PastL1"},
-             {"THREADS", "512"},
-             {"BLOCKS", "1"},
-             {"LANES", "256"},
-             {"POLLERS", "256"},
-             {"ROUNDS", "2"},
-             {"SLOTS", slots},
-             {"BORDERS", std::to_string(borders)},
-             {"MASKED", masked},
-             {"TOOL", tool},
-             {"PART", part},
-             {"TERMS", terms}}};
+    return source_of("resident.cu", {{"LANES", "256"},
+                                     {"POLLERS", "256"},
+                                     {"ROUNDS", "2"},
+                                     {"SLOTS", slots},
+                                     {"BORDERS", std::to_string(borders)},
+                                     {"MASKED", masked},
+                                     {"TOOL", tool},
+                                     {"PART", part},
+                                     {"TERMS", terms}});
 }
 
 TEST_P(Compiler, CompilesTheResidentKernel) {
@@ -214,12 +205,7 @@ TEST(Compiler, TheResidentKernelDoesNotWaitForEver) {
 // word before the wait, and none by read-only loads.
 TEST(DependentLaunches, LoadWordsAfterTheWait) {
     const auto code_of = [](const char* real, const char* fetch, bool dependent) {
-        KernelSource source{"explicit.cu",
-                            {{"REAL", real},
-                             {"FETCH", fetch},
-                             {"THREADS", "512"},
-                             {"BLOCKS", "1"},
-                             {"TERMS", "KernelTerms<Formulation::position,262143u,6u,false>"}}};
+        KernelSource source = source_of("explicit.cu", {{"REAL", real}, {"FETCH", fetch}});
         if (dependent) source.macros["DEPENDENT_LAUNCH"] = "1";
         return compile(source, 999).code;
     };
@@ -356,16 +342,15 @@ void compile_march(const char* tile, Precision precision, Formulation formulatio
     std::string numbers;
     for (const int number : {s.rows, s.lanes, s.wide, s.high, s.planes, s.previous_windows})
         numbers += (numbers.empty() ? "" : ",") + std::to_string(number);
-    const KernelSource source{"march.cu",
-                              {{"REAL", precision == Precision::float32 ? "float" : "double"},
-                               {"FETCH", "PastL1"},
+    const KernelSource source =
+        source_of("march.cu", {{"REAL", precision == Precision::float32 ? "float" : "double"},
                                {"TERMS", "KernelTerms<Formulation::" + to_string(formulation) + "," +
                                              std::to_string(problem.group_bits) + "u," +
                                              std::to_string(terms_of(problem)) + "u,false>"},
                                {"THREADS", std::to_string(s.threads())},
                                {"BLOCKS", std::to_string(shape.blocks)},
                                {"SHAPE", "MarchShape{" + numbers + "}"},
-                               {"EQUAL_EDGES", equal_edges(problem, formulation) ? "true" : "false"}}};
+                               {"EQUAL_EDGES", equal_edges(problem, formulation) ? "true" : "false"}});
     const CompiledKernel compiled = compile(source, 90);
     EXPECT_EQ(compiled.code.substr(1, 3), "ELF");
 }
@@ -403,22 +388,17 @@ TEST(Compiler, CompilesBricks) {
           Variant{"3,2,3,16,6,4,false,0,0", "position", 144, 90},
           Variant{"3,2,3,16,6,4,false,0,0", "increment", 144, 90, "true"}}) {
         SCOPED_TRACE(shape);
-        const KernelSource source{
-            "brick.cu",
-            {{"REAL", "float"},
-             {"FETCH", "PastL1"},
-             {"THREADS", "512"},
-             {"BLOCKS", "1"},
-             {"SHAPE", std::string("BrickShape{") + shape + "}"},
-             {"POLLERS", "128"},
-             {"ROUNDS", "12"},
-             {"EQUAL_EDGES", "true"},
-             {"PLAIN_BLOCKS", "1"},
-             {"INCREMENTS_IN_MEMORY", in_memory},
-             {"LANE_REGISTERS", std::to_string(registers)},
-             {"POLLER_REGISTERS", "80"},
-             {"TERMS", std::string("KernelTerms<Formulation::") + formulation + ",262143u,6u,false>"}},
-            registers > 0};
+        KernelSource source = source_of("brick.cu", {{"SHAPE", std::string("BrickShape{") + shape + "}"},
+                                                     {"POLLERS", "128"},
+                                                     {"ROUNDS", "12"},
+                                                     {"EQUAL_EDGES", "true"},
+                                                     {"PLAIN_BLOCKS", "1"},
+                                                     {"INCREMENTS_IN_MEMORY", in_memory},
+                                                     {"LANE_REGISTERS", std::to_string(registers)},
+                                                     {"POLLER_REGISTERS", "80"},
+                                                     {"TERMS", std::string("KernelTerms<Formulation::") +
+                                                                   formulation + ",262143u,6u,false>"}});
+        source.moves_registers = registers > 0;
         EXPECT_EQ(compile(source, architecture).code.substr(1, 3), "ELF");
     }
 }
@@ -429,12 +409,7 @@ INSTANTIATE_TEST_SUITE_P(Formulations, Compiler, ::testing::ValuesIn(all_formula
 TEST(Compiler, FindsOnDiskWhatItCompiledBefore) {
     const std::string folder = ::testing::TempDir() + "voxspring_kernels";
     setenv("VOXSPRING_CACHE", folder.c_str(), 1);
-    KernelSource source{"implicit.cu",
-                        {{"REAL", "float"},
-                         {"FETCH", "PastL1"},
-                         {"THREADS", "64"},
-                         {"BLOCKS", "1"},
-                         {"TERMS", "KernelTerms<Formulation::position,63u,0u,false>"}}};
+    KernelSource source = source_of("implicit.cu", {{"THREADS", "64"}});
     const CompiledKernel first = compile(source, 90);
     const CompiledKernel again = compile(source, 90);
     EXPECT_FALSE(first.found);
@@ -470,12 +445,7 @@ TEST(Compiler, SaysWhatIsWrong) {
 
 // For a card newer than the compiler it emits code that the driver finishes.
 TEST(Compiler, FallsBackToPtx) {
-    const KernelSource source{"implicit.cu",
-                              {{"REAL", "float"},
-                               {"FETCH", "ThroughL1"},
-                               {"THREADS", "64"},
-                               {"BLOCKS", "1"},
-                               {"TERMS", "KernelTerms<Formulation::increment,63u,0u,false>"}}};
+    const KernelSource source = source_of("implicit.cu", {{"FETCH", "ThroughL1"}, {"THREADS", "64"}});
     EXPECT_NE(compile(source, 999).code.find(".target"), std::string::npos);
     EXPECT_THROW(compile(source, 30), DeviceError);
 }

@@ -11,12 +11,15 @@
 namespace voxspring::cuda {
 
 /// The kernels, named as in between_steps.cu.
-#define SUPPORT_KERNELS(X)                                                                              \
-    X(gather_border)                                                                                    \
-    X(scatter_border) X(check_words) X(check_axes) X(write_particle_bits) X(write_bare_words)           \
-        X(write_slots_and_bits) X(write_rows) X(write_slices) X(write_springs) X(write_short_argument)  \
-            X(write_long_argument) X(feed) X(pull_held_particles) X(measure_lengths) X(measure_springs) \
-                X(measure_inverse_roots)
+// clang-format off
+#define SUPPORT_KERNELS(X) \
+    X(gather_border) X(scatter_border) X(check_words) X(check_axes) \
+    X(write_particle_bits) X(write_bare_words) X(write_slots_and_bits) \
+    X(write_rows) X(write_slices) X(write_springs) \
+    X(write_short_argument) X(write_long_argument) \
+    X(feed) X(pull_held_particles) \
+    X(measure_lengths) X(measure_springs) X(measure_inverse_roots)
+// clang-format on
 struct SupportKernels {
 #define MEMBER(name) std::shared_ptr<const Kernel> name;
     SUPPORT_KERNELS(MEMBER)
