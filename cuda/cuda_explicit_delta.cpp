@@ -4,7 +4,6 @@
 #include "backends/layout/delta_lists.h"
 #include "cuda/common/measure.h"
 #include "cuda/common/particles.h"
-#include "cuda/common/tuning.h"
 
 namespace voxspring::cuda {
 namespace {

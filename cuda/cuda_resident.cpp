@@ -19,7 +19,6 @@
 #include "cuda/common/measure.h"
 #include "cuda/common/particles.h"
 #include "cuda/common/ticks.h"
-#include "cuda/common/tuning.h"
 #include "cuda/device/serialiser.h"
 
 namespace voxspring::cuda {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <sstream>
 
+#include "backends/layout/boxes.h"
 #include "backends/layout/rounding.h"
 #include "backends/layout/springs.h"
 #include "backends/layout/vectors.h"
@@ -30,15 +31,12 @@ std::vector<BlockOrigin> list_blocks(const Lattice& lattice, BlockShape shape) {
     std::vector<std::uint8_t> active(grid.places());
     for (const std::uint32_t voxel : lattice.voxel) active[grid.place_of(lattice, voxel)] = 1;
     std::vector<BlockOrigin> origins;
-    for (int z = 0; z * shape.z < lattice.dims.z; ++z) {
-        for (int y = 0; y * shape.y < lattice.dims.y; ++y) {
-            for (int x = 0; x * shape.x < lattice.dims.x; ++x) {
-                const std::size_t place = grid.place(x, y, z);
-                if (active[place] != 0)
-                    origins.push_back({x * shape.x, y * shape.y, z * shape.z, int(place)});
-            }
-        }
-    }
+    const glm::ivec3 size(shape.x, shape.y, shape.z), blocks = (lattice.dims + size - 1) / size;
+    visit_box(glm::ivec3(0), blocks, [&](const glm::ivec3& at) {
+        const std::size_t place = grid.place(at.x, at.y, at.z);
+        if (active[place] != 0)
+            origins.push_back({at.x * shape.x, at.y * shape.y, at.z * shape.z, int(place)});
+    });
     return origins;
 }
 

@@ -9,6 +9,7 @@
 #include <limits>
 #include <utility>
 
+#include "backends/layout/boxes.h"
 #include "backends/layout/rounding.h"
 
 namespace voxspring::layout {
@@ -68,18 +69,14 @@ glm::ivec3 size_of(const BrickShape& shape) { return {shape.nx(), shape.ny(), sh
 class ParticleCounts {
 public:
     ParticleCounts(const Lattice& lattice, const glm::ivec3& low, const glm::ivec3& high)
-        : size_(high - low + 2), sum_(std::size_t(size_.x) * std::size_t(size_.y) * std::size_t(size_.z)) {
+        : size_(high - low + 2), sum_(volume(size_)) {
         for (const std::uint32_t voxel : lattice.voxel) at(lattice.coordinates(voxel) - low + 1) = 1;
         for (int axis = 0; axis < 3; ++axis) {
-            for (int z = 1; z < size_.z; ++z) {
-                for (int y = 1; y < size_.y; ++y) {
-                    for (int x = 1; x < size_.x; ++x) {
-                        glm::ivec3 before(x, y, z);
-                        before[axis] -= 1;
-                        at({x, y, z}) += at(before);
-                    }
-                }
-            }
+            visit_box(glm::ivec3(1), size_, [&](glm::ivec3 to) {
+                std::uint32_t& sum = at(to);
+                to[axis] -= 1;
+                sum += at(to);
+            });
         }
     }
     /// How many there are in voxels `begin` to `end` (exclusive) of the body.
@@ -96,12 +93,8 @@ public:
     }
 
 private:
-    std::size_t index(const glm::ivec3& c) const {
-        return (std::size_t(c.z) * std::size_t(size_.y) + std::size_t(c.y)) * std::size_t(size_.x) +
-               std::size_t(c.x);
-    }
-    std::uint32_t& at(const glm::ivec3& c) { return sum_[index(c)]; }
-    std::uint32_t at(const glm::ivec3& c) const { return sum_[index(c)]; }
+    std::uint32_t& at(const glm::ivec3& c) { return sum_[index_in(size_, c)]; }
+    std::uint32_t at(const glm::ivec3& c) const { return sum_[index_in(size_, c)]; }
 
     glm::ivec3 size_;
     std::vector<std::uint32_t> sum_;
@@ -280,8 +273,8 @@ std::optional<BrickPlan> plan_bricks(const Problem& problem, Formulation formula
     // Bricks without a particle are left out, so there may be more bricks than blocks.
     const std::size_t max_bricks = 4 * most;
     const std::size_t max_brick = device.block_shared_bytes / (2 * sizeof(Vector<float>));  // particles
-    const std::size_t voxels = std::size_t(body.x) * std::size_t(body.y) * std::size_t(body.z);
-    if (problem.particle_count() > most * max_brick || voxels > max_bricks * max_brick) return std::nullopt;
+    if (problem.particle_count() > most * max_brick || volume(body) > max_bricks * max_brick)
+        return std::nullopt;
     const ParticleCounts counts(problem.lattice, low, high);
     std::optional<BrickPlan> best;
     for (const BrickTileSize& tile : tile_sizes) {
@@ -301,8 +294,7 @@ std::optional<BrickPlan> plan_bricks(const Problem& problem, Formulation formula
                                              bricks.x > 2, 0, 0}};
                     // A tile that has a border on either side leaves no side for early work.
                     if ((threads.y == 1 && bricks.y > 2) || (threads.z == 1 && bricks.z > 2)) continue;
-                    if (std::size_t(threads.x) * std::size_t(threads.y) * std::size_t(threads.z) >
-                            max_threads ||
+                    if (volume(threads) > max_threads ||
                         std::size_t(plan.shape.shared_bytes()) > device.block_shared_bytes)
                         continue;
                     // Plan without conflicts first, since finding the pads takes longer.
@@ -311,14 +303,9 @@ std::optional<BrickPlan> plan_bricks(const Problem& problem, Formulation formula
                         continue;
                     if (best && seconds_of(plan, 0, device) >= best->seconds) continue;
                     std::size_t blocks = 0;
-                    for (int z = 0; z < bricks.z && blocks <= most; ++z) {
-                        for (int y = 0; y < bricks.y; ++y) {
-                            for (int x = 0; x < bricks.x; ++x) {
-                                const glm::ivec3 begin = glm::ivec3(x, y, z) * brick;
-                                if (counts.in(begin, begin + brick) > 0) ++blocks;
-                            }
-                        }
-                    }
+                    visit_box(glm::ivec3(0), bricks, [&](const glm::ivec3& at) {
+                        if (counts.in(at * brick, (at + 1) * brick) > 0) ++blocks;
+                    });
                     if (blocks > most) continue;
                     const double conflicts = pad(plan.shape, device.block_shared_bytes);
                     plan.seconds = seconds_of(plan, conflicts, device);
@@ -349,7 +336,7 @@ BrickLayout::BrickLayout(const Problem& problem, const BrickPlan& plan)
       strides_(march_strides(problem.lattice, sizeof(float))),
       dims_(problem.lattice.dims),
       voxel_(problem.lattice.voxel),
-      mask_(std::size_t(dims_.x) * std::size_t(dims_.y) * std::size_t(dims_.z)) {
+      mask_(volume(dims_)) {
     for (std::size_t i = 0; i < problem.particle_count(); ++i)
         mask_[problem.lattice.voxel[i]] = problem.lattice.mask[i];
     const auto [low, high] = bounds_of(problem.lattice);
@@ -373,39 +360,31 @@ BrickLayout::BrickLayout(const Problem& problem, const BrickPlan& plan)
 std::uint32_t BrickLayout::mask_at(const glm::ivec3& voxel) const {
     if (glm::any(glm::lessThan(voxel, glm::ivec3(0))) || glm::any(glm::greaterThanEqual(voxel, dims_)))
         return 0;
-    return mask_[(std::size_t(voxel.z) * std::size_t(dims_.y) + std::size_t(voxel.y)) * std::size_t(dims_.x) +
-                 std::size_t(voxel.x)];
+    return mask_[index_in(dims_, voxel)];
 }
 
 void BrickLayout::find_blocks() {
     const glm::ivec3 size = size_of(plan_.shape);
-    block_at_.assign(std::size_t(bricks_.x) * std::size_t(bricks_.y) * std::size_t(bricks_.z), resident_none);
-    std::size_t number = 0;
-    for (int z = 0; z < bricks_.z; ++z) {
-        for (int y = 0; y < bricks_.y; ++y) {
-            for (int x = 0; x < bricks_.x; ++x, ++number) {
-                const glm::ivec3 begin = low_ + glm::ivec3(x, y, z) * size;
-                bool any = false;
-                for (int n = 0; n < size.x * size.y * size.z && !any; ++n)
-                    any = mask_at(begin +
-                                  glm::ivec3(n % size.x, n / size.x % size.y, n / (size.x * size.y))) != 0;
-                if (!any) continue;
-                block_at_[number] = std::uint32_t(blocks_.size());
-                // Where two bricks share one border along x, they meet where X ends.
-                const bool mirrored = !plan_.shape.both && x == 1;
-                std::uint32_t sides = 0;
-                const auto side = [&](bool here, std::uint32_t bit) { sides |= here ? bit : 0; };
-                side(x > 0, mirrored ? brick_high_x : brick_low_x);
-                side(x + 1 < bricks_.x, brick_high_x);
-                side(y > 0, brick_low_y);
-                side(y + 1 < bricks_.y, brick_high_y);
-                side(z > 0, brick_low_z);
-                side(z + 1 < bricks_.z, brick_high_z);
-                blocks_.push_back(
-                    {mirrored ? begin.x + size.x - 1 : begin.x, begin.y, begin.z, mirrored ? -1 : 1, sides});
-            }
-        }
-    }
+    block_at_.assign(volume(bricks_), resident_none);
+    visit_box(glm::ivec3(0), bricks_, [&](const glm::ivec3& brick) {
+        const glm::ivec3 begin = low_ + brick * size;
+        bool any = false;
+        visit_box(begin, begin + size, [&](const glm::ivec3& voxel) { any = any || mask_at(voxel) != 0; });
+        if (!any) return;
+        block_at_[index_in(bricks_, brick)] = std::uint32_t(blocks_.size());
+        // Where two bricks share one border along x, they meet where X ends.
+        const bool mirrored = !plan_.shape.both && brick.x == 1;
+        std::uint32_t sides = 0;
+        const auto side = [&](bool here, std::uint32_t bit) { sides |= here ? bit : 0; };
+        side(brick.x > 0, mirrored ? brick_high_x : brick_low_x);
+        side(brick.x + 1 < bricks_.x, brick_high_x);
+        side(brick.y > 0, brick_low_y);
+        side(brick.y + 1 < bricks_.y, brick_high_y);
+        side(brick.z > 0, brick_low_z);
+        side(brick.z + 1 < bricks_.z, brick_high_z);
+        blocks_.push_back(
+            {mirrored ? begin.x + size.x - 1 : begin.x, begin.y, begin.z, mirrored ? -1 : 1, sides});
+    });
 }
 
 void BrickLayout::write_masks(std::size_t block, int lane) {
@@ -485,39 +464,27 @@ bool BrickLayout::all_plain() const {
 
 std::vector<BrickPoll> BrickLayout::polls_of(const BrickBlock& block) const {
     const BrickShape& shape = plan_.shape;
-    const auto voxel = [&](int X, int Y, int Z) {
-        return glm::ivec3(block.x + block.direction * X, block.y + Y, block.z + Z);
+    // Places are relative to the block's origin, along its direction.
+    const auto voxel = [&](const glm::ivec3& at) {
+        return glm::ivec3(block.x + block.direction * at.x, block.y + at.y, block.z + at.z);
     };
-    const auto inside = [&](int X, int Y, int Z) {
-        return X >= 0 && X < shape.nx() && Y >= 0 && Y < shape.ny() && Z >= 0 && Z < shape.nz();
+    const auto inside = [size = size_of(shape)](const glm::ivec3& at) {
+        return glm::all(glm::greaterThanEqual(at, glm::ivec3(0))) && glm::all(glm::lessThan(at, size));
     };
     // Blocks count as neighbours whether or not a spring joins them: each block waits for those that wait for
     // it, and so is never two steps ahead.
-    const auto reached = [&](int X, int Y, int Z) {
-        for (int dz = -1; dz <= 1; ++dz) {
-            for (int dy = -1; dy <= 1; ++dy) {
-                for (int dx = -1; dx <= 1; ++dx) {
-                    if (is_face_or_edge(dx, dy, dz) && inside(X + dx, Y + dy, Z + dz) &&
-                        mask_at(voxel(X + dx, Y + dy, Z + dz)) != 0)
-                        return true;
-                }
-            }
-        }
-        return false;
+    const auto reached = [&](const glm::ivec3& at) {
+        return std::any_of(directions().begin(), directions().end(), [&](const Direction& direction) {
+            const glm::ivec3 o = direction.offset;
+            return is_face_or_edge(o.x, o.y, o.z) && inside(at + o) && mask_at(voxel(at + o)) != 0;
+        });
     };
     std::vector<BrickPoll> polls;
-    for (int Z = -1; Z <= shape.nz(); ++Z) {
-        for (int Y = -1; Y <= shape.ny(); ++Y) {
-            for (int X = shape.both ? -1 : 0; X <= shape.nx(); ++X) {
-                if (inside(X, Y, Z)) continue;
-                const glm::ivec3 at = voxel(X, Y, Z);
-                if (mask_at(at) == 0 || !reached(X, Y, Z)) continue;
-                const std::size_t element =
-                    std::size_t(at.x) + strides_.row * std::size_t(at.y) + strides_.plane * std::size_t(at.z);
-                polls.push_back({std::uint32_t(element), std::uint32_t(shape.slot_of(X, Y, Z))});
-            }
-        }
-    }
+    visit_box({shape.both ? -1 : 0, -1, -1}, size_of(shape) + 1, [&](const glm::ivec3& at) {
+        if (inside(at) || mask_at(voxel(at)) == 0 || !reached(at)) return;
+        polls.push_back(
+            {std::uint32_t(strides_.element(voxel(at))), std::uint32_t(shape.slot_of(at.x, at.y, at.z))});
+    });
     return polls;
 }
 
@@ -546,10 +513,7 @@ std::vector<EditedWord> BrickLayout::edit(const SpringEdit& edit) {
         mask_[at] = touched.mask;
         const glm::ivec3 c(int(at) % dims_.x, int(at) / dims_.x % dims_.y, int(at) / (dims_.x * dims_.y));
         const glm::ivec3 brick = (c - low_) / size;
-        const std::size_t block =
-            block_at_[(std::size_t(brick.z) * std::size_t(bricks_.y) + std::size_t(brick.y)) *
-                          std::size_t(bricks_.x) +
-                      std::size_t(brick.x)];
+        const std::size_t block = block_at_[index_in(bricks_, brick)];
         const BrickBlock& b = blocks_[block];
         const int X = b.direction * (c.x - b.x), Y = c.y - b.y, Z = c.z - b.z;
         lanes.emplace_back(block, (Y / shape.ty * shape.wz + Z / shape.tz) * shape.wx + X / shape.tx);

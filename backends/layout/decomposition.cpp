@@ -7,6 +7,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include "backends/layout/boxes.h"
 #include "backends/physics/neighbours.h"
 
 namespace voxspring {
@@ -33,12 +34,6 @@ int reach_of(const Problem& problem) {
     return reach;
 }
 
-/// The index of a voxel, as Lattice::voxel has it.
-std::uint32_t index_of(glm::ivec3 at, glm::ivec3 dims) {
-    return (std::uint32_t(at.z) * std::uint32_t(dims.y) + std::uint32_t(at.y)) * std::uint32_t(dims.x) +
-           std::uint32_t(at.x);
-}
-
 bool contains(const Brick& brick, glm::ivec3 at) {
     return glm::all(glm::greaterThanEqual(at, brick.begin)) && glm::all(glm::lessThan(at, brick.end));
 }
@@ -54,7 +49,8 @@ bool may_be_joined(const Problem& problem, const Brick& brick, glm::ivec3 at) {
     return std::any_of(directions().begin(), directions().end(), [&](const Direction& direction) {
         const glm::ivec3 to = at + direction.offset;
         return (problem.group_bits >> direction.bit & 1U) != 0 && contains(brick, to) &&
-               std::binary_search(lattice.voxel.begin(), lattice.voxel.end(), index_of(to, lattice.dims));
+               std::binary_search(lattice.voxel.begin(), lattice.voxel.end(),
+                                  std::uint32_t(layout::index_in(lattice.dims, to)));
     });
 }
 
@@ -220,7 +216,8 @@ private:
         share(here, at, own);
 
         Problem& problem = subdomain_.problem;
-        problem.lattice.voxel.push_back(index_of(at - with_ghosts_.begin, problem.lattice.dims));
+        problem.lattice.voxel.push_back(
+            std::uint32_t(layout::index_in(problem.lattice.dims, at - with_ghosts_.begin)));
         const std::uint32_t mask = whole_.lattice.mask[i];
         problem.lattice.mask.push_back(own ? mask : (mask & (bits_to_own(at) | ACTIVE_BIT)) | PINNED_BIT);
         problem.rest_position.push_back(whole_.rest_position[i]);

@@ -7,7 +7,6 @@
 #include "backends/layout/work.h"
 #include "cuda/common/measure.h"
 #include "cuda/common/particles.h"
-#include "cuda/common/tuning.h"
 
 namespace voxspring::cuda {
 namespace {

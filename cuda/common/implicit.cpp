@@ -9,7 +9,6 @@
 #include "cuda/common/measure.h"
 #include "cuda/common/particles.h"
 #include "cuda/common/resting.h"
-#include "cuda/common/tuning.h"
 
 namespace voxspring::cuda {
 namespace {

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <array>
 #include <initializer_list>
+#include <map>
 #include <memory>
 #include <optional>
 #include <string>
@@ -15,6 +16,7 @@
 #include "backends/layout/rounding.h"
 #include "backends/layout/tool.h"
 #include "backends/layout/vectors.h"
+#include "backends/registry.h"
 #include "cuda/common/border.h"
 #include "cuda/common/cuda_backend.h"
 #include "cuda/common/device_borders.h"
@@ -40,6 +42,13 @@ Fetch fetch_path(const std::string& tuned);
 /// Texels of 16 bytes per word. One texture fetch reads one texel.
 template <class Real>
 inline constexpr std::size_t texels_per_word = sizeof(ParticleRecord<Real>) / 16;
+
+/// The tuning parameters `own`, and those that all strategies with a KernelFamily have.
+inline std::map<std::string, TuningValues> tuning(std::map<std::string, TuningValues> own) {
+    // Compile in the terms that the scene needs, or all of them, chosen at run time.
+    own["terms"] = {"needed", "all"};
+    return own;
+}
 
 /// What the kernels of one backend specification have in common.
 struct KernelFamily {
