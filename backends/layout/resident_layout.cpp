@@ -465,7 +465,7 @@ std::string resident_refusal(const Problem& problem, int multiprocessors, bool l
     if (problem.particle_count() == 0) return "there is no particle to reside";
     if (std::string why = implicit_refusal(problem); !why.empty()) return why;
     if (problem.has_materials())
-        return "resident blocks have one stiffness a spring group, and the scene has several materials";
+        return "resident blocks have one stiffness per spring group, and the scene has several materials";
     const auto max_particles = std::size_t(multiprocessors) * max_resident_lanes;
     const std::size_t own = problem.particle_count() - problem.ghosts.size();
     if (own > max_particles)

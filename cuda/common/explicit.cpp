@@ -132,7 +132,7 @@ private:
     std::string refused(const Problem& problem) const override {
         if (options_.secondary == Secondary::never) {
             if (const std::string why = grouped_list_refusal(problem); !why.empty())
-                return "a counter a spring group holds no constants of single springs: " + why;
+                return "one counter per spring group holds no constants of single springs: " + why;
         }
         if (std::string why = list_entry_refusal(problem, this->formulation()); !why.empty()) return why;
         return launch_refusal<Real>(problem.particle_count(), this->device(), this->family());
