@@ -207,8 +207,8 @@ TEST(StepWork, OfCudaImplicit) {
     const Problem loaded = loaded_plate_of_two_materials();
     EXPECT_WORK(layout::implicit_work<float>(loaded, position), 6 * (48 + 12 + 4 + 4), 6 * (18 + 3) + 22 * 16,
                 1);
-    EXPECT_WORK(layout::implicit_work<double>(loaded, position), 6 * (96 + 24 + 8 + 8), 6 * (18 + 3) + 22 * 26,
-                1);
+    EXPECT_WORK(layout::implicit_work<double>(loaded, position), 6 * (96 + 24 + 8 + 8),
+                6 * (18 + 3) + 22 * 26, 1);
 }
 
 // 7 springs along an axis and 4 along two.
@@ -231,8 +231,8 @@ TEST(StepWork, OfCudaByFormulation) {
 // in place of 24; for one row, in float64, 9 in place of 6 and 22 in place of 12.
 TEST(StepWork, OfCudaMarch) {
     const int faces = 7 * 16 / 12, edges = 4 * 38 / 24, ends = 22;
-    EXPECT_WORK(layout::march_work<float>(plate(), position), 6 * 36, faces * 9 + edges * 8 + ends * 3 + 6 * 9,
-                1);
+    EXPECT_WORK(layout::march_work<float>(plate(), position), 6 * 36,
+                faces * 9 + edges * 8 + ends * 3 + 6 * 9, 1);
     EXPECT_WORK(layout::march_work<double>(plate(), position), 6 * 72,
                 7 * 9 / 6 * 15 + 4 * 22 / 12 * 14 + ends * 3 + 6 * 9, 1);
     EXPECT_WORK(layout::march_work<float>(plate(), Formulation::displacement), 6 * 36,
@@ -246,10 +246,11 @@ TEST(StepWork, OfCudaMarch) {
 }
 
 TEST(StepWork, OfCudaExplicit) {
-    EXPECT_WORK(layout::explicit_work<float>(plate(), false, position), 6 * 48 + 22 * 4, 6 * (15 + 6) + 22 * 13,
-                1);
+    EXPECT_WORK(layout::explicit_work<float>(plate(), false, position), 6 * 48 + 22 * 4,
+                6 * (15 + 6) + 22 * 13, 1);
     EXPECT_WORK(layout::explicit_work<float>(plate(), true, position), 6 * 48 + 22 * 12, 6 * 15 + 22 * 14, 1);
-    EXPECT_WORK(layout::explicit_work<double>(plate(), true, position), 6 * 96 + 22 * 20, 6 * 15 + 22 * 20, 1);
+    EXPECT_WORK(layout::explicit_work<double>(plate(), true, position), 6 * 96 + 22 * 20, 6 * 15 + 22 * 20,
+                1);
     Problem sutured = plate();
     sutured.springs = {{0, 5, 1, 1}};
     EXPECT_WORK(layout::explicit_work<float>(sutured, true, position), 6 * 48 + 24 * 12, 6 * 15 + 24 * 14, 1);
@@ -278,7 +279,8 @@ TEST(StepWork, TrafficOfCuda) {
     EXPECT_TRAFFIC(layout::march_work<double>(plate(), Formulation::increment), 6 * 48, 6 * 72);
     EXPECT_TRAFFIC(layout::explicit_work<float>(plate(), true, position), 6 * 16, 6 * 32 + 22 * 12);
     // Both launches write all forces, which form one array; the springs are read.
-    EXPECT_TRAFFIC(layout::scatter_work<float>(plate(), position), 6 * (16 + 2 * 12), 6 * (32 + 12) + 11 * 16);
+    EXPECT_TRAFFIC(layout::scatter_work<float>(plate(), position), 6 * (16 + 2 * 12),
+                   6 * (32 + 12) + 11 * 16);
     const Problem one_particle = make_lattice_problem(solid({1, 1, 1}), FACE_BITS);
     EXPECT_TRAFFIC(layout::scatter_work<float>(one_particle, position), 16 + 12, 32 + 12);
     Problem sutured = plate();
