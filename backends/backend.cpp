@@ -6,18 +6,11 @@ namespace voxspring {
 
 std::string to_string(Precision precision) { return precision == Precision::float32 ? "float32" : "float64"; }
 
-namespace {
-
-constexpr const char* no_tool = "the backend has no tool";
-
-}  // namespace
-
 std::string Backend::unsupported(const Problem& problem) const {
-    return problem.has_tool() && !has_tool() ? no_tool : std::string();
+    // tool() only says whether there is a facet, but a facet that was asked for may change the backend.
+    const bool has_tool = const_cast<Backend*>(this)->tool() != nullptr;
+    return problem.has_tool() && !has_tool ? "the backend has no tool" : std::string();
 }
-
-void Backend::move_tool(const glm::dvec3&) { throw DeviceError(no_tool); }
-glm::dvec3 Backend::tool_force() { throw DeviceError(no_tool); }
 
 Timing Backend::timed(const std::function<void()>& run) {
     synchronize();

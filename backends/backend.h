@@ -1,21 +1,16 @@
-// The contract between the harness and everything that can step a mass-spring-damper model.
-// Adding a backend: one file that implements Backend and registers itself (registry.h), one roster line
-// in the CMakeLists.txt of its folder.
+// The contract between the harness and everything that can step a mass-spring-damper model: what every
+// backend must do. facets.h has what some can do besides. Adding a backend: one file that implements Backend
+// and registers itself (registry.h), one roster line in the CMakeLists.txt of its folder.
 #pragma once
 
-#include <cstddef>
 #include <cstdint>
 #include <functional>
-#include <glm/vec4.hpp>
 #include <map>
-#include <memory>
-#include <optional>
-#include <span>
 #include <stdexcept>
 #include <string>
 #include <vector>
 
-#include "backends/limits.h"
+#include "backends/facets.h"
 #include "backends/physics/edit.h"
 #include "backends/physics/formulation.h"
 #include "backends/physics/problem.h"
@@ -24,6 +19,9 @@ namespace voxspring {
 
 enum class Precision : std::uint8_t { float32, float64 };
 std::string to_string(Precision precision);
+
+/// The API of backends that step on threads of the host.
+inline constexpr const char* host_api = "cpu";
 
 /// How a backend is to be built. Whatever changes the numbers or the speed is here and is recorded in the
 /// result.
@@ -45,9 +43,6 @@ class DeviceError : public std::runtime_error {
     using std::runtime_error::runtime_error;
 };
 
-/// The programming interfaces that backends are written in, whatever their version.
-enum class ApiFamily : std::uint8_t { cpu, opengl, vulkan, cuda };
-
 /// What a backend runs on.
 struct Capabilities {
     std::string api;     ///< "CPU", "OpenGL 4.5 core", "CUDA 13.0"
@@ -61,17 +56,21 @@ struct Capabilities {
     /// What compiles kernels when a scene is uploaded, and its options without the scene's macros. Empty: the
     /// driver does, or nothing is compiled.
     std::string kernel_compiler = {};
-    ApiFamily family = ApiFamily::cpu;
+    /// The API, whatever its version (Api::name in api.h). A backend steps on the host's threads if it is
+    /// "cpu".
+    std::string family = host_api;
     bool is_software = false;  ///< the processor computes what a graphics API asks for
     /// What measure_limits() measures, as results name it: "CPU", "CUDA", "OpenGL" (draws), "OpenGL compute".
     /// Backends with the same name share one measurement. Empty: the measurement is of this API and version
     /// alone.
     std::string limits_of = {};
-    bool has_borders = false;  ///< Backend::border() returns a border
-    /// The ways that Backend::device_borders() accepts. Empty: borders can go only through the host's memory.
-    /// If has_borders is not set, borders can go only by these ways.
+    bool has_borders = false;  ///< BorderFacet::border() returns a border
+    /// The ways that BorderFacet::device_borders() accepts. Empty: borders can go only through the host's
+    /// memory. If has_borders is not set, borders can go only by these ways.
     std::vector<std::string> border_ways = {};
     int devices = 1;  ///< how many devices its API shows here, on each of which it could step a part
+
+    bool steps_on_host() const { return family == host_api; }
 };
 
 /// One timed batch of steps.
@@ -80,146 +79,14 @@ struct Timing {
     double host_seconds = 0;    ///< from before the first call to after the last synchronization
 };
 
-/// The limits that a run has to stay within, and how often that is checked.
-struct DivergenceMonitor {
-    /// The farthest that a particle may move in one step: |x(t) - x(t - dt)|, in units of length.
-    double largest_increment = 0;
-    /// Checks are due after every multiple of this many steps, or as soon afterwards as the backend can make
-    /// them without slowing down. 0: never.
-    int every = 0;
-};
-
-/// The first check that found a particle not finite or too fast, in steps since upload(). The run left its
-/// limits after step `last_good` and no later than step `found`.
-struct Divergence {
-    std::int64_t last_good = 0;
-    std::int64_t found = 0;
-};
-
-/// What one step did, by name: what the hardware's counters say ("samples_passed"), or how many of a
-/// lattice's tiles were stepped. It shows that skipped work is really skipped.
-using WorkCount = std::map<std::string, std::uint64_t>;
-
-/// Values of tuning parameters that a backend chose for a problem, and the prediction by which it chose.
-struct Choice {
-    std::string tuning;       ///< "tile=64x16"
-    double step_seconds = 0;  ///< of a step, as predicted before the first one
-};
-
-/// Seconds of compiling code for a problem.
-struct CompileTime {
-    double spent = 0;  ///< by the upload; 0 for code that was compiled before
-    double cold = 0;   ///< as if nothing were on disk; for code found there, the time when it was compiled
-    CompileTime& operator+=(const CompileTime& other) {
-        spent += other.spent;
-        cold += other.cold;
-        return *this;
-    }
-};
-
-/// The places of some particles of a simulation, which is one part of a larger body (layout/decomposition.h).
-/// The springs of the part beside it pull at these places. They are in the backend's own numbers, so that
-/// nothing is rounded on the way. What one border has read another one can write, if both backends have the
-/// same options.
-class Border {
-public:
-    Border() = default;
-    Border(const Border&) = delete;
-    Border& operator=(const Border&) = delete;
-    virtual ~Border() = default;
-
-    virtual std::size_t bytes() const = 0;
-    /// Reads the places after the steps enqueued so far, and waits for these steps.
-    virtual void read(std::byte* to) const = 0;
-    /// Puts the particles, which are pinned, at these places from the next step on.
-    virtual void write(const std::byte* from) = 0;
-};
-
-/// What a part of a body shares with a part beside it: own particles that are ghosts there, and ghosts here
-/// that the other part steps. Both lists ascend.
-struct SharedParticles {
-    int part;  ///< the number of the part beside this one
-    std::vector<std::uint32_t> sent, received;
-};
-
-/// The borders of one part of a body with the parts beside it. All parts are on devices of this process.
-/// Borders travel from device to device, and the host does not wait for them.
-///
-/// Most borders travel between steps. Where they travel within steps, each step of a part takes what the same
-/// step of the parts beside it gave, however steps are divided into calls of step().
-///
-/// Each part is stepped by one thread, which steps no other part. A part calls its n-th receive() after the
-/// parts beside it have returned from their n-th send(). They call send() n + 2 after that receive() has
-/// returned. Either side may be destroyed first.
-class DeviceBorders {
-public:
-    DeviceBorders() = default;
-    DeviceBorders(const DeviceBorders&) = delete;
-    DeviceBorders& operator=(const DeviceBorders&) = delete;
-    virtual ~DeviceBorders() = default;
-
-    /// Bytes that this part sends in a step.
-    virtual std::size_t bytes() const = 0;
-    /// Connects the parts. To be called once before all else, in the thread of every part, with the borders
-    /// of all parts of the body in their order; this object is that of `part`. All backends have the same
-    /// options. Throws Unavailable, with the reason, if the devices have no such way to each other.
-    virtual void connect(const std::vector<std::shared_ptr<DeviceBorders>>& parts, std::size_t part) = 0;
-    /// Takes over connections that are slow to make from `before`, the borders of the same part until the
-    /// latest upload. To be called before connect(), for all parts or for none.
-    virtual void take_over(DeviceBorders& before) { static_cast<void>(before); }
-    /// Ends what connect() began and what all parts have to end together. To be called at the end of a run
-    /// without failure, in the thread of every part, while all parts still exist. The destructor aborts what
-    /// was not ended in this way, and waits for no other part.
-    virtual void disconnect() {}
-    /// How many steps a call of Backend::step() may take if borders travel within steps; 0: borders travel
-    /// between steps. In the first case all parts must be ready for their calls before one of them makes its
-    /// call, and must have made them before one of them asks for anything else. Until then a device that
-    /// several parts share may wait for one of them, and so may everything that waits for this device.
-    virtual int steps_a_call() const { return 0; }
-    /// Enqueues the transfer of the places, after the steps enqueued so far, to the parts beside this one. If
-    /// borders travel within steps, this and receive() do nothing.
-    virtual void send() = 0;
-    /// Enqueues the arrival: from the next step on ghosts are where the parts beside this one sent them.
-    virtual void receive() = 0;
-};
-
-/// Shows a running simulation: the device itself puts the displacements of some particles into an OpenGL
-/// buffer, and nothing passes through the host.
-class Feed {
-public:
-    Feed() = default;
-    Feed(const Feed&) = delete;
-    Feed& operator=(const Feed&) = delete;
-    virtual ~Feed() = default;
-
-    /// Fills the buffer, whose context is current, with the particles' displacements after the steps enqueued
-    /// so far, and waits until it is full. Another context may be current afterwards. The feed is destroyed
-    /// while the buffer's context is current.
-    virtual void write() = 0;
-};
-
-/// Displacements of some particles, as for Feed, which the device itself puts into host memory.
-class HostFeed {
-public:
-    HostFeed() = default;
-    HostFeed(const HostFeed&) = delete;
-    HostFeed& operator=(const HostFeed&) = delete;
-    virtual ~HostFeed() = default;
-
-    /// x, y, z and 0 of each particle after the steps enqueued so far, for which this waits. The values are
-    /// valid until the next call.
-    virtual std::span<const glm::vec4> read() = 0;
-};
-
 /// One simulation on one device. The constructor acquires the device and throws Unavailable if there is none;
 /// the destructor releases it and never throws. Every other member throws DeviceError if the device fails,
 /// after which the object can only be destroyed. Not thread-safe.
-class Backend {
+class Backend : public Facets {
 public:
     Backend() = default;
     Backend(const Backend&) = delete;
     Backend& operator=(const Backend&) = delete;
-    virtual ~Backend() = default;
 
     virtual Capabilities capabilities() const = 0;
 
@@ -233,13 +100,6 @@ public:
     /// destruction. An empty list of `state` gives the same bits as a list of zeros.
     virtual void upload(const Problem& problem, const State& state) = 0;
 
-    /// Keeps a copy of the state on the device for rewind(). To be called right after upload(); valid until
-    /// the next one. Returns false if this backend keeps no copy or has no room for it.
-    virtual bool keep_start() { return false; }
-    /// Returns to step 0, to the state that upload() left and keep_start() kept, and to the problem without
-    /// the edits made since. Every step gives the bits that it would give after another upload().
-    virtual void rewind() {}
-
     /// Enqueues a change of springs between the steps before and the steps after. May return before it is
     /// made. `edited` is the uploaded problem with this edit and all earlier ones since, which unsupported()
     /// accepts. Like `problem` of upload() it must continue to exist, changed only by the next edit. From
@@ -250,51 +110,8 @@ public:
     /// arrays have no room for the edit, or if its kernel was chosen for springs of another kind.
     virtual void edit(const Problem& edited, const SpringEdit& edit) = 0;
 
-    /// The places of `particles`, which ascend. To be used until the next upload(). The result is null if
-    /// capabilities() say so. Throws Unavailable, with the reason, if the backend cannot step a part with
-    /// this border.
-    virtual std::unique_ptr<Border> border(const std::vector<std::uint32_t>& /*particles*/) {
-        return nullptr;
-    }
-    /// The borders with other parts, in ascending order of these. To be used until the next upload(). `way`
-    /// is one of Capabilities::border_ways. Throws Unavailable, with the reason, if there is no such way
-    /// here, and whatever border() throws.
-    virtual std::shared_ptr<DeviceBorders> device_borders(const std::vector<SharedParticles>& /*borders*/,
-                                                          const std::string& /*way*/) {
-        return nullptr;
-    }
-    /// An object that fills the OpenGL buffer `buffer` with the displacements of `particles`: x, y, z and 0
-    /// in float32, 16 bytes each, in their order. The buffer's context is current. To be used until the next
-    /// upload(). The result is null if the backend cannot: the caller then uses download().
-    virtual std::unique_ptr<Feed> feed(const std::vector<std::uint32_t>& /*particles*/,
-                                       std::uint32_t /*buffer*/) {
-        return nullptr;
-    }
-    /// An object that brings the displacements of `particles` to the host, in their order. To be used until
-    /// the next upload(). The result is null if the backend cannot: the caller then uses download(), which
-    /// brings the whole state.
-    virtual std::unique_ptr<HostFeed> host_feed(const std::vector<std::uint32_t>& /*particles*/) {
-        return nullptr;
-    }
-    /// Whether problems may have a tool. If so, the backend overrides the two functions below.
-    virtual bool has_tool() const { return false; }
-    /// Enqueues a move of the tool between the steps before and the steps after: from here on it has moved by
-    /// `displacement` (a length) since it took hold. upload() and rewind() put it back to where it took hold.
-    /// This and tool_force() are for problems with a tool.
-    virtual void move_tool(const glm::dvec3& displacement);
-    /// Synchronizes and returns the force on the tool in the latest step: minus the sum of its forces on the
-    /// particles that it holds (Problem::tool), each in the backend's precision, added in float64 and in
-    /// their order. Zero before the first step.
-    virtual glm::dvec3 tool_force();
-
     /// Enqueues `count` steps. May return before they have run.
     virtual void step(int count) = 0;
-
-    /// Makes the device check the state while it steps, from the next upload() or rewind() on. A check
-    /// changes no bit of the state. Until the first call nothing is checked.
-    virtual void monitor(const DivergenceMonitor&) {}
-    /// Where the run since upload() left its limits, if it has. Synchronizes.
-    virtual std::optional<Divergence> divergence() { return std::nullopt; }
 
     /// Waits for everything enqueued. Late errors surface here.
     virtual void synchronize() = 0;
@@ -302,26 +119,6 @@ public:
     /// Synchronizes, then copies the state out in canonical order, with one element per particle in both
     /// lists.
     virtual State download() = 0;
-
-    /// Makes one step and counts what it did, if there is something to count.
-    virtual WorkCount count_work() { return {}; }
-
-    /// The time to compile code for the problem of the last upload().
-    virtual CompileTime compile_time() const { return {}; }
-
-    /// What the last upload() chose by itself, if the backend predicts times to choose by.
-    virtual std::optional<Choice> choice() const { return std::nullopt; }
-
-    /// Measures what the device can do at best, in about a second. To be called before the first upload().
-    virtual DeviceLimits measure_limits() = 0;
-
-    /// Measures DeviceLimits::launch_seconds in this very process, if it differs from process to process;
-    /// otherwise the result is empty. To be called before the first upload(), or as the last call of all: it
-    /// leaves the device in a state that no step expects.
-    virtual std::optional<double> own_launch_seconds() { return std::nullopt; }
-
-    /// The least work of a step of `problem`. Cheap, and touches no device.
-    virtual StepWork step_work(const Problem& problem) const = 0;
 
     /// The one stopwatch: synchronize, host clock, mark, whatever `run` enqueues, mark, synchronize, host
     /// clock.

@@ -3,23 +3,12 @@
 #include <algorithm>
 #include <cctype>
 #include <charconv>
-#include <cstdlib>
 #include <utility>
 
 #include "backends/backend.h"
 
 namespace voxspring {
 namespace {
-
-std::function<std::string()>& source() {
-    static std::function<std::string()> function = [] { return std::string(); };
-    return function;
-}
-
-std::function<std::vector<ListedDevice>()>& vulkan_source() {
-    static std::function<std::vector<ListedDevice>()> function = [] { return std::vector<ListedDevice>(); };
-    return function;
-}
 
 std::string in_lower_case(std::string text) {
     std::transform(text.begin(), text.end(), text.begin(),
@@ -40,13 +29,6 @@ std::string uuid_text(const std::array<unsigned char, 16>& bytes) {
         text += digits[bytes[i] & 15];
     }
     return text;
-}
-
-MeasuredCardSource::MeasuredCardSource(std::function<std::string()> uuid) { source() = std::move(uuid); }
-
-const std::string& measured_card() {
-    static const std::string uuid = source()();
-    return uuid;
 }
 
 std::string to_string(DeviceKind kind) {
@@ -86,17 +68,6 @@ std::vector<std::size_t> devices_to_try(const std::vector<ListedDevice>& devices
                      [&](std::size_t a, std::size_t b) { return devices[a].kind < devices[b].kind; });
     return tried;
 }
-
-std::string asked_vulkan_device() {
-    const char* const value = std::getenv(vulkan_device_variable);
-    return value == nullptr ? "" : value;
-}
-
-VulkanDeviceSource::VulkanDeviceSource(std::function<std::vector<ListedDevice>()> devices) {
-    vulkan_source() = std::move(devices);
-}
-
-std::vector<ListedDevice> vulkan_devices() { return vulkan_source()(); }
 
 int DeviceNumber::among(int count, const std::string& kind) const {
     if (wraps) return number % count;

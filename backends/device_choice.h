@@ -1,12 +1,10 @@
-// Which graphics card this process measures. CUDA knows the card, and OpenGL and Vulkan follow it, so that no
-// table mixes two cards. Where there are several cards, this also decides which of them a thread takes that
-// steps a part of a body.
+// Which of several devices a backend takes. OpenGL and Vulkan follow the card that CUDA measures (api.h), so
+// that no table mixes two cards. A thread that steps a part of a body may take another one.
 #pragma once
 
 #include <array>
 #include <cstddef>
 #include <cstdint>
-#include <functional>
 #include <string>
 #include <vector>
 
@@ -14,16 +12,6 @@ namespace voxspring {
 
 /// GPU-xxxxxxxx-xxxx-xxxx-xxxx-xxxxxxxxxxxx
 std::string uuid_text(const std::array<unsigned char, 16>& bytes);
-
-/// A static object of this type registers a function that knows the card: it returns the card's UUID, or an
-/// empty string if there is none, and does not throw.
-struct MeasuredCardSource {
-    explicit MeasuredCardSource(std::function<std::string()> uuid);
-};
-
-/// UUID of the card that this process measures, or an empty string if no source knows one. The sources are
-/// asked only once: a card that fails later stays the card.
-const std::string& measured_card();
 
 /// What a device is, the preferred kind first.
 enum class DeviceKind : std::uint8_t { discrete, integrated, virtual_card, other, software };
@@ -40,20 +28,6 @@ std::string names_of(const std::vector<ListedDevice>& devices);
 /// The numbers of the devices to try, in this order: those that `asked` names, preferred kinds first. `asked`
 /// is a number, a part of a name in upper or lower case, or empty for all devices.
 std::vector<std::size_t> devices_to_try(const std::vector<ListedDevice>& devices, const std::string& asked);
-
-/// Names the device that Vulkan's backends take, as `asked` of devices_to_try(). Processes that this one
-/// starts inherit it. Empty: the first usable device.
-inline constexpr const char* vulkan_device_variable = "VOXSPRING_VULKAN_DEVICE";
-std::string asked_vulkan_device();
-
-/// A static object of this type registers a function that lists Vulkan's devices, in Vulkan's order, each
-/// with the reason why a backend in float32 does not take it. The function throws Unavailable if there is no
-/// Vulkan.
-struct VulkanDeviceSource {
-    explicit VulkanDeviceSource(std::function<std::vector<ListedDevice>()> devices);
-};
-/// The list is empty if this build has no Vulkan. Throws Unavailable.
-std::vector<ListedDevice> vulkan_devices();
 
 /// One of the devices that an API counts from 0.
 struct DeviceNumber {

@@ -103,6 +103,10 @@ void set_option(const BackendEntry& entry, Options& options, const std::string& 
 
 }  // namespace
 
+std::string to_string(Addressing addressing) {
+    return addressing == Addressing::by_grid ? "implicit" : "explicit";
+}
+
 std::vector<Skip> BackendEntry::skips() const {
     // These two parameters mean the same in every backend that has them.
     static const std::vector<Skip> known = {{"terms", "needed", "all"}, {"rest", "skip", "step"}};

@@ -27,10 +27,18 @@ struct Skip {
     std::string parameter, skipping, stepping;
 };
 
+/// How a backend finds the neighbours of a particle: by their place in the grid (implicit addressing), or in
+/// lists (explicit addressing).
+enum class Addressing : std::uint8_t { by_grid, by_lists };
+std::string to_string(Addressing addressing);
+
 /// What the harness knows of a backend before any device is touched.
 struct BackendEntry {
-    std::string name;     ///< also its file, the `backend` field of a result and its test's name
-    std::string summary;  ///< one sentence
+    std::string name;  ///< also its file, the `backend` field of a result and its test's name
+    /// The API that it is written in (Api::name). Backends of one API share a driver.
+    std::string api = host_api;
+    Addressing addressing = Addressing::by_lists;
+    std::string summary;                                           ///< one sentence
     std::vector<Precision> precisions{Precision::float32};         ///< the default first
     std::vector<Formulation> formulations{Formulation::position};  ///< the default first
     std::map<std::string, TuningValues> tuning;

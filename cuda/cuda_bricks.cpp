@@ -212,6 +212,8 @@ TuningValues tile_names() {
 
 const Registered entry({
     .name = "cuda_bricks",
+    .api = "cuda",
+    .addressing = Addressing::by_grid,
     .summary = "One launch for thousands of steps: bricks of the lattice in shared memory, one tile of "
                "particles per thread, borders through L2; one material, face and edge springs.",
     .formulations = {Formulation::increment, Formulation::position, Formulation::displacement},

@@ -171,6 +171,7 @@ private:
 
 const Registered entry({
     .name = "cuda_explicit_delta",
+    .api = "cuda",
     .summary = "One thread per particle, neighbours by delta-compressed lists that runs of particles share, "
                "springs of any topology beyond them by slices.",
     .precisions = {Precision::float32, Precision::float64},

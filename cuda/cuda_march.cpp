@@ -268,6 +268,8 @@ const TuningValues tiles = {"auto", "32x20", "64x4", "64x8", "64x16", "64x20", "
 
 const Registered entry({
     .name = "cuda_march",
+    .api = "cuda",
+    .addressing = Addressing::by_grid,
     .summary =
         "Blocks march along z, two to four columns per thread, planes copied ahead into shared memory; "
         "one material, face and edge springs.",

@@ -429,6 +429,8 @@ private:
 
 const Registered entry({
     .name = "cuda_resident",
+    .api = "cuda",
+    .addressing = Addressing::by_grid,
     .summary = "One launch for thousands of steps, particles in registers, borders through L2.",
     .formulations = {Formulation::increment, Formulation::position, Formulation::displacement,
                      Formulation::paper},

@@ -130,6 +130,7 @@ private:
 
 const Registered entry({
     .name = "cuda_scatter",
+    .api = "cuda",
     .summary = "One thread per spring, which adds its force to both particles with atomics.",
     .precisions = {Precision::float32, Precision::float64},
     .formulations = every_formulation,

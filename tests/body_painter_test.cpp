@@ -301,7 +301,7 @@ TEST_F(LiveDrawingTest, ALaunchThatWaitsForTicksEndsForANewMesh) {
         for (auto before = begin; !until() && before < begin + std::chrono::seconds(60);) {
             drawing.hand_over_if_due();
             backend->step(1);
-            (void)backend->tool_force();
+            (void)backend->tool()->tool_force();
             drawing.follow_mesh();
             const auto now = std::chrono::steady_clock::now();
             longest = std::max<std::chrono::duration<double>>(longest, now - before);

@@ -396,7 +396,7 @@ class ConformanceWithATool : public Conformance {};
 
 TEST_P(ConformanceWithATool, PullsAsInTheReference) {
     const std::vector<std::string> chosen =
-        backend->capabilities().family == ApiFamily::cpu
+        backend->capabilities().steps_on_host()
             ? std::vector<std::string>{"loads", "network_without_a_grid", "several_labels", "pinned"}
             : std::vector<std::string>{"loads", "network_without_a_grid"};
     for (const Case& c : cases()) {
@@ -408,18 +408,18 @@ TEST_P(ConformanceWithATool, PullsAsInTheReference) {
         const Problem problem = held_by_a_tool(without, start);
         if (const std::string why = backend->unsupported(problem); !why.empty()) {
             EXPECT_TRUE(may_refuse_a_tool(spec)) << "unsupported: " << why;
-            EXPECT_FALSE(backend->has_tool());
+            EXPECT_EQ(backend->tool(), nullptr);
             continue;
         }
         const auto oracle = BackendSpec::parse("cpu_reference").make();
         oracle->upload(problem, start);
         backend->upload(problem, start);
-        EXPECT_EQ(backend->tool_force(), glm::dvec3(0));
+        EXPECT_EQ(backend->tool()->tool_force(), glm::dvec3(0));
         int steps = 0;
         for (const glm::dvec3& moved :
              {glm::dvec3(0.05, 0, 0), glm::dvec3(0.05, -0.1, 0.02), glm::dvec3(-0.1, 0, 0.1)}) {
             for (Backend* const b : {oracle.get(), backend.get()}) {
-                b->move_tool(moved);
+                b->tool()->move_tool(moved);
                 b->step(1);
                 b->step(4);
             }
@@ -429,8 +429,8 @@ TEST_P(ConformanceWithATool, PullsAsInTheReference) {
             // Each force is the stiffness times a distance, whose end is off by no more than particles are.
             const double tolerance = double(problem.tool.particles.size()) * problem.tool.stiffness *  //
                                      2 * comparison.tolerance;
-            const glm::dvec3 force = oracle->tool_force();
-            EXPECT_LT(glm::distance(backend->tool_force(), force), tolerance)
+            const glm::dvec3 force = oracle->tool()->tool_force();
+            EXPECT_LT(glm::distance(backend->tool()->tool_force(), force), tolerance)
                 << "after " << steps << " steps";
             EXPECT_GT(glm::length(force), tolerance) << "tells nothing";
         }
@@ -454,10 +454,10 @@ TEST_P(ConformanceWithATool, ThatPullsNobodyChangesNoBitAndARewindLetsItRest) {
     if (backend->keep_start()) {
         backend->upload(problem, start);
         ASSERT_TRUE(backend->keep_start());
-        backend->move_tool({0.3, 0.2, 0.1});
+        backend->tool()->move_tool({0.3, 0.2, 0.1});
         backend->step(3);
         backend->rewind();
-        EXPECT_EQ(backend->tool_force(), glm::dvec3(0));
+        EXPECT_EQ(backend->tool()->tool_force(), glm::dvec3(0));
         backend->step(7);
         if (backend->capabilities().deterministic) expect_same_bits(backend->download(), pulled);
     }
@@ -465,7 +465,7 @@ TEST_P(ConformanceWithATool, ThatPullsNobodyChangesNoBitAndARewindLetsItRest) {
     problem.tool.stiffness = 0;
     const State held = play(problem);
     if (backend->capabilities().deterministic) expect_same_bits(held, plain);
-    EXPECT_EQ(backend->tool_force(), glm::dvec3(0));
+    EXPECT_EQ(backend->tool()->tool_force(), glm::dvec3(0));
 }
 
 // Each of these calls, and the pause by itself, ends a kernel that waits for the next tick.
@@ -485,19 +485,19 @@ TEST_P(ConformanceWithATool, GivesTheSameBitsWhateverComesBetweenTicks) {
         SpringEditor editor(now);
         backend->upload(now, start);
         for (int n = 0; n < 8; ++n) {
-            backend->move_tool({0.05 * n, -0.02 * n, 0});
+            backend->tool()->move_tool({0.05 * n, -0.02 * n, 0});
             backend->step(n % 3 + 1);
             if (n == 4) backend->edit(now, editor.cut(Ball{{5, 4, 5}, 1.5}));
             if (!interrupted) continue;
-            if (n % 2 == 0) (void)backend->tool_force();
+            if (n % 2 == 0) (void)backend->tool()->tool_force();
             if (n == 1) backend->synchronize();
             if (n == 2) (void)backend->download();
             if (n == 3) (void)backend->divergence();
             if (n == 6 && ends_by_itself) std::this_thread::sleep_for(std::chrono::milliseconds(1500));
         }
-        const glm::dvec3 force = backend->tool_force();
+        const glm::dvec3 force = backend->tool()->tool_force();
         State end = backend->download();
-        EXPECT_EQ(backend->tool_force(), force);
+        EXPECT_EQ(backend->tool()->tool_force(), force);
         EXPECT_EQ(backend->divergence(), std::nullopt);
         // A tick is under way when another upload comes.
         backend->step(1);

@@ -253,7 +253,7 @@ struct Part {
         std::vector<SharedParticles> shared;
         for (const Subdomain::Border& border : subdomain.borders)
             shared.push_back({border.subdomain, border.sent, border.received});
-        borders = backend->device_borders(shared, "stores");
+        borders = backend->borders()->device_borders(shared, "stores");
     }
     std::unique_ptr<Backend> backend;
     Subdomain subdomain;

@@ -158,7 +158,7 @@ TYPED_TEST(KernelBodies, TheTool) {
         const std::array<Simulation<TypeParam>*, 4> all{&implicit, &by_springs, &by_deltas, &scatter};
         int steps = 0;
         for (const glm::dvec3& moved : {glm::dvec3(0.1, 0, 0), glm::dvec3(0.1, -0.2, 0)}) {
-            oracle->move_tool(moved);
+            oracle->tool()->move_tool(moved);
             oracle->step(3);
             steps += 3;
             for (Simulation<TypeParam>* const simulation : all) {
@@ -169,7 +169,7 @@ TYPED_TEST(KernelBodies, TheTool) {
                 EXPECT_TRUE(comparison.passed()) << comparison.reason;
                 // Each of four forces is the stiffness times a distance, which is off by no more than
                 // particles are.
-                EXPECT_LT(glm::distance(simulation->tool_force(), oracle->tool_force()),
+                EXPECT_LT(glm::distance(simulation->tool_force(), oracle->tool()->tool_force()),
                           4 * problem.tool.stiffness * 2 * comparison.tolerance);
             }
         }

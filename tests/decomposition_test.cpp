@@ -212,8 +212,8 @@ struct Part {
         backend = spec.make();
         backend->upload(subdomain.problem, subdomain.part_of(start));
         for (const Subdomain::Border& border : subdomain.borders) {
-            sent.push_back(backend->border(border.sent));
-            received.push_back(backend->border(border.received));
+            sent.push_back(backend->borders()->border(border.sent));
+            received.push_back(backend->borders()->border(border.received));
         }
     }
 };
@@ -237,7 +237,7 @@ void copy_ghosts(std::vector<Part>& parts) {
 
 /// One step; the tool, if there is one, is moved before it.
 void step_once(Backend& backend, const Problem& problem, int step) {
-    if (problem.has_tool()) backend.move_tool({0.01 * step, 0, -0.02 * step});
+    if (problem.has_tool()) backend.tool()->move_tool({0.01 * step, 0, -0.02 * step});
     backend.step(1);
 }
 
@@ -279,7 +279,7 @@ State stepped_by(const std::string& way, glm::ivec3 cut, const BackendSpec& spec
             std::vector<SharedParticles> shared;
             for (const Subdomain::Border& border : part.subdomain.borders)
                 shared.push_back({border.subdomain, border.sent, border.received});
-            borders.push_back(part.backend->device_borders(shared, way));
+            borders.push_back(part.backend->borders()->device_borders(shared, way));
         }
         for (std::size_t n = 0; n < parts.size(); ++n) borders[n]->connect(borders, n);
     } catch (const Unavailable& why) {
@@ -438,7 +438,7 @@ State stepped_together(int ranks, const BackendSpec& spec, const Problem& whole,
         std::vector<SharedParticles> mine;
         for (const Subdomain::Border& border : part.borders)
             mine.push_back({border.subdomain, border.sent, border.received});
-        borders[std::size_t(rank)] = backend->device_borders(mine, "stores");
+        borders[std::size_t(rank)] = backend->borders()->device_borders(mine, "stores");
         meeting.arrive_and_wait();
         borders[std::size_t(rank)]->connect(borders, std::size_t(rank));
         for (std::size_t n = 0; n < counts.size(); ++n) {

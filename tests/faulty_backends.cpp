@@ -26,17 +26,18 @@ using Fault = std::function<void()>;
 enum class Where : std::uint8_t { everywhere, not_in_the_lowest_slab };
 
 /// cpu_reference, which calls `fault` in every step.
-class Faulty : public MonitoredCpuBackend {
+class Faulty : public MonitoredCpuBackend, public BorderFacet {
 public:
     explicit Faulty(Fault fault, Where where)
         : fault_(std::move(fault)), where_(where), sound_(BackendSpec::parse("cpu_reference").make()) {}
+    BorderFacet* borders() override { return this; }
     std::unique_ptr<Border> border(const std::vector<std::uint32_t>& particles) override {
-        return sound_->border(particles);
+        return sound_->borders()->border(particles);
     }
     Capabilities capabilities() const override { return sound_->capabilities(); }
     void edit(const Problem& edited, const SpringEdit& edit) override { sound_->edit(edited, edit); }
     State download() override { return sound_->download(); }
-    StepWork step_work(const Problem& problem) const override { return sound_->step_work(problem); }
+    StepWork step_work(const Problem& problem) const override { return sound_->limits()->step_work(problem); }
 
 private:
     void begin(const Problem& problem, const State& state) override {
@@ -90,6 +91,7 @@ void take_time() { std::this_thread::sleep_for(std::chrono::milliseconds(20)); }
 Registered backend(const std::string& name, const Fault& in_constructor, const Fault& in_step,
                    Where where = Where::everywhere) {
     return Registered({.name = name,
+                       .api = name.substr(0, name.find('_')),
                        .summary = "A backend for a test.",
                        .precisions = {Precision::float64},
                        .formulations = {Formulation::increment},

@@ -36,21 +36,21 @@ namespace {
 // ------------------------------------------------------------------
 
 /// A cpu_reference whose state cannot be downloaded often: only drawing downloads it.
-class Withheld : public CpuBackend {
+class Withheld : public CpuBackend, public ToolFacet {
 public:
     Capabilities capabilities() const override { return inner_->capabilities(); }
     std::string unsupported(const Problem&) const override { return {}; }
     void upload(const Problem& problem, const State& state) override { inner_->upload(problem, state); }
     void edit(const Problem& edited, const SpringEdit& edit) override { inner_->edit(edited, edit); }
-    bool has_tool() const override { return true; }
-    void move_tool(const glm::dvec3& displacement) override { inner_->move_tool(displacement); }
-    glm::dvec3 tool_force() override { return inner_->tool_force(); }
+    ToolFacet* tool() override { return this; }
+    void move_tool(const glm::dvec3& displacement) override { inner_->tool()->move_tool(displacement); }
+    glm::dvec3 tool_force() override { return inner_->tool()->tool_force(); }
     void step(int count) override { inner_->step(count); }
     State download() override {
         if (++downloads_ > 2) throw DeviceError("the device was lost");
         return inner_->download();
     }
-    StepWork step_work(const Problem& problem) const override { return inner_->step_work(problem); }
+    StepWork step_work(const Problem& problem) const override { return inner_->limits()->step_work(problem); }
 
 protected:
     Backend& inner() { return *inner_; }
@@ -61,8 +61,9 @@ private:
 };
 
 /// A Withheld backend that offers a host feed of some displacements.
-class Brought final : public Withheld {
+class Brought final : public Withheld, public FeedFacet {
 public:
+    FeedFacet* feeds() override { return this; }
     std::unique_ptr<HostFeed> host_feed(const std::vector<std::uint32_t>& particles) override {
         return std::make_unique<Some>(inner(), particles);
     }
@@ -106,6 +107,7 @@ public:
 template <class Made>
 BackendEntry entry(const std::string& name) {
     return {.name = name,
+            .api = name.substr(0, name.find('_')),
             .summary = "A backend for this test.",
             .precisions = {Precision::float64},
             .formulations = {Formulation::increment},

@@ -181,7 +181,7 @@ Problem loaded_plate_of_two_materials() {
 }
 
 StepWork work_of(const std::string& spec, const Problem& problem) {
-    return BackendSpec::parse(spec).make()->step_work(problem);
+    return BackendSpec::parse(spec).make()->limits()->step_work(problem);
 }
 
 #define EXPECT_WORK(actual, expected_bytes, expected_operations, expected_launches) \
@@ -451,8 +451,8 @@ void expect_alike(double a, double b) {
 
 /// The higher rates of two measurements, since another process may have had a core during one.
 DeviceLimits undisturbed(const BackendSpec& spec) {
-    DeviceLimits limits = spec.make()->measure_limits();
-    const DeviceLimits again = spec.make()->measure_limits();
+    DeviceLimits limits = spec.make()->limits()->measure_limits();
+    const DeviceLimits again = spec.make()->limits()->measure_limits();
     for (const auto rate : {&DeviceLimits::copy_bytes_per_second, &DeviceLimits::cached_copy_bytes_per_second,
                             &DeviceLimits::float32_operations_per_second})
         limits.*rate = std::max(limits.*rate, again.*rate);
@@ -485,8 +485,8 @@ TEST(CudaLimits, ArePositiveAndRepeat) {
     std::unique_ptr<Backend> backend;
     make_or_skip("cuda_implicit_device", backend);
     if (!backend) return;
-    const DeviceLimits first = backend->measure_limits();
-    const DeviceLimits second = BackendSpec::parse("cuda_implicit_device").make()->measure_limits();
+    const DeviceLimits first = backend->limits()->measure_limits();
+    const DeviceLimits second = BackendSpec::parse("cuda_implicit_device").make()->limits()->measure_limits();
     expect_rate(first.copy_bytes_per_second);
     expect_alike(first.copy_bytes_per_second, second.copy_bytes_per_second);
     expect_rate(first.cached_copy_bytes_per_second);
@@ -548,7 +548,7 @@ TEST_P(GlNamed, MeasuringLimitsChangesNoStep) {
     const State state = random_state(problem, 0.1, 1);
     const auto stepped = [&](bool measured) {
         const auto backend = spec.make();
-        if (measured) backend->measure_limits();
+        if (measured) backend->limits()->measure_limits();
         backend->upload(problem, state);
         backend->step(3);
         return backend->download();

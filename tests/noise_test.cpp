@@ -125,15 +125,15 @@ TEST(Noise, WaitingGrowsWhereThreadsHaveNoCore) {
 }
 
 /// cpu_reference as a backend on a card.
-class OnCard : public CpuBackend {
+class OnCard : public CpuBackend, public BorderFacet {
 public:
-    OnCard(std::string api, ApiFamily family)
+    OnCard(std::string api, const std::string& family)
         : api_(std::move(api)), family_(family), sound_(BackendSpec::parse("cpu_reference").make()) {}
     Capabilities capabilities() const override {
         Capabilities capabilities = sound_->capabilities();
         capabilities.api = api_;
         capabilities.family = family_;
-        capabilities.family = ApiFamily::cuda;
+        capabilities.family = "cuda";
         capabilities.uuid = number_ == 0 ? "GPU-fake" : "GPU-fake-" + std::to_string(number_);
         return capabilities;
     }
@@ -141,20 +141,22 @@ public:
     void edit(const Problem& edited, const SpringEdit& edit) override { sound_->edit(edited, edit); }
     void step(int count) override { sound_->step(count); }
     State download() override { return sound_->download(); }
-    StepWork step_work(const Problem& problem) const override { return sound_->step_work(problem); }
+    StepWork step_work(const Problem& problem) const override { return sound_->limits()->step_work(problem); }
+    BorderFacet* borders() override { return this; }
     std::unique_ptr<Border> border(const std::vector<std::uint32_t>& particles) override {
-        return sound_->border(particles);
+        return sound_->borders()->border(particles);
     }
 
 private:
     const int number_ = DeviceOfThread::now().number;
     std::string api_;
-    ApiFamily family_;
+    std::string family_;
     std::unique_ptr<Backend> sound_;
 };
 
-BackendEntry entry_on_card(const std::string& name, const std::string& api, ApiFamily family) {
+BackendEntry entry_on_card(const std::string& name, const std::string& api, const std::string& family) {
     return {.name = name,
+            .api = name.substr(0, name.find('_')),
             .summary = "A backend for this test.",
             .precisions = {Precision::float64},
             .formulations = {Formulation::increment},
@@ -162,8 +164,8 @@ BackendEntry entry_on_card(const std::string& name, const std::string& api, ApiF
             .make = [=](const Options&) { return std::make_unique<OnCard>(api, family); },
             .bytes = [](const Problem&, const Options&) { return std::uint64_t(0); }};
 }
-const Registered on_card(entry_on_card("on_card", "CUDA 13.0", ApiFamily::cuda));
-const Registered drawn_on_card(entry_on_card("drawn_on_card", "OpenGL 4.6", ApiFamily::opengl));
+const Registered on_card(entry_on_card("on_card", "CUDA 13.0", "cuda"));
+const Registered drawn_on_card(entry_on_card("drawn_on_card", "OpenGL 4.6", "opengl"));
 
 nlohmann::json result_of_study() {
     Study study;

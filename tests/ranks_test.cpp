@@ -285,8 +285,8 @@ public:
         for (const SharedParticles& shared : borders) {
             Link& link = links_.emplace_back();
             link.part = shared.part;
-            link.sent = of.border(shared.sent);
-            link.received = of.border(shared.received);
+            link.sent = of.borders()->border(shared.sent);
+            link.received = of.borders()->border(shared.received);
             link.own = std::make_shared<BorderInbox>();
         }
     }
@@ -358,6 +358,7 @@ private:
 /// The test's backend in float64 that `make` creates.
 Registered test_backend(const std::string& name, const std::function<std::unique_ptr<Backend>()>& make) {
     return Registered({.name = name,
+                       .api = name.substr(0, name.find('_')),
                        .summary = "A backend for a test.",
                        .precisions = {Precision::float64},
                        .formulations = {Formulation::increment},
@@ -367,7 +368,7 @@ Registered test_backend(const std::string& name, const std::function<std::unique
 }
 
 /// A cpu_reference in place of a backend with devices.
-class Wrapped : public MonitoredCpuBackend {
+class Wrapped : public MonitoredCpuBackend, public BorderFacet {
 public:
     Capabilities capabilities() const override {
         Capabilities all = sound_->capabilities();
@@ -376,9 +377,10 @@ public:
     }
     void edit(const Problem& edited, const SpringEdit& edit) override { sound_->edit(edited, edit); }
     State download() override { return sound_->download(); }
-    StepWork step_work(const Problem& problem) const override { return sound_->step_work(problem); }
+    StepWork step_work(const Problem& problem) const override { return sound_->limits()->step_work(problem); }
+    BorderFacet* borders() override { return this; }
     std::unique_ptr<Border> border(const std::vector<std::uint32_t>& particles) override {
-        return sound_->border(particles);
+        return sound_->borders()->border(particles);
     }
     std::shared_ptr<DeviceBorders> device_borders(const std::vector<SharedParticles>& borders,
                                                   const std::string& way) override {

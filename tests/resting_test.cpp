@@ -131,9 +131,9 @@ TEST_P(Resting, AToolThatMovesWakesWhatItHolds) {
         const auto backend = make(how);
         backend->upload(poked.problem, poked.start);
         backend->step(12);
-        backend->move_tool({0.01, 0, 0});
+        backend->tool()->move_tool({0.01, 0, 0});
         backend->step(7);
-        backend->move_tool({0.01, 0.02, 0});
+        backend->tool()->move_tool({0.01, 0.02, 0});
         backend->step(8);
         return backend->download();
     };

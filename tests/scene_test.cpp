@@ -205,7 +205,7 @@ TEST(Scene, AToolHoldsARegionAndMovesTickByTick) {
     const auto backend = BackendSpec::parse("cpu_reference").make();
     backend->upload(scene.problem, scene.state);
     for (int tick = 0; tick < 5; ++tick) {
-        backend->move_tool(scene.tool_motion.at(tick * 0.375));
+        backend->tool()->move_tool(scene.tool_motion.at(tick * 0.375));
         backend->step(tick == 4 ? 2 : 3);
     }
     const State by_hand = backend->download();
@@ -272,8 +272,6 @@ public:
     void step(int) override {}
     void synchronize() override {}
     State download() override { return {}; }
-    DeviceLimits measure_limits() override { return {}; }
-    StepWork step_work(const Problem&) const override { return {}; }
     int uploads = 0;
     bool has_what_was_uploaded() const {
         return uploaded_->lattice.mask == mask_ && uploaded_->springs.size() == springs_;

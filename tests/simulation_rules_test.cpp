@@ -30,7 +30,7 @@ struct Faults {
 Faults faults;
 
 /// cpu_reference with faults.
-class Wayward final : public CpuBackend {
+class Wayward final : public CpuBackend, public ToolFacet {
 public:
     Wayward() {
         if (faults.absent) throw Unavailable("it is not here");
@@ -39,9 +39,9 @@ public:
     std::string unsupported(const Problem& problem) const override {
         return faults.refuses ? "it does not want to" : Backend::unsupported(problem);
     }
-    bool has_tool() const override { return faults.has_tool; }
-    void move_tool(const glm::dvec3& moved) override { sound_->move_tool(moved); }
-    glm::dvec3 tool_force() override { return sound_->tool_force(); }
+    ToolFacet* tool() override { return faults.has_tool ? this : nullptr; }
+    void move_tool(const glm::dvec3& moved) override { sound_->tool()->move_tool(moved); }
+    glm::dvec3 tool_force() override { return sound_->tool()->tool_force(); }
     void upload(const Problem& problem, const State& state) override {
         fail_if(faults.in_upload);
         uploaded_ = &problem;
@@ -58,7 +58,7 @@ public:
         fail_if(faults.in_download);
         return sound_->download();
     }
-    StepWork step_work(const Problem& problem) const override { return sound_->step_work(problem); }
+    StepWork step_work(const Problem& problem) const override { return sound_->limits()->step_work(problem); }
 
 private:
     void fail_if(bool fault) {
@@ -76,6 +76,7 @@ private:
 };
 
 const Registered wayward({.name = "wayward",
+                          .api = "wayward",
                           .summary = "A backend for a test.",
                           .precisions = {Precision::float64},
                           .formulations = {Formulation::increment},
@@ -290,7 +291,7 @@ TEST_F(SimulationOfOne, TheHandTakesTheToolFromTheScene) {
     const Problem held = simulation.problem();
     const auto backend = reference().make();
     backend->upload(held, simulation.state());
-    backend->move_tool({0, 0, 0.1});
+    backend->tool()->move_tool({0, 0, 0.1});
     backend->step(4);
     simulation.drag({0, 0, 0.1});
     simulation.step(4);
@@ -342,7 +343,7 @@ TEST_F(SimulationOfOne, WhatStillAppliesOfAnEditIsMade) {
     const auto backend = spec.make();
     const Problem problem = simulation.problem();
     backend->upload(problem, simulation.state());
-    backend->move_tool(scene.tool_motion.at(12 * scene.problem.time_step));
+    backend->tool()->move_tool(scene.tool_motion.at(12 * scene.problem.time_step));
     backend->step(1);
     simulation.step(1);
     expect_same_bits(simulation.state(), backend->download());

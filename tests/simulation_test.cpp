@@ -54,10 +54,10 @@ TEST_P(SimulationOn, AHandPullsWhatItHolds) {
     oracle->upload(held, before);
     for (const glm::dvec3 moved : {glm::dvec3(0, 0, 1), glm::dvec3(0.5, 0, 2)}) {
         simulation.drag(moved);
-        oracle->move_tool(moved);
+        oracle->tool()->move_tool(moved);
         simulation.step(15);
         oracle->step(15);
-        const glm::dvec3 force = simulation.force(), expected = oracle->tool_force();
+        const glm::dvec3 force = simulation.force(), expected = oracle->tool()->tool_force();
         EXPECT_LT(force.z, -0.01) << "the body pulls back";
         // A few roundings of float32 per step, at displacements below 1.
         EXPECT_LT(glm::distance(force, expected), is_double() ? 1e-12 : 1e-6);

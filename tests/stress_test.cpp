@@ -141,8 +141,6 @@ public:
     void step(int count) override { sound_->step(count); }
     void synchronize() override {}
     State download() override { return sound_->download(); }
-    DeviceLimits measure_limits() override { return sound_->measure_limits(); }
-    StepWork step_work(const Problem& problem) const override { return sound_->step_work(problem); }
 
 private:
     void mark(Mark) override {}

@@ -100,7 +100,7 @@ const RegisteredStudyKind registered("upload_time", [] { return std::make_unique
 /// cpu_reference as a backend of another API.
 class Disguised : public CpuBackend {
 public:
-    explicit Disguised(ApiFamily family) : family_(family) {}
+    explicit Disguised(std::string family) : family_(std::move(family)) {}
     Capabilities capabilities() const override {
         Capabilities capabilities = inner_->capabilities();
         capabilities.family = family_;
@@ -111,10 +111,10 @@ public:
     void edit(const Problem& edited, const SpringEdit& edit) override { inner_->edit(edited, edit); }
     void step(int count) override { inner_->step(count); }
     State download() override { return inner_->download(); }
-    StepWork step_work(const Problem& problem) const override { return inner_->step_work(problem); }
+    StepWork step_work(const Problem& problem) const override { return inner_->limits()->step_work(problem); }
 
 private:
-    const ApiFamily family_;
+    const std::string family_;
     std::unique_ptr<Backend> inner_ = BackendSpec::parse("cpu_reference").make();
 };
 
@@ -122,7 +122,7 @@ private:
 /// all threads.
 class EditedWithAll final : public Disguised {
 public:
-    EditedWithAll() : Disguised(ApiFamily::opengl) {}
+    EditedWithAll() : Disguised("opengl") {}
     void edit(const Problem& edited, const SpringEdit& edit) override {
         const int threads = omp_get_max_threads(), wanted = ++edits_ == 1 ? 1 : omp_get_num_procs();
         if (threads != wanted)
@@ -137,6 +137,7 @@ private:
 
 Registered registered_for_test(const std::string& name, std::function<std::unique_ptr<Backend>()> make) {
     return Registered({.name = name,
+                       .api = name.substr(0, name.find('_')),
                        .summary = "A backend for this test.",
                        .precisions = {Precision::float64},
                        .formulations = {Formulation::increment},
@@ -144,11 +145,11 @@ Registered registered_for_test(const std::string& name, std::function<std::uniqu
                        .make = [make = std::move(make)](const Options&) { return make(); },
                        .bytes = [](const Problem&, const Options&) { return std::uint64_t(0); }});
 }
-Registered disguised(const std::string& name, ApiFamily family) {
+Registered disguised(const std::string& name, const std::string& family) {
     return registered_for_test(name, [family] { return std::make_unique<Disguised>(family); });
 }
 /// A cpu_reference that claims borders within steps, between devices that do not exist.
-class OnDevices final : public CpuBackend {
+class OnDevices final : public CpuBackend, public BorderFacet {
 public:
     Capabilities capabilities() const override {
         Capabilities capabilities = inner_->capabilities();
@@ -160,7 +161,9 @@ public:
     void edit(const Problem&, const SpringEdit&) override {}
     void step(int count) override { inner_->step(count); }
     State download() override { return inner_->download(); }
-    StepWork step_work(const Problem& problem) const override { return inner_->step_work(problem); }
+    StepWork step_work(const Problem& problem) const override { return inner_->limits()->step_work(problem); }
+    BorderFacet* borders() override { return this; }
+    std::unique_ptr<Border> border(const std::vector<std::uint32_t>&) override { return nullptr; }
     std::shared_ptr<DeviceBorders> device_borders(const std::vector<SharedParticles>&,
                                                   const std::string&) override {
         throw Unavailable("there is no device");
@@ -192,7 +195,7 @@ public:
         }
         return state;
     }
-    StepWork step_work(const Problem& problem) const override { return inner_->step_work(problem); }
+    StepWork step_work(const Problem& problem) const override { return inner_->limits()->step_work(problem); }
 
 private:
     const double z_;
@@ -204,10 +207,9 @@ Registered nudged(const std::string& name, double z) {
 }
 const Registered nudged_in_sample = nudged("nudged_12", 12), nudged_beside = nudged("nudged_7", 7);
 
-const Registered all[] = {disguised("device_1", ApiFamily::opengl), disguised("device_2", ApiFamily::opengl),
-                          disguised("device_3", ApiFamily::opengl),
-                          disguised("device_killed", ApiFamily::opengl),
-                          disguised("processor", ApiFamily::cpu)};
+const Registered all[] = {disguised("device_1", "opengl"), disguised("device_2", "opengl"),
+                          disguised("device_3", "opengl"), disguised("device_killed", "opengl"),
+                          disguised("processor", "cpu")};
 
 /// Leaves a mark; two of the devices wait for each other's mark.
 class MeetingRunner final : public SuiteRunner {

@@ -78,7 +78,7 @@ public:
     Capabilities capabilities() const override {
         Capabilities capabilities = cpu_capabilities("scalar", 1);
         capabilities.uuid = uuid_;
-        if (fault_ == Fault::compiles) capabilities.family = ApiFamily::cuda;
+        if (fault_ == Fault::compiles) capabilities.kernel_compiler = "a compiler";
         return capabilities;
     }
     std::string unsupported(const Problem&) const override {
@@ -97,7 +97,7 @@ public:
         if (fault_ != Fault::launches_in_hours) return std::nullopt;
         return left_ ? 900.0 : 1800.0;
     }
-    StepWork step_work(const Problem& problem) const override { return sound_->step_work(problem); }
+    StepWork step_work(const Problem& problem) const override { return sound_->limits()->step_work(problem); }
     State download() override {
         State state = sound_->download();
         left_ = true;
@@ -175,7 +175,7 @@ public:
         device.call("edit");
         sound_->edit(edited, edit);
     }
-    StepWork step_work(const Problem& problem) const override { return sound_->step_work(problem); }
+    StepWork step_work(const Problem& problem) const override { return sound_->limits()->step_work(problem); }
     void synchronize() override { device.call("synchronize"); }
     State download() override {
         device.call("download");
@@ -198,6 +198,7 @@ private:
 
 Registered fake(const std::string& name, std::function<std::unique_ptr<Backend>()> make) {
     return Registered({.name = name,
+                       .api = name.substr(0, name.find('_')),
                        .summary = "A backend for this test.",
                        .precisions = {Precision::float64},
                        .formulations = {Formulation::position},

@@ -71,7 +71,7 @@ public:
         }
     }
     void move_tool(const glm::dvec3& displacement) {
-        for (Way& way : ways_) way.backend->move_tool(displacement);
+        for (Way& way : ways_) way.backend->tool()->move_tool(displacement);
     }
     /// Steps, and compares everything that the backends report.
     void step(int count) {
@@ -80,7 +80,7 @@ public:
         expect_same_bits(addressed.download(), bound.download());
         EXPECT_EQ(addressed.divergence().has_value(), bound.divergence().has_value());
         if (ways_[0].problem.has_tool()) {
-            EXPECT_EQ(addressed.tool_force(), bound.tool_force());
+            EXPECT_EQ(addressed.tool()->tool_force(), bound.tool()->tool_force());
         }
     }
 

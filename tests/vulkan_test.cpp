@@ -12,7 +12,7 @@
 #include <utility>
 #include <vector>
 
-#include "backends/device_choice.h"
+#include "backends/api.h"
 #include "backends/glsl/explicit.h"
 #include "backends/glsl/implicit.h"
 #include "backends/registry.h"
@@ -31,24 +31,24 @@ using ::testing::IsEmpty;
 /// Sets an environment variable for its lifetime.
 class Variable {
 public:
-    Variable(const char* name, const std::string& value) : name_(name) {
-        const char* before = std::getenv(name);
+    Variable(std::string name, const std::string& value) : name_(std::move(name)) {
+        const char* before = std::getenv(name_.c_str());
         was_set_ = before != nullptr;
         if (was_set_) before_ = before;
-        setenv(name, value.c_str(), 1);
+        setenv(name_.c_str(), value.c_str(), 1);
     }
     Variable(const Variable&) = delete;
     Variable& operator=(const Variable&) = delete;
     ~Variable() {
         if (was_set_) {
-            setenv(name_, before_.c_str(), 1);
+            setenv(name_.c_str(), before_.c_str(), 1);
         } else {
-            unsetenv(name_);
+            unsetenv(name_.c_str());
         }
     }
 
 private:
-    const char* name_;
+    const std::string name_;
     bool was_set_;
     std::string before_;
 };
@@ -93,7 +93,7 @@ TEST_F(Vulkan, AMissingDriverIsASkip) {
 TEST_F(Vulkan, SaysWhatItRunsOn) {
     const Capabilities capabilities = BackendSpec::parse("vulkan_implicit").make()->capabilities();
     EXPECT_THAT(capabilities.api, HasSubstr("Vulkan 1."));
-    EXPECT_EQ(capabilities.family, ApiFamily::vulkan);
+    EXPECT_EQ(capabilities.family, "vulkan");
     EXPECT_EQ(capabilities.is_software, capabilities.uuid.empty());
     if (capabilities.is_software) {
         EXPECT_TRUE(capabilities.device.ends_with(", software")) << capabilities.device;
@@ -103,18 +103,18 @@ TEST_F(Vulkan, SaysWhatItRunsOn) {
 // --- Which device ----------------------------------------------------------------------------------------
 
 TEST_F(Vulkan, ADeviceIsTakenByNumberOrName) {
-    const std::vector<ListedDevice> devices = vulkan_devices();
+    const std::vector<ListedDevice> devices = apis().at("vulkan").devices();
     ASSERT_FALSE(devices.empty());
     for (std::size_t n = 0; n < devices.size(); ++n) {
-        const Variable asked(vulkan_device_variable, std::to_string(n));
+        const Variable asked(device_variable("vulkan"), std::to_string(n));
         if (!absence("vulkan_implicit").empty()) continue;
         EXPECT_THAT(BackendSpec::parse("vulkan_implicit").make()->capabilities().device,
                     HasSubstr(devices[n].name));
-        const std::vector<ListedDevice> now = vulkan_devices();
+        const std::vector<ListedDevice> now = apis().at("vulkan").devices();
         for (std::size_t other = 0; other < now.size(); ++other)
             EXPECT_EQ(now[other].refusal.empty(), other == n) << now[other].refusal;
     }
-    const Variable asked(vulkan_device_variable, "no such card");
+    const Variable asked(device_variable("vulkan"), "no such card");
     EXPECT_THAT(absence("vulkan_implicit"),
                 AllOf(HasSubstr("no Vulkan device is 'no such card'"), HasSubstr(names_of(devices))));
 }

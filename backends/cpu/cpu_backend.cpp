@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <fstream>
 
+#include "backends/api.h"
+
 namespace voxspring {
 
 void MonitoredCpuBackend::upload(const Problem& problem, const State& state) {
@@ -28,6 +30,12 @@ void MonitoredCpuBackend::step(int count) {
     }
 }
 
+namespace {
+
+const RegisteredApi api({.name = host_api, .title = "CPU"});
+
+}  // namespace
+
 std::string cpu_name() {
     std::ifstream cpuinfo("/proc/cpuinfo");
     for (std::string line; std::getline(cpuinfo, line);) {
@@ -43,7 +51,6 @@ Capabilities cpu_capabilities(const std::string& target, int threads) {
             .uuid = {},
             .clock = "steady_clock",
             .deterministic = true,
-            .family = ApiFamily::cpu,
             .limits_of = "CPU"};
 }
 

@@ -18,9 +18,10 @@
 namespace voxspring {
 
 /// A backend whose step() returns when the work is done.
-class CpuBackend : public Backend {
+class CpuBackend : public Backend, public LimitsFacet {
 public:
     void synchronize() override {}
+    LimitsFacet* limits() override { return this; }
     /// Measures all cores and their SIMD registers, even if the backend uses only some of them.
     DeviceLimits measure_limits() override;
 

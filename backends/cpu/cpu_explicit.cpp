@@ -140,7 +140,7 @@ private:
 };
 
 template <class Real>
-class CpuExplicit final : public MonitoredCpuBackend {
+class CpuExplicit final : public MonitoredCpuBackend, public BorderFacet, public ToolFacet {
     using Vec3 = glm::vec<3, Real>;
     using Vectors = std::vector<Vec3>;
 
@@ -163,7 +163,7 @@ public:
         if (links_.size() > 2 * uploaded_size_ + 4096) list_springs_anew();
     }
 
-    bool has_tool() const override { return true; }
+    ToolFacet* tool() override { return this; }
     void move_tool(const glm::dvec3& displacement) override { tool_moved_ = Vec3(displacement); }
     glm::dvec3 tool_force() override {
         glm::dvec3 sum(0);
@@ -187,6 +187,7 @@ public:
         return state;
     }
 
+    BorderFacet* borders() override { return this; }
     std::unique_ptr<Border> border(const std::vector<std::uint32_t>& particles) override {
         const auto arrays = [this] {
             std::vector<Vectors*> all = {&at_[current_]};

@@ -53,7 +53,7 @@ std::string refusal(const Problem& problem) {
 }
 
 template <class T>
-class CpuParallel final : public MonitoredCpuBackend {
+class CpuParallel final : public MonitoredCpuBackend, public BorderFacet, public ToolFacet {
 public:
     explicit CpuParallel(const Options& options)
         : options_(options),
@@ -90,7 +90,7 @@ public:
         deal_out();
     }
 
-    bool has_tool() const override { return true; }
+    ToolFacet* tool() override { return this; }
     void move_tool(const glm::dvec3& displacement) override {
         tool_moved_ = vector_of(displacement);
         // The held particles may be at rest, but a tool that moves wakes them.
@@ -106,6 +106,7 @@ public:
 
     State download() override { return state_.unpack(*problem_, formulation_, std::size_t(step_ % 2)); }
 
+    BorderFacet* borders() override { return this; }
     std::unique_ptr<Border> border(const std::vector<std::uint32_t>& particles) override {
         return std::make_unique<Places>(*this, particles);
     }
@@ -526,6 +527,7 @@ std::uint64_t bytes(const Problem& problem, const Options& options) {
 
 const Registered entry({
     .name = "cpu_parallel",
+    .addressing = Addressing::by_grid,
     .summary = "Every core and its SIMD registers: implicit addressing on a padded grid.",
     .precisions = {Precision::float32, Precision::float64},
     .formulations = every_formulation,

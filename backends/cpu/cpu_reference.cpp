@@ -13,7 +13,7 @@
 namespace voxspring {
 namespace {
 
-class CpuReference final : public MonitoredCpuBackend {
+class CpuReference final : public MonitoredCpuBackend, public BorderFacet, public ToolFacet {
 public:
     explicit CpuReference(Formulation formulation) : formulation_(formulation) {}
 
@@ -23,7 +23,7 @@ public:
         return all;
     }
 
-    bool has_tool() const override { return true; }
+    ToolFacet* tool() override { return this; }
     void move_tool(const glm::dvec3& displacement) override { tool_moved_ = displacement; }
     glm::dvec3 tool_force() override { return tool_force_; }
 
@@ -45,6 +45,7 @@ public:
         return state;
     }
 
+    BorderFacet* borders() override { return this; }
     std::unique_ptr<Border> border(const std::vector<std::uint32_t>& particles) override {
         return std::make_unique<VectorBorder<glm::dvec3>>(
             [this] {

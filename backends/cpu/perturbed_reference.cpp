@@ -64,7 +64,7 @@ std::array<Pointer, 3> pointers(Arrays& arrays) {
     return {arrays[0].get(), arrays[1].get(), arrays[2].get()};
 }
 
-class Reference final : public PerturbedReference {
+class Reference final : public PerturbedReference, public ToolFacet {
 public:
     explicit Reference(const Perturbation& perturbation) : next_perturbation_(perturbation) {}
 
@@ -83,7 +83,7 @@ public:
         follow_springs();
     }
 
-    bool has_tool() const override { return true; }
+    ToolFacet* tool() override { return this; }
     void move_tool(const glm::dvec3& displacement) override { tool_moved_ = displacement; }
     glm::dvec3 tool_force() override { return tool_force_; }
 

@@ -84,7 +84,7 @@ void ComputeBackend::upload(const Problem& problem, const State& state) {
     load_.upload(context(), operands.loads);
     inverse_mass_.upload(context(), operands.inverse_masses);
     make_program(problem);
-    tool().make(context(), problem, placement, formulation(), {});
+    tool_pass().make(context(), problem, placement, formulation(), {});
     reset_to_step_zero();
     bind();
     hold(bytes_needed(problem));
@@ -156,8 +156,8 @@ void ComputeBackend::bind_words() const {
 
 void ComputeBackend::enqueue_step() {
     bind_words();
-    if (tool().has_tool()) {
-        tool().dispatch();
+    if (tool_pass().has_tool()) {
+        tool_pass().dispatch();
         glMemoryBarrier(barrier_);
         glUseProgram(program_->get());
     }

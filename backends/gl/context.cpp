@@ -6,7 +6,7 @@
 #include <array>
 #include <vector>
 
-#include "backends/device_choice.h"
+#include "backends/api.h"
 
 namespace voxspring::gl {
 
@@ -146,6 +146,8 @@ bool offers_subgroup_vote() {
     return (stages & GL_COMPUTE_SHADER_BIT) != 0 && (features & subgroup_feature_vote) != 0;
 }
 
+const RegisteredApi api({.name = "opengl", .title = "OpenGL", .device_field = "gl_renderer"});
+
 /// The context of the Sharing that exists; it has no display if there is none.
 SurfaceContext shared_context;
 
@@ -227,7 +229,7 @@ void Context::describe(const std::string& uuid, bool software) {
                      .uuid = uuid,
                      .clock = "GL_TIMESTAMP",
                      .deterministic = true,
-                     .family = ApiFamily::opengl,
+                     .family = "opengl",
                      .is_software = software,
                      .limits_of = "OpenGL"};
 }

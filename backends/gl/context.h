@@ -26,7 +26,7 @@ struct SurfaceContext {
 class Context {
 public:
     /// A context on the first EGL device that offers one, hardware before software. Hardware is taken only if
-    /// it is the card that this process measures (device_choice.h). While a Sharing exists, the context is on
+    /// it is the card that this process measures (api.h). While a Sharing exists, the context is on
     /// its display and shares its objects if the driver allows that. Throws Unavailable.
     Context();
     /// The context of a window, which the caller has made and will destroy. Throws Unavailable if it is older

@@ -94,8 +94,8 @@ void FragmentBackend::make_tool(const Problem& problem) {
     // The list has a place for every particle, but only the texels of held particles are filled in.
     std::vector<std::uint32_t> texels(problem.has_tool() ? problem.particle_count() : 0);
     for (const std::uint32_t held : problem.tool.particles) texels[held] = texel_of(held);
-    tool().make(context(), problem, {.words = texels.size(), .voxel = &texels}, formulation(),
-                {{"TEXELS", ""}});
+    tool_pass().make(context(), problem, {.words = texels.size(), .voxel = &texels}, formulation(),
+                     {{"TEXELS", ""}});
 }
 
 void FragmentBackend::make_frames(const Problem& problem, const State& state, const Layout& layout) {
@@ -247,7 +247,7 @@ void FragmentBackend::write(const TexelEdit& edit) {
 
 void FragmentBackend::enqueue_step() {
     bind_state();
-    if (tool().has_tool()) enqueue_tool();
+    if (tool_pass().has_tool()) enqueue_tool();
     current_ = (current_ + 1) % frames_.size();
     glBindFramebuffer(GL_FRAMEBUFFER, frame(0).framebuffer.get());
     glDrawArrays(GL_TRIANGLES, 0, 3);
@@ -257,7 +257,7 @@ void FragmentBackend::enqueue_tool() const {
     glBindImageTexture(0, load_.get(), 0, GL_FALSE, 0, GL_WRITE_ONLY, rgba32f.internal);
     // As in write(), image stores may overtake the fetches of the step before.
     glMemoryBarrier(GL_SHADER_IMAGE_ACCESS_BARRIER_BIT);
-    tool().dispatch();
+    tool_pass().dispatch();
     glMemoryBarrier(GL_TEXTURE_FETCH_BARRIER_BIT | GL_SHADER_STORAGE_BARRIER_BIT);
     glUseProgram(program_.get());
 }

@@ -16,12 +16,14 @@
 
 namespace voxspring::gl {
 
-class GlBackend : public Backend {
+class GlBackend : public Backend, public FeedFacet, public LimitsFacet, public ToolFacet {
 public:
     std::string unsupported(const Problem& problem) const final;
     void rewind() final;
     void step(int count) final;
-    bool has_tool() const final { return true; }
+    FeedFacet* feeds() final { return this; }
+    LimitsFacet* limits() final { return this; }
+    ToolFacet* tool() final { return this; }
     void move_tool(const glm::dvec3& displacement) final;
     glm::dvec3 tool_force() final;
     void monitor(const DivergenceMonitor& monitor) final { next_monitor_ = monitor; }
@@ -39,8 +41,8 @@ protected:
     bool all_terms() const { return all_terms_; }
 
     /// The pass of the tool, which upload() makes and a step dispatches first.
-    ToolPass& tool() { return tool_; }
-    const ToolPass& tool() const { return tool_; }
+    ToolPass& tool_pass() { return tool_; }
+    const ToolPass& tool_pass() const { return tool_; }
 
     /// The program of shaders/feed.comp. `defines`, the same in every call, specialise it beyond the
     /// formulation. It is compiled with the first feed and kept, since feeds come and go with each upload.

@@ -109,6 +109,7 @@ private:
 
 const Registered entry({
     .name = "gl_compute_explicit",
+    .api = "opengl",
     .summary = "OpenGL compute shader, one invocation per particle, neighbours from vertical lists.",
     .precisions = {Precision::float32},
     .formulations = every_formulation,

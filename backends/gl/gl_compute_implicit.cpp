@@ -90,6 +90,8 @@ private:
 
 const Registered entry({
     .name = "gl_compute_implicit",
+    .api = "opengl",
+    .addressing = Addressing::by_grid,
     .summary = "OpenGL compute shader, one invocation per voxel, neighbours by grid offset and mask.",
     .precisions = {Precision::float32},
     .formulations = every_formulation,

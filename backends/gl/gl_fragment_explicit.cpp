@@ -268,6 +268,7 @@ private:
 
 const Registered entry({
     .name = "gl_fragment_explicit",
+    .api = "opengl",
     .summary = "OpenGL fragment shader over the active particles, neighbours from a list.",
     .precisions = {Precision::float32},
     .formulations = every_formulation,

@@ -121,6 +121,8 @@ private:
 
 const Registered entry({
     .name = "gl_fragment_implicit",
+    .api = "opengl",
+    .addressing = Addressing::by_grid,
     .summary = "OpenGL fragment shader over the flattened grid, neighbours by place (Mosegaard and Sorensen "
                "2005).",
     .precisions = {Precision::float32},

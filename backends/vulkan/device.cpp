@@ -9,7 +9,7 @@
 #include <cstring>
 #include <vector>
 
-#include "backends/device_choice.h"
+#include "backends/api.h"
 #include "backends/glsl/compute.h"
 #include "backends/vulkan/validation.h"
 
@@ -173,13 +173,13 @@ std::vector<ListedDevice> listed(const std::vector<vk::raii::PhysicalDevice>& de
     return all;
 }
 
-const VulkanDeviceSource device_source([] {
+std::vector<ListedDevice> listed_with_refusals() {
     try {
         const vk::raii::Context loader(open_loader());
         const vk::raii::Instance instance = create_instance(loader, nullptr);
         const std::vector<vk::raii::PhysicalDevice> devices = vk::raii::PhysicalDevices(instance);
         std::vector<ListedDevice> all = listed(devices);
-        const std::string asked = asked_vulkan_device();
+        const std::string asked = asked_device("vulkan");
         const std::vector<std::size_t> tried = devices_to_try(all, asked);
         for (std::size_t n = 0; n < all.size(); ++n) {
             all[n].refusal = std::find(tried.begin(), tried.end(), n) == tried.end()
@@ -190,7 +190,9 @@ const VulkanDeviceSource device_source([] {
     } catch (const vk::SystemError& error) {
         throw Unavailable(std::string("no Vulkan: ") + error.what());
     }
-});
+}
+
+const RegisteredApi api({.name = "vulkan", .title = "Vulkan", .devices = listed_with_refusals});
 
 }  // namespace
 
@@ -209,7 +211,7 @@ Device::Device(Precision precision) : messages_(std::make_unique<Messages>()), l
         if (validates_) messenger_ = {instance_, messages_->messenger()};
         std::vector<vk::raii::PhysicalDevice> devices = vk::raii::PhysicalDevices(instance_);
         const std::vector<ListedDevice> all = listed(devices);
-        const std::string asked = asked_vulkan_device();
+        const std::string asked = asked_device("vulkan");
         const std::vector<std::size_t> tried = devices_to_try(all, asked);
         for (const std::size_t n : tried) {
             const std::string why = refusal(devices[n], precision, !asked.empty());
@@ -248,7 +250,7 @@ void Device::take(vk::raii::PhysicalDevice physical) {
         .uuid = uuid_of(physical_),
         .clock = "Vulkan time stamp",
         .deterministic = true,
-        .family = ApiFamily::vulkan,
+        .family = "vulkan",
         .is_software = software,
         .limits_of = "Vulkan"};
     create_device();

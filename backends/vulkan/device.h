@@ -34,9 +34,9 @@ std::vector<std::uint32_t> memory_types(const vk::PhysicalDeviceMemoryProperties
 /// A logical device with one queue. Several may exist in one process.
 class Device {
 public:
-    /// Opens the first usable physical device among those that asked_vulkan_device() names, in the order of
+    /// Opens the first usable physical device among those that asked_device("vulkan") names, in the order of
     /// devices_to_try(). If it names none, hardware must be the card that this process measures
-    /// (device_choice.h). Throws Unavailable, which says for each device why it cannot be used.
+    /// (api.h). Throws Unavailable, which says for each device why it cannot be used.
     explicit Device(Precision precision);
     Device(const Device&) = delete;
     Device& operator=(const Device&) = delete;

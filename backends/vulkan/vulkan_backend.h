@@ -19,7 +19,7 @@
 
 namespace voxspring::vulkan {
 
-class VulkanBackend : public Backend {
+class VulkanBackend : public Backend, public LimitsFacet, public ToolFacet {
 public:
     ~VulkanBackend() override;
     Capabilities capabilities() const final { return device_.capabilities(); }
@@ -31,7 +31,8 @@ public:
     void step(int count) final;
     void monitor(const DivergenceMonitor& monitor) final { next_monitor_ = monitor; }
     std::optional<Divergence> divergence() final;
-    bool has_tool() const final { return true; }
+    LimitsFacet* limits() final { return this; }
+    ToolFacet* tool() final { return this; }
     void move_tool(const glm::dvec3& displacement) final;
     glm::dvec3 tool_force() final;
     void synchronize() final;

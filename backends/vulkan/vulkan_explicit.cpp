@@ -128,6 +128,7 @@ private:
 
 const Registered entry({
     .name = "vulkan_explicit",
+    .api = "vulkan",
     .summary = "Vulkan compute shader, one invocation per particle, neighbours from vertical lists.",
     .precisions = {Precision::float32, Precision::float64},
     .formulations = every_formulation,

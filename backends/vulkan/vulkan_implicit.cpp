@@ -69,6 +69,8 @@ private:
 
 const Registered entry({
     .name = "vulkan_implicit",
+    .api = "vulkan",
+    .addressing = Addressing::by_grid,
     .summary = "Vulkan compute shader, one invocation per voxel, neighbours by grid offset and mask.",
     .precisions = {Precision::float32, Precision::float64},
     .formulations = every_formulation,

@@ -64,7 +64,7 @@ inline std::map<std::string, std::string> class_macros(const Problem& problem, F
 }
 
 template <class Real>
-class AxesBackend : public CudaBackend {
+class AxesBackend : public CudaBackend, public BorderFacet {
 public:
     explicit AxesBackend(Formulation formulation) : formulation_(formulation) {}
 
@@ -87,8 +87,9 @@ public:
         return unpack_march<Real>(problem(), packed, formulation_);
     }
 
+    BorderFacet* borders() override { return gives_borders() ? this : nullptr; }
     std::unique_ptr<Border> border(const std::vector<std::uint32_t>& particles) override {
-        return gives_borders() ? make_border(elements_of(particles), border_state()) : nullptr;
+        return make_border(elements_of(particles), border_state());
     }
     std::shared_ptr<DeviceBorders> device_borders(const std::vector<SharedParticles>& borders,
                                                   const std::string& way) override {

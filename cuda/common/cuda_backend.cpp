@@ -31,7 +31,7 @@ Capabilities CudaBackend::capabilities() const {
             .deterministic = true,
             .highest_mhz = {{"sm", device_.sm_mhz()}, {"memory", device_.memory_mhz()}},
             .kernel_compiler = compiler_and_options(device_.architecture()),
-            .family = ApiFamily::cuda,
+            .family = "cuda",
             .limits_of = "CUDA",
             .has_borders = gives_borders(),
             .border_ways = gives_borders() ? border_ways(splits_steps()) : std::vector<std::string>(),

@@ -34,7 +34,7 @@ StateArray state_array(const Buffer<T>& buffer) {
 }
 
 /// A backend whose two position buffers swap roles: a step reads one and overwrites x(t - dt) in the other.
-class CudaBackend : public Backend {
+class CudaBackend : public Backend, public LimitsFacet {
 public:
     Capabilities capabilities() const override;
     std::string unsupported(const Problem& problem) const final;
@@ -45,6 +45,7 @@ public:
     std::optional<Divergence> divergence() final;
     void synchronize() final;
     CompileTime compile_time() const final { return compile_time_; }
+    LimitsFacet* limits() final { return this; }
     DeviceLimits measure_limits() final { return cuda::measure_limits(device_, stream_); }
 
 protected:

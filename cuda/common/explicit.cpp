@@ -170,6 +170,7 @@ BackendEntry explicit_entry(const std::string& name, const std::string& summary,
                    : explicit_bytes<double>(problem, chosen, options.formulation);
     };
     return {.name = name,
+            .api = "cuda",
             .summary = summary,
             .precisions = {Precision::float32, Precision::float64},
             .formulations = every_formulation,

@@ -272,6 +272,8 @@ BackendEntry implicit_entry(const std::string& name, const std::string& summary,
         {"rest", {"auto", "step", "skip", "flush"}}};
     if (!tiled) own["fetch"] = fetches;
     return {.name = name,
+            .api = "cuda",
+            .addressing = Addressing::by_grid,
             .summary = summary,
             .precisions = {Precision::float32, Precision::float64},
             .formulations = every_formulation,

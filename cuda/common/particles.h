@@ -93,7 +93,7 @@ std::string launch_refusal(std::size_t words, const Device& device, const Kernel
 /// kernel's first argument and has a member `motion`; a reader of positions, one of their low parts and what
 /// the step writes follow (kernels/*.cu).
 template <class Real, class Step>
-class ParticleBackend : public CudaBackend {
+class ParticleBackend : public CudaBackend, public BorderFacet, public FeedFacet, public ToolFacet {
 public:
     State download() final {
         this->synchronize();
@@ -110,6 +110,7 @@ public:
         return unpack(problem(), packed, placement_, family_.formulation);
     }
 
+    FeedFacet* feeds() override { return this; }
     std::unique_ptr<Feed> feed(const std::vector<std::uint32_t>& particles, std::uint32_t buffer) override {
         let_end();
         return make_feed<Real>(fed_words(particles), buffer, stream(), [this] { return feeding(); });
@@ -119,6 +120,7 @@ public:
         return make_host_feed<Real>(fed_words(particles), stream(), [this] { return feeding(); });
     }
 
+    BorderFacet* borders() override { return this; }
     std::unique_ptr<Border> border(const std::vector<std::uint32_t>& particles) override {
         return this->gives_borders() ? make_border(elements_of(particles), border_state()) : nullptr;
     }
@@ -131,7 +133,7 @@ public:
                                    border_state(enable_border_stream(borders, way)));
     }
 
-    bool has_tool() const override { return true; }
+    ToolFacet* tool() override { return this; }
     void move_tool(const glm::dvec3& displacement) override {
         const ToolState<Real> now{vector_of<Real>(displacement), Real(problem().tool.stiffness)};
         tool_.send(std::span(&now, 1), stream());

@@ -6,7 +6,7 @@
 #include <iterator>
 #include <regex>
 
-#include "backends/device_choice.h"
+#include "backends/api.h"
 #include "cuda/device/check.h"
 #include "cuda/device/compiler.h"
 
@@ -43,13 +43,15 @@ std::string uuid_of(const cudaDeviceProp& properties) {
     return uuid_text(bytes);
 }
 
-// Names the card that Device takes in a thread without a choice, without making a context on it.
-const MeasuredCardSource measured_card_source([]() -> std::string {
+/// The card that Device takes in a thread without a choice. Makes no context on it.
+std::string first_card() {
     cudaDeviceProp properties{};
     if (cudaGetDeviceProperties(&properties, 0) == cudaSuccess) return uuid_of(properties);
     cudaGetLastError();
     return {};
-});
+}
+
+const RegisteredApi api({.name = "cuda", .title = "CUDA", .device_field = "gpu", .card = first_card});
 
 }  // namespace
 

@@ -18,7 +18,7 @@
 #include <utility>
 #include <vector>
 
-#include "backends/device_choice.h"
+#include "backends/api.h"
 #include "backends/registry.h"
 #include "backends/suggestion.h"
 #include "harness/base/bad_input.h"
@@ -171,22 +171,28 @@ void add_repetitions(CLI::App& command, StudyOptions& study, const char* descrip
 }
 
 /// Takes effect before the command runs, and is inherited by the processes that it starts.
-void add_vulkan_device(CLI::App& command) {
+void add_device(CLI::App& command, const Api& api) {
+    const std::string option = "--" + api.name + "-device";
     command
         .add_option_function<std::string>(
-            "--vulkan-device",
-            [](const std::string& asked) {
-                const std::vector<ListedDevice> devices = vulkan_devices();
+            option,
+            [&api, option](const std::string& asked) {
+                const std::vector<ListedDevice> devices = api.devices();
                 if (devices_to_try(devices, asked).empty())
-                    throw BadInput("command line", "--vulkan-device", asked,
+                    throw BadInput("command line", option, asked,
                                    "the number or a part of the name of one of the devices: " +
                                        (devices.empty() ? "there are none" : names_of(devices)));
-                setenv(vulkan_device_variable, asked.c_str(), 1);
+                setenv(device_variable(api.name).c_str(), asked.c_str(), 1);
             },
-            "The device of Vulkan's backends, by number or part of its name (`voxspring list`); without it "
-            "the "
-            "card that CUDA measures, or the first that will do")
+            "The device of " + api.title +
+                "'s backends, by number or part of its name (`voxspring list`); without it the card that "
+                "CUDA measures, or the first that will do")
         ->type_name("DEVICE");
+}
+void add_devices(CLI::App& command) {
+    for (const auto& [name, api] : apis()) {
+        if (api.devices) add_device(command, api);
+    }
 }
 
 /// Options for a volume that has no scene file.
@@ -235,14 +241,14 @@ void add_list(CLI::App& app, Asked& asked, std::ostream& out) {
     CLI::App* list =
         app.add_subcommand("list", "Backends (available, or why not), built-in scenes and studies");
     add_json(*list, asked);
-    add_vulkan_device(*list);
+    add_devices(*list);
     list->callback([&] { list_everything(asked.json, out); });
 }
 
 void add_limits(CLI::App& app, Asked& asked, std::ostream& out) {
     CLI::App* limits = app.add_subcommand("limits", "What each device can do at best, measured now");
     add_json(*limits, asked);
-    add_vulkan_device(*limits);
+    add_devices(*limits);
     limits->callback([&] { list_limits(asked.json, out); });
 }
 
@@ -307,7 +313,7 @@ void add_run(CLI::App& app, Asked& asked, std::ostream& out) {
         "A .npz that --out or `voxspring view` wrote of this scene: go on from its step, with its "
         "springs, up to --steps or --time");
     add_export_options(*run, options.out);
-    add_vulkan_device(*run);
+    add_devices(*run);
     add_volume_options(*run, options.volume);
     run->callback([&] { asked.exit_code = run_scene(asked.scene, options, out); });
 }
@@ -344,7 +350,7 @@ void add_study(CLI::App& app, Asked& asked, std::ostream& out) {
         [&options](double seconds) { options.timeout = std::chrono::duration<double>(seconds); },
         "Seconds for which a backend may say nothing before its row fails")
         ->default_str("1800");
-    add_vulkan_device(*study);
+    add_devices(*study);
     add_volume_options(*study, options.volume);
     study->callback([&] { asked.exit_code = run_and_print_study(asked.study, options, out); });
 }
@@ -369,7 +375,7 @@ void add_advise(CLI::App& app, Asked& asked, std::ostream& out) {
                      "Measure only backends that match this glob; may be given several times")
         ->excludes(results);
     add_repetitions(*advise, options.study, "Timed runs of each, measuring");
-    add_vulkan_device(*advise);
+    add_devices(*advise);
     advise->get_option("--repetitions")->excludes(results);
     CLI::Option* file = advise
                             ->add_option("--out", options.study.out,
@@ -413,7 +419,7 @@ void add_view(CLI::App& app, Asked& asked, std::ostream& out, const ViewScene& v
         "A film of the window: film.mp4, or where there is no ffmpeg the folder film of pictures");
     command->add_option("--save", options.save,
                         "Where the key w saves the state, for `run --resume`: a .npz; SCENE.npz");
-    add_vulkan_device(*command);
+    add_devices(*command);
     add_volume_options(*command, options.volume);
     command->callback([&] { asked.exit_code = view(asked.scene, options, out); });
 }

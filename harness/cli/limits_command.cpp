@@ -17,7 +17,9 @@ void list_limits(bool json, std::ostream& out) {
         const BackendSpec spec = BackendSpec::parse(name);
         activity.begin("measuring what the device of " + name + " can do");
         try {
-            limits.of(spec.make()->capabilities(), [&] { return spec.make()->measure_limits(); });
+            const std::unique_ptr<Backend> backend = spec.make();
+            if (backend->limits() != nullptr)
+                limits.of(backend->capabilities(), [&] { return spec.make()->limits()->measure_limits(); });
         } catch (const std::runtime_error&) {
             // `voxspring list` says why there is no such device.
         }

@@ -6,7 +6,7 @@
 #include <utility>
 #include <vector>
 
-#include "backends/device_choice.h"
+#include "backends/api.h"
 #include "backends/physics/neighbours.h"
 #include "backends/physics/problem.h"
 #include "backends/registry.h"
@@ -57,11 +57,11 @@ nlohmann::json describe_backend(const BackendEntry& entry) {
     return described;
 }
 
-/// The devices that Vulkan's backends may take. Empty without Vulkan; then the backends give the reason.
-nlohmann::json describe_vulkan_devices() {
+/// The devices that backends of an API may take. Empty without a driver; then the backends give the reason.
+nlohmann::json describe_devices(const Api& api) {
     nlohmann::json described = nlohmann::json::array();
     try {
-        for (const ListedDevice& device : vulkan_devices()) {
+        for (const ListedDevice& device : api.devices()) {
             described.push_back({{"number", described.size()},
                                  {"name", device.name},
                                  {"kind", to_string(device.kind)},
@@ -76,9 +76,11 @@ nlohmann::json describe_vulkan_devices() {
 
 nlohmann::json everything() {
     nlohmann::json all = {{"backends", nlohmann::json::array()},
-                          {"vulkan_devices", describe_vulkan_devices()},
                           {"scenes", nlohmann::json::array()},
                           {"studies", nlohmann::json::array()}};
+    for (const auto& [name, api] : apis()) {
+        if (api.devices) all[name + "_devices"] = describe_devices(api);
+    }
     for (const auto& [name, entry] : registry()) all["backends"].push_back(describe_backend(entry));
     for (const auto& [name, reason] : left_out()) {
         all["backends"].push_back(
@@ -128,9 +130,9 @@ void print_backends(const nlohmann::json& backends, std::ostream& out) {
         out << "  not available: " << joined(names) << "\n      " << reason << "\n";
 }
 
-void print_vulkan_devices(const nlohmann::json& devices, std::ostream& out) {
+void print_devices(const Api& api, const nlohmann::json& devices, std::ostream& out) {
     if (devices.empty()) return;
-    out << "Vulkan devices, for --vulkan-device\n";
+    out << api.title << " devices, for --" << api.name << "-device\n";
     for (const auto& device : devices) {
         out << "  " << device["number"].get<std::size_t>() << " " << device["name"].get<std::string>() << ", "
             << device["kind"].get<std::string>();
@@ -149,7 +151,9 @@ void list_everything(bool json, std::ostream& out) {
     }
     out << "Backends\n";
     print_backends(all["backends"], out);
-    print_vulkan_devices(all["vulkan_devices"], out);
+    for (const auto& [name, api] : apis()) {
+        if (api.devices) print_devices(api, all[name + "_devices"], out);
+    }
     for (const auto& [heading, key] : {std::pair{"Scenes", "scenes"}, std::pair{"Studies", "studies"}}) {
         out << heading << "\n";
         for (const auto& item : all[key]) {

@@ -256,7 +256,7 @@ private:
         }
     }
 
-    void add_force() { forces_->add(reached_, backend_->tool_force()); }
+    void add_force() { forces_->add(reached_, backend_->tool()->tool_force()); }
 
     void step_on(int steps, Stride& stride) {
         const Timing batch = backend_->timed([&] { runner_->run(*backend_, steps); });

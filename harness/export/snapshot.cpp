@@ -15,7 +15,7 @@ std::vector<glm::dvec3> velocities(const Snapshot& snapshot) {
     const auto backend = make_perturbed_reference({});  // float64, without perturbation
     backend->upload(problem, snapshot.state);
     if (problem.has_tool())
-        backend->move_tool(snapshot.scene.tool_motion.at_step(snapshot.step, problem.time_step));
+        backend->tool()->move_tool(snapshot.scene.tool_motion.at_step(snapshot.step, problem.time_step));
     backend->step(1);
     std::vector<glm::dvec3> velocity = backend->download().increment;  // x(t + dt) - x(t)
     for (std::size_t i = 0; i < velocity.size(); ++i)

@@ -35,12 +35,17 @@ public:
 
     nlohmann::json answer(const nlohmann::json& question, const OnEvent& on_event) override {
         if (question.at("do") == "construct") return construct();
-        if (question.at("do") == "limits") return voxspring::to_json(spec_.make()->measure_limits());
+        if (question.at("do") == "limits") return limits();
         if (runner_ == nullptr) make_runner();
         return runner_->answer(*backend_, question, on_event);
     }
 
 private:
+    nlohmann::json limits() const {
+        const std::unique_ptr<Backend> backend = spec_.make();
+        if (backend->limits() == nullptr) throw Unavailable("the backend measures no limits");
+        return voxspring::to_json(backend->limits()->measure_limits());
+    }
     nlohmann::json construct() {
         const auto begin = Clock::now();
         backend_ = spec_.make();
@@ -95,7 +100,7 @@ std::unique_ptr<Worker> Case::new_process() {
 }
 
 void Case::make_process() {
-    process_ = second_hand_ ? workers_->take(api_of(spec_), case_description(spec_, program_), timeout_)
+    process_ = second_hand_ ? workers_->take(spec_.entry->api, case_description(spec_, program_), timeout_)
                             : new_process();
 }
 
@@ -146,7 +151,7 @@ void Case::take_introduction(const nlohmann::json& introduction) {
 void Case::dismiss() {
     if (process_ == nullptr) return;
     if (second_hand_) {
-        workers_->keep_or_dismiss(api_of(spec_), process_);
+        workers_->keep_or_dismiss(spec_.entry->api, process_);
     } else {
         process_->dismiss();
     }
@@ -190,11 +195,6 @@ DeviceLimits Case::measure_limits(JournalScope scope) {
     const nlohmann::json& known = *scope.find(device);
     if (known.is_string()) throw DeviceError(known.get<std::string>());
     return device_limits_of(known);
-}
-
-std::string api_of(const BackendSpec& spec) {
-    const std::string& name = spec.entry->name;
-    return name.substr(0, name.find('_'));
 }
 
 std::optional<std::string> failure_of(const std::function<void()>& action) {

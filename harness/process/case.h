@@ -84,10 +84,6 @@ private:
     std::exception_ptr too_early_;  ///< the error of begin_introduction()
 };
 
-/// The API of a backend: "cuda" for cuda_march. A driver that is open for one backend serves the next one of
-/// the same API.
-std::string api_of(const BackendSpec& spec);
-
 /// Calls `action`, which concerns one case, and returns why it failed. Empty if it succeeded or was
 /// interrupted; an interrupted case goes on when the study is resumed. Throws what is not the case's fault:
 /// BadInput, Unwritten.

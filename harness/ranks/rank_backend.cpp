@@ -33,12 +33,14 @@ void RankBackend::upload(const Problem& problem, const State& state) {
         std::vector<SharedParticles> borders;
         for (const Subdomain::Border& border : subdomain_.borders)
             borders.push_back({border.subdomain, border.sent, border.received});
-        const auto before = std::exchange(own_borders(), inner_.device_borders(borders, way_));
+        const auto before = std::exchange(own_borders(), inner_.borders()->device_borders(borders, way_));
         if (before != nullptr) own_borders()->take_over(*before);
         return;
     }
-    for (const Subdomain::Border& border : subdomain_.borders)
-        links_.push_back({border.subdomain, inner_.border(border.sent), inner_.border(border.received)});
+    for (const Subdomain::Border& border : subdomain_.borders) {
+        BorderFacet& inner = *inner_.borders();
+        links_.push_back({border.subdomain, inner.border(border.sent), inner.border(border.received)});
+    }
 }
 
 void RankBackend::connect() {

@@ -26,7 +26,7 @@ struct RankSeconds {
 };
 
 /// Steps a subdomain with the backend `inner`. All ranks make the same number of steps and the same edits.
-class RankBackend final : public Backend {
+class RankBackend final : public Backend, public ToolFacet {
 public:
     /// All arguments must outlive this object. If there are `parts`, borders go from device to device, by
     /// `way` (Capabilities::border_ways): after each upload() all ranks must meet and connect() before
@@ -44,20 +44,19 @@ public:
     void edit(const Problem& edited, const SpringEdit& edit) override {
         if (!edit.empty()) inner_.edit(edited, edit);
     }
-    bool has_tool() const override { return inner_.has_tool(); }
+    ToolFacet* tool() override { return inner_.tool() != nullptr ? this : nullptr; }
     void move_tool(const glm::dvec3& displacement) override {
-        if (is_held_) inner_.move_tool(displacement);
+        if (is_held_) inner_.tool()->move_tool(displacement);
     }
     /// The force on the particles of this subdomain that the tool holds.
-    glm::dvec3 tool_force() override { return inner_.tool_force(); }
+    glm::dvec3 tool_force() override { return inner_.tool()->tool_force(); }
     /// All ranks must make the same sequence of calls: steps, edits and moves of the tool.
     void step(int count) override;
     void monitor(const DivergenceMonitor& monitor) override { inner_.monitor(monitor); }
     std::optional<Divergence> divergence() override { return inner_.divergence(); }
     void synchronize() override { inner_.synchronize(); }
     State download() override { return inner_.download(); }
-    DeviceLimits measure_limits() override { return inner_.measure_limits(); }
-    StepWork step_work(const Problem& problem) const override { return inner_.step_work(problem); }
+    LimitsFacet* limits() override { return inner_.limits(); }
 
     /// Connects with the parts of all other ranks if borders go from device to device. Does nothing if that
     /// was done since the latest upload().

@@ -1,37 +1,21 @@
 #include "harness/results/capabilities.h"
 
-#include <array>
+#include <algorithm>
+#include <cctype>
 #include <nlohmann/json.hpp>
 #include <string>
-#include <utility>
 
 #include "harness/base/json.h"
 
 namespace voxspring {
 namespace {
 
-struct FamilyName {
-    ApiFamily family;
-    const char* name;
-    const char* api;  ///< the prefix of the names of its versions
-};
-constexpr std::array family_names = {
-    FamilyName{ApiFamily::cpu, "cpu", "CPU"}, FamilyName{ApiFamily::vulkan, "vulkan", "Vulkan"},
-    FamilyName{ApiFamily::opengl, "opengl", "OpenGL"}, FamilyName{ApiFamily::cuda, "cuda", "CUDA"}};
-
-std::string name_of(ApiFamily family) {
-    for (const FamilyName& known : family_names) {
-        if (known.family == family) return known.name;
-    }
-    return {};
-}
-
-ApiFamily family_of(const nlohmann::json& json, const std::string& api) {
-    const std::string name = json.value("family", "");
-    for (const FamilyName& known : family_names) {
-        if (name.empty() ? api.starts_with(known.api) : name == known.name) return known.family;
-    }
-    return ApiFamily::cpu;
+/// The family of a result without that field: the first word of the API, "opengl" for "OpenGL 4.5 core".
+std::string family_of(const std::string& api) {
+    std::string family = api.substr(0, api.find(' '));
+    std::transform(family.begin(), family.end(), family.begin(),
+                   [](unsigned char letter) { return char(std::tolower(letter)); });
+    return family;
 }
 
 }  // namespace
@@ -46,7 +30,7 @@ nlohmann::json to_json(const Capabilities& capabilities) {
             {"deterministic", capabilities.deterministic},
             {"highest_mhz", capabilities.highest_mhz},
             {"kernel_compiler", capabilities.kernel_compiler},
-            {"family", name_of(capabilities.family)},
+            {"family", capabilities.family},
             {"software", capabilities.is_software},
             {"limits_of", capabilities.limits_of},
             {"borders", capabilities.has_borders},
@@ -64,7 +48,7 @@ Capabilities capabilities_of(const nlohmann::json& json) {
             .deterministic = json.value("deterministic", true),
             .highest_mhz = json.value("highest_mhz", std::map<std::string, int>()),
             .kernel_compiler = json.value("kernel_compiler", ""),
-            .family = family_of(json, api),
+            .family = json.value("family", family_of(api)),
             .is_software = json.value("software", device.ends_with(", software")),
             .limits_of = json.value("limits_of", ""),
             .has_borders = json.value("borders", false),

@@ -117,7 +117,7 @@ void SceneRunner::step_to(Backend& backend, int end) {
     const ToolMotion& motion = scene_.tool_motion;
     while (!motion.empty() && step_ < end) {
         if (const int tick = step_ / motion.every; tick != tick_) {
-            backend.move_tool(motion.at_step(step_, scene_.problem.time_step));
+            backend.tool()->move_tool(motion.at_step(step_, scene_.problem.time_step));
             tick_ = tick;
         }
         const int steps = std::min(end - step_, motion.every - step_ % motion.every);

@@ -185,7 +185,7 @@ Chosen choose_by_rules(const std::string& text, const Scene& scene,
 }
 
 AutoChoice choose_backend(const std::string& text, const Scene& scene,
-                          const std::function<bool(const Backend&)>& accepts) {
+                          const std::function<bool(Backend&)>& accepts) {
     std::unique_ptr<Backend> backend;
     Chosen chosen = choose_by_rules(text, scene, [&](const BackendSpec& spec) {
         backend = spec.make();

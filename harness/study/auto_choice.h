@@ -75,7 +75,7 @@ bool asks_for_auto(const std::string& text);
 /// `accepts` says whether a backend can run the scene (SceneRunner::unsupported). Throws BadSpecification for
 /// other keys, and Unavailable if no backend of this build takes the scene.
 AutoChoice choose_backend(const std::string& text, const Scene& scene,
-                          const std::function<bool(const Backend&)>& accepts);
+                          const std::function<bool(Backend&)>& accepts);
 /// choose_backend() without constructing a backend in this process. `takes` returns the capabilities of a
 /// backend that is available, may be chosen and takes the scene; it returns an empty value for other
 /// backends.

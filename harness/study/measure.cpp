@@ -85,7 +85,7 @@ public:
     /// for a large scene, where compiling takes less time than the upload that it requires, nor for APIs
     /// other than CUDA, which compile faster than they make a second backend.
     bool begin_compiling() {
-        const bool compiles = capabilities_of(case_.capabilities()).family == ApiFamily::cuda;
+        const bool compiles = !capabilities_of(case_.capabilities()).kernel_compiler.empty();
         if (!compiles || known("warm") || is_heavy(context_.scene)) return false;
         attempt([&] {
             case_.begin({{"do", "compile"}});
@@ -298,9 +298,9 @@ bool TimedCase::leaves_out_tiles() const {
     return work.contains("tiles_stepped") && work.at("tiles_stepped") < work.at("tiles");
 }
 
-/// The limit of a step of the whole body; empty if the device's limits are not known.
+/// The limit of a step of the whole body; empty if it is not known.
 StepLimit TimedCase::limit() const {
-    if (!case_.limits) return {};
+    if (!case_.limits || kept("step work").is_null()) return {};
     DeviceLimits limits = *case_.limits;
     for (const char* when : {launch_before, launch_after}) {
         if (known(when) && kept(when).is_number())
@@ -309,9 +309,10 @@ StepLimit TimedCase::limit() const {
     return limit_of(step_work_of(kept("step work")), limits, case_.spec().options.precision);
 }
 
-/// Empty if steps leave out tiles at rest: the limit would be that of the whole body.
+/// Empty if the backend does not tell the work of a step, or if steps leave out tiles at rest: the limit
+/// would be that of the whole body.
 LimitPart TimedCase::limit_part() const {
-    if (leaves_out_tiles()) return {};
+    if (kept("step work").is_null() || leaves_out_tiles()) return {};
     const StepWork work = step_work_of(kept("step work"));
     LimitPart part{.bytes = work.bytes,
                    .written_bytes = work.written_bytes,

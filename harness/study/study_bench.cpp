@@ -12,6 +12,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include "backends/api.h"
 #include "backends/disk_cache.h"
 #include "harness/base/interruption.h"
 #include "harness/base/text.h"
@@ -27,7 +28,7 @@ const std::vector<std::string>& patterns_of(const Study& study, const StudyScene
     return item.backends.empty() ? study.backends : item.backends;
 }
 
-bool has_driver(const BackendSpec& spec) { return !spec.entry->name.starts_with("cpu_"); }
+bool has_driver(const BackendSpec& spec) { return spec.entry->api != host_api; }
 
 /// Longer than a driver takes to report whether there is a device. A backend that hangs here hangs again
 /// later, and its row then says so.
@@ -71,12 +72,12 @@ void StudyBench::look_for_devices(const std::vector<StudyScene>& items) {
     std::set<std::string> asked;
     for (const StudyScene& item : items) {
         for (const BackendSpec& spec : known_specs(study_, item)) {
-            if (interrupted() || !has_driver(spec) || !asked.insert(api_of(spec)).second) continue;
+            if (interrupted() || !has_driver(spec) || !asked.insert(spec.entry->api).second) continue;
             (void)failure_of([&] {
                 try {
                     (void)introduce(spec, workers_, std::min(options_.timeout, {patience_for_devices}));
                 } catch (const Unavailable&) {
-                    absent_.insert(api_of(spec));
+                    absent_.insert(spec.entry->api);
                 }
             });
         }
@@ -89,7 +90,7 @@ void StudyBench::look_for_devices(const std::vector<StudyScene>& items) {
 }
 
 bool StudyBench::is_absent(const BackendSpec& spec) const {
-    return absent_.contains(api_of(spec)) || absent_.contains(spec.entry->name);
+    return absent_.contains(spec.entry->api) || absent_.contains(spec.entry->name);
 }
 
 int StudyBench::expected_cases() const { return int(specs_.size() - refused_.size()); }
@@ -264,7 +265,10 @@ std::string StudyBench::refusal_of(Case& benchmark_case) {
     if (std::string other = other_card(backends, uuid); !other.empty()) return other;
     std::string unsupported = introduction.at("unsupported");
     if (unsupported.empty()) {
-        backends[benchmark_case.spec().entry->name] = described;
+        const BackendEntry& entry = *benchmark_case.spec().entry;
+        nlohmann::json& known = backends[entry.name] = described;
+        known["addressing"] = to_string(entry.addressing);
+        if (const auto api = apis().find(entry.api); api != apis().end()) known["title"] = api->second.title;
         watch_card(uuid);
     }
     return unsupported;
@@ -302,15 +306,11 @@ void StudyBench::describe_devices() {
     nlohmann::json& all = context();
     for (const auto& [name, backend] : all.at("backends").items()) {
         const Capabilities device = capabilities_of(backend);
-        if (device.family == ApiFamily::cuda) {
-            all["gpu"] = device.device;
-            all["driver"] = device.driver;
-        } else if (device.family == ApiFamily::opengl) {
-            all["gl_renderer"] = device.device;
-            if (all["driver"].is_null()) all["driver"] = device.driver;
-        } else if (device.family == ApiFamily::vulkan && all["driver"].is_null()) {
-            all["driver"] = device.driver;
-        }
+        if (device.steps_on_host()) continue;
+        const auto api = apis().find(device.family);
+        if (api != apis().end() && !api->second.device_field.empty())
+            all[api->second.device_field] = device.device;
+        if (all["driver"].is_null()) all["driver"] = device.driver;
     }
     all["limits"] = limits_.json();
 }

@@ -23,7 +23,7 @@ public:
     }
 
     /// Whether the suite runs on the processor's cores.
-    bool is_on_processor() { return capabilities_of(case_.capabilities()).family == ApiFamily::cpu; }
+    bool is_on_processor() { return capabilities_of(case_.capabilities()).steps_on_host(); }
 
     /// Starts the missing measurements in the case's process, and returns at once.
     void begin(const nlohmann::json& known) {

@@ -86,10 +86,11 @@ public:
         if (what == "edits") return edits(backend);
         if (what == "compile") return compile();
         if (what == "launch") {
-            const std::optional<double> seconds = backend.own_launch_seconds();
+            const std::optional<double> seconds = backend.limits()->own_launch_seconds();
             return seconds ? nlohmann::json(*seconds) : nlohmann::json();
         }
-        const StepWork work = backend.step_work(scene_.problem);
+        if (backend.limits() == nullptr) return nullptr;
+        const StepWork work = backend.limits()->step_work(scene_.problem);
         return {{"bytes", work.bytes},
                 {"written_bytes", work.written_bytes},
                 {"footprint_bytes", work.footprint_bytes},
@@ -159,7 +160,7 @@ private:
         if (batch_.rewind) runner_.rewind(backend);
         std::optional<AllProcessors> all;
         if (runner_.edits_within(batch_.steps) > 0) all.emplace();
-        if (backend.capabilities().family == ApiFamily::cpu) spread_threads();
+        if (backend.capabilities().steps_on_host()) spread_threads();
         const std::optional<double> plain_seconds = plain(backend);
         const auto waited_begin = waited_seconds();
         const double cpu_begin = cpu_seconds_of_thread();

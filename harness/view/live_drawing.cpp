@@ -38,7 +38,7 @@ std::optional<double> median_of(const std::vector<double>& values) {
 LiveDrawing::LiveDrawing(const gl::Context& own, Backend& backend, const Problem& problem)
     : own_(own), backend_(backend) {
     const Capabilities on = backend.capabilities();
-    const bool steps_on_cores = on.family == ApiFamily::cpu || on.is_software;
+    const bool steps_on_cores = on.steps_on_host() || on.is_software;
     // The drawing thread has its copy of the problem, to which edits are applied when the mesh is rebuilt.
     thread_ =
         std::jthread([this, steps_on_cores, own_problem = problem](const std::stop_token& stop) mutable {
@@ -110,10 +110,12 @@ void LiveDrawing::feed_mesh(std::unique_lock<std::mutex> lock) {
     host_feed_.reset();
     // host_feed() is preferred: lending OpenGL's buffer to CUDA for each picture delays the stepping thread
     // for longer than copying these few bytes through the host.
-    host_feed_ = backend_.host_feed(particles);
+    FeedFacet* const feeds = backend_.feeds();
+    if (feeds == nullptr) return;
+    host_feed_ = feeds->host_feed(particles);
     if (host_feed_ || !shares) return;
     handed_over_.replace(own_, std::vector<glm::vec4>(particles.size()));
-    feed_ = backend_.feed(particles, handed_over_.get());
+    feed_ = feeds->feed(particles, handed_over_.get());
 }
 
 std::string LiveDrawing::displacements_by() const {

@@ -156,7 +156,7 @@ void Simulation::follow_motion() {
     const std::int64_t tick = steps_ / motion.every;
     if (tick == tick_) return;
     const glm::dvec3 at = motion.at_step(steps_, scene_.problem.time_step);
-    tell([&](Backend& backend) { backend.move_tool(at); });
+    tell([&](Backend& backend) { backend.tool()->move_tool(at); });
     tick_ = tick;
 }
 
@@ -218,12 +218,12 @@ std::string Simulation::take_hold(const glm::dvec3& place, double radius, double
 void Simulation::drag(const glm::dvec3& moved) {
     if (!holds_) return;
     moved_ = moved;
-    tell([&](Backend& backend) { backend.move_tool(moved); });
+    tell([&](Backend& backend) { backend.tool()->move_tool(moved); });
 }
 
 glm::dvec3 Simulation::force() {
     if (!holds_) return glm::dvec3(0);
-    return ask([](Backend& backend) { return backend.tool_force(); });
+    return ask([](Backend& backend) { return backend.tool()->tool_force(); });
 }
 
 void Simulation::let_go() {
@@ -399,7 +399,7 @@ std::string Simulation::compare(bool on) {
     Running other;
     other.backend = make_perturbed_reference({});  // accepts every problem; not perturbed
     other.upload(std::make_shared<const Problem>(problem_), state());
-    if (holds_) other.backend->move_tool(moved_);
+    if (holds_) other.backend->tool()->move_tool(moved_);
     tick_ = -1;  // makes the next step place the scene's tool again
     other_ = std::move(other);
     return {};

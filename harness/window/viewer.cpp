@@ -50,8 +50,8 @@ constexpr std::size_t large = 1'000'000;
 
 /// Chooses a backend by the rules of `auto`, among those that support a tool.
 AutoChoice choose_for_hand(const std::string& text, const Scene& scene) {
-    return choose_backend(text, scene, [&](const Backend& candidate) {
-        return candidate.has_tool() && candidate.unsupported(scene.problem).empty();
+    return choose_backend(text, scene, [&](Backend& candidate) {
+        return candidate.tool() != nullptr && candidate.unsupported(scene.problem).empty();
     });
 }
 
@@ -150,7 +150,9 @@ private:
         if (simulation_->springs_version() != springs_version_) take_mesh();
         if (simulation_->uploads() != uploads_) {
             drop_feed();
-            feed_ = simulation_->backend().feed(painter_.mesh().particles, painter_.displacements());
+            FeedFacet* const feeds = simulation_->backend().feeds();
+            feed_ =
+                feeds != nullptr ? feeds->feed(painter_.mesh().particles, painter_.displacements()) : nullptr;
             uploads_ = simulation_->uploads();
             figures_.from_device = feed_ != nullptr;
         }

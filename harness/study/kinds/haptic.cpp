@@ -111,7 +111,7 @@ std::vector<glm::dvec3> forces_of(SceneRunner& runner, Backend& backend, int ste
         const int end = int(std::int64_t(steps) * n / compared_forces);
         if (end == done) continue;
         runner.run(backend, end - done);
-        forces.push_back(backend.tool_force());
+        forces.push_back(backend.tool()->tool_force());
         done = end;
     }
     return forces;
@@ -188,7 +188,7 @@ private:
 struct Shared {
     explicit Shared(const BackendSpec& spec) : backend(spec.make()) {
         const Capabilities on = backend->capabilities();
-        if (context.capabilities().is_software && on.family != ApiFamily::cpu && !on.is_software)
+        if (context.capabilities().is_software && !on.steps_on_host() && !on.is_software)
             throw Unavailable("OpenGL is software here, which draws on the processor and not on " +
                               on.device);
     }
@@ -329,9 +329,9 @@ private:
     glm::dvec3 tick_once(Backend& backend, double part, int steps) {
         const ToolMotion& motion = scene_.tool_motion;
         if (drawing_) drawing_->hand_over_if_due();
-        backend.move_tool(motion.at(part * motion.time.back()));
+        backend.tool()->move_tool(motion.at(part * motion.time.back()));
         backend.step(steps);
-        return backend.tool_force();
+        return backend.tool()->tool_force();
     }
 
     /// The largest number of steps per tick for which a tick, with the tool's place sent and the force read,
