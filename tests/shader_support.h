@@ -6,6 +6,7 @@
 #include <algorithm>
 #include <cmath>
 #include <string>
+#include <type_traits>
 #include <utility>
 #include <vector>
 
@@ -14,6 +15,21 @@
 #include "tests/support.h"
 
 namespace voxspring::testing {
+
+/// For its lifetime, calls of a driver's function go to another one.
+template <class Function>
+class Replaced {
+public:
+    Replaced(Function& function, std::type_identity_t<Function> other)
+        : function_(function), before_(std::exchange(function, other)) {}
+    Replaced(const Replaced&) = delete;
+    Replaced& operator=(const Replaced&) = delete;
+    ~Replaced() { function_ = before_; }
+
+private:
+    Function& function_;
+    const Function before_;
+};
 
 /// Each of these backends in each of its formulations.
 inline std::vector<std::string> formulations_of(const std::vector<std::string>& backends) {

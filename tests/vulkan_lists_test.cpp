@@ -3,7 +3,6 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <array>
 #include <memory>
 #include <numeric>
 #include <string>
@@ -12,8 +11,7 @@
 
 #include "backends/glsl/explicit.h"
 #include "backends/registry.h"
-#include "backends/vulkan/addressed_list.h"
-#include "backends/vulkan/vulkan_backend.h"
+#include "backends/vulkan/compute_device.h"
 #include "tests/required.h"
 #include "tests/shader_support.h"
 #include "tests/support.h"
@@ -38,10 +36,8 @@ protected:
         make_or_skip(BackendSpec::parse("vulkan_explicit"), probe_);
         if (probe_ != nullptr && !limits().has_addresses) GTEST_SKIP() << "no addresses of buffers";
     }
-    const vulkan::Device& device() const {
-        return dynamic_cast<const vulkan::VulkanBackend&>(*probe_).device();
-    }
-    const vulkan::BufferLimits& limits() const { return device().buffer_limits(); }
+    const vulkan::Device& device() const { return vulkan::device_of(*probe_); }
+    const glsl::BufferLimits& limits() const { return device().buffer_limits(); }
 
 private:
     std::unique_ptr<Backend> probe_;
@@ -49,48 +45,33 @@ private:
 
 // --- Small bodies that ask for it --------------------------------------------------------------------------
 
-/// A body that is stepped in two ways, which must agree in every bit.
-class Pair {
-public:
-    Pair(const std::string& options, const Problem& problem, const State& start)
-        : ways_{Way{make("vulkan_explicit:" + options + ",lists=auto"), problem},
-                Way{make("vulkan_explicit:" + options + ",lists=addressed"), problem}} {
-        for (Way& way : ways_) {
-            way.backend->monitor({.largest_increment = 1, .every = 3});
-            way.backend->upload(way.problem, start);
-            EXPECT_TRUE(way.backend->keep_start());
+/// Expects the bits of bound lists: in steps between `edits`, and after a rewind if there are none.
+void expect_bits_of_bound_lists(const std::string& options, const Problem& problem,
+                                const std::vector<SpringEdit>& edits = {}) {
+    const auto play = [&](const std::string& lists) {
+        const auto backend = make("vulkan_explicit:" + options + ",lists=" + lists);
+        Problem now = problem;
+        std::vector<State> states;
+        const auto step = [&](int count) {
+            backend->step(count);
+            states.push_back(backend->download());
+        };
+        backend->upload(problem, random_state(problem, 0.05, 3));
+        EXPECT_TRUE(backend->keep_start());
+        step(20);
+        for (const SpringEdit& edit : edits) {
+            apply(now, edit);
+            backend->edit(now, edit);
+            step(5);
         }
-    }
-    void rewind() {
-        for (Way& way : ways_) way.backend->rewind();
-    }
-    void edit(const SpringEdit& edit) {
-        for (Way& way : ways_) {
-            apply(way.problem, edit);
-            way.backend->edit(way.problem, edit);
-        }
-    }
-    void move_tool(const glm::dvec3& displacement) {
-        for (Way& way : ways_) way.backend->tool()->move_tool(displacement);
-    }
-    /// Steps, and compares everything that the backends report.
-    void step(int count) {
-        for (Way& way : ways_) way.backend->step(count);
-        Backend &bound = *ways_[0].backend, &addressed = *ways_[1].backend;
-        expect_same_bits(addressed.download(), bound.download());
-        EXPECT_EQ(addressed.divergence().has_value(), bound.divergence().has_value());
-        if (ways_[0].problem.has_tool()) {
-            EXPECT_EQ(addressed.tool()->tool_force(), bound.tool()->tool_force());
-        }
-    }
-
-private:
-    struct Way {
-        std::unique_ptr<Backend> backend;
-        Problem problem;
+        if (!edits.empty()) return states;
+        backend->rewind();
+        step(7);
+        return states;
     };
-    std::array<Way, 2> ways_;
-};
+    const std::vector<State> bound = play("auto"), addressed = play("addressed");
+    for (std::size_t n = 0; n < bound.size(); ++n) expect_same_bits(addressed[n], bound[n]);
+}
 
 TEST_F(AddressedLists, ChangeNoBit) {
     Problem stressed = problem_with_everything();
@@ -102,55 +83,22 @@ TEST_F(AddressedLists, ChangeNoBit) {
           "formulation=position,precision=float64", "formulation=increment,precision=float64"}) {
         for (const auto& [name, problem] : scenes) {
             SCOPED_TRACE(name + ", " + options);
-            Pair pair(options, problem, random_state(problem, 0.05, 3));
-            pair.step(20);
-            pair.rewind();
-            pair.step(7);
+            expect_bits_of_bound_lists(options, problem);
         }
     }
 }
 
 TEST_F(AddressedLists, AreEdited) {
+    Problem problem = make_lattice_problem(random_grid({13, 11, 9}, 0.67, 11), FACE_BITS | EDGE_BITS);
+    problem.gravity = {8e-4, 0, -2e-3};
+    problem.time_step = 0.2;
+    Problem edited = problem;
+    const std::vector<SpringEdit> edits = edit_everything(edited, true);
     for (const char* options :
          {"formulation=position", "formulation=increment", "formulation=displacement,precision=float64"}) {
         SCOPED_TRACE(options);
-        Problem problem = make_lattice_problem(random_grid({13, 11, 9}, 0.67, 11), FACE_BITS | EDGE_BITS);
-        problem.gravity = {8e-4, 0, -2e-3};
-        problem.time_step = 0.2;
-        Problem edited = problem;
-        const std::vector<SpringEdit> edits = edit_everything(edited, true);
-        Pair pair(options, problem, random_state(problem, 0.05, 3));
-        for (const SpringEdit& edit : edits) {
-            pair.step(5);
-            pair.edit(edit);
-        }
-        pair.step(5);
+        expect_bits_of_bound_lists(options, problem, edits);
     }
-}
-
-TEST_F(AddressedLists, GoWithATool) {
-    Problem problem = problem_with_everything();
-    const State start = random_state(problem, 0.05, 3);
-    Tool tool{.particles = {1, 8, 50}, .held = {}, .stiffness = 0.125};
-    for (const std::uint32_t particle : tool.particles) tool.held.push_back(start.displacement[particle]);
-    take_hold(problem, tool);
-    Pair pair("formulation=increment", problem, start);
-    pair.step(4);
-    pair.move_tool({0.05, -0.1, 0.02});
-    pair.step(4);
-    pair.rewind();
-    pair.step(4);
-}
-
-TEST_F(AddressedLists, FindADivergence) {
-    const Problem problem = plain_problem();
-    State start = random_state(problem, 0.05, 3);
-    start.increment[7].x = 5;
-    const auto backend = make("vulkan_explicit:lists=addressed");
-    backend->monitor({.largest_increment = 1, .every = 3});
-    backend->upload(problem, start);
-    backend->step(10);
-    EXPECT_EQ(backend->divergence().value().found, 3);
 }
 
 TEST_F(AddressedLists, OutliveTheStepsThatReadThem) {
@@ -173,23 +121,24 @@ TEST_F(AddressedLists, LieInArraysOfWholeSlots) {
     constexpr std::size_t slot_bytes = 64 * sizeof(std::uint32_t);
     const auto bytes = std::as_bytes(std::span(values));
     // Room for three slots and a part of a fourth.
-    const vulkan::AddressedList list(queue, bytes, 7, 4 * slot_bytes - 1);
-    ASSERT_EQ(list.addresses().size(), 7u);
-    ASSERT_EQ(list.parts().size(), 3u);
+    const auto list = vulkan::addressed_list(queue, bytes, 7, 4 * slot_bytes - 1);
+    ASSERT_EQ(list.addresses.size(), 7u);
+    ASSERT_EQ(list.parts.size(), 3u);
     std::vector<std::uint32_t> back;
-    for (std::size_t n = 0, slot = 0; n < list.parts().size(); ++n) {
-        const vulkan::Buffer& part = list.parts()[n];
+    for (std::size_t n = 0, slot = 0; n < list.parts.size(); ++n) {
+        const vulkan::Buffer& part = vulkan::buffer_of(*list.parts[n]);
         EXPECT_EQ(part.bytes(), (n < 2 ? 3 : 1) * slot_bytes);
         for (std::size_t begin = 0; begin < part.bytes(); begin += slot_bytes)
-            EXPECT_EQ(list.addresses()[slot++], part.address() + begin);
+            EXPECT_EQ(list.addresses[slot++], part.address() + begin);
         std::vector<std::uint32_t> here(part.bytes() / sizeof(std::uint32_t));
         queue.download(part, std::as_writable_bytes(std::span(here)));
         back.insert(back.end(), here.begin(), here.end());
     }
     EXPECT_EQ(back, values);
-    const vulkan::AddressedList in_one(queue, bytes, 7, 7 * slot_bytes), empty(queue, {}, 7, slot_bytes);
-    EXPECT_EQ(in_one.parts().size(), 1u);
-    EXPECT_TRUE(empty.addresses().empty());
+    const auto in_one = vulkan::addressed_list(queue, bytes, 7, 7 * slot_bytes);
+    const auto empty = vulkan::addressed_list(queue, {}, 7, slot_bytes);
+    EXPECT_EQ(in_one.parts.size(), 1u);
+    EXPECT_TRUE(empty.addresses.empty());
     queue.wait();
     device().check("testing");
 }
@@ -202,10 +151,10 @@ TEST(ListsOfAProblem, GoByAddressWhereAStorageBufferDoesNotHoldThem) {
     const Problem problem = plain_problem();
     const Options options = options_of("vulkan_explicit");
     const std::uint64_t bytes = glsl::list_bytes(problem, options).front().second;
-    EXPECT_FALSE(vulkan::by_address(problem, options, {.max_bytes = bytes, .has_addresses = true}));
-    EXPECT_TRUE(vulkan::by_address(problem, options, {.max_bytes = bytes - 1, .has_addresses = true}));
-    EXPECT_TRUE(vulkan::by_address(problem, options_of("vulkan_explicit:lists=addressed"),
-                                   {.max_bytes = bytes, .has_addresses = true}));
+    EXPECT_FALSE(glsl::by_address(problem, options, {.max_bytes = bytes, .has_addresses = true}));
+    EXPECT_TRUE(glsl::by_address(problem, options, {.max_bytes = bytes - 1, .has_addresses = true}));
+    EXPECT_TRUE(glsl::by_address(problem, options_of("vulkan_explicit:lists=addressed"),
+                                 {.max_bytes = bytes, .has_addresses = true}));
 }
 
 TEST(ListsOfAProblem, AreRefusedWithTheReason) {
@@ -214,7 +163,7 @@ TEST(ListsOfAProblem, AreRefusedWithTheReason) {
     const std::uint64_t bytes = glsl::list_bytes(problem, options).front().second;
     const std::uint64_t slot = bytes / 6;
     const auto refusal = [&](std::uint64_t max_bytes, bool has_addresses) {
-        return vulkan::lists_refusal(problem, options, {max_bytes, "maxStorageBufferRange", has_addresses});
+        return glsl::lists_refusal(problem, options, {max_bytes, "maxStorageBufferRange", has_addresses});
     };
     EXPECT_THAT(refusal(bytes, false), IsEmpty());
     EXPECT_THAT(refusal(bytes - 1, false),
@@ -226,8 +175,8 @@ TEST(ListsOfAProblem, AreRefusedWithTheReason) {
     EXPECT_THAT(refusal(slot - 1, true),
                 AllOf(StartsWith("slots of neighbour lists of " + std::to_string(slot) + " bytes exceed"),
                       EndsWith("(maxStorageBufferRange)")));
-    EXPECT_THAT(vulkan::lists_refusal(problem, options_of("vulkan_explicit:lists=addressed"),
-                                      {bytes, "maxStorageBufferRange", false}),
+    EXPECT_THAT(glsl::lists_refusal(problem, options_of("vulkan_explicit:lists=addressed"),
+                                    {bytes, "maxStorageBufferRange", false}),
                 EndsWith("(bufferDeviceAddress)"));
 }
 
@@ -276,20 +225,20 @@ private:
 };
 
 /// The number of copies whose list, at `bytes` bytes per particle, exceeds a storage buffer.
-int copies_beyond(const vulkan::BufferLimits& limits, std::size_t bytes) {
+int copies_beyond(const glsl::BufferLimits& limits, std::size_t bytes) {
     return int(limits.max_bytes * 5 / 4 / (Copies::particles * bytes));
 }
 
 /// With buffers as large as those of cards the lists would take the host minutes.
-bool takes_long(const vulkan::BufferLimits& limits) { return limits.max_bytes > std::uint64_t(1) << 28; }
+bool takes_long(const glsl::BufferLimits& limits) { return limits.max_bytes > std::uint64_t(1) << 28; }
 
 TEST_F(AddressedLists, OfNeighboursMayExceedAStorageBuffer) {
     if (takes_long(limits())) GTEST_SKIP() << "storage buffers are large here";
     const Copies copies(copies_beyond(limits(), 26 * sizeof(std::uint32_t)), NEIGHBOUR_BITS);
     const auto small = make("vulkan_explicit"), large = make("vulkan_explicit");
     const Options options = options_of("vulkan_explicit");
-    ASSERT_FALSE(vulkan::by_address(copies.one, options, limits()));
-    ASSERT_TRUE(vulkan::by_address(copies.many, options, limits()));
+    ASSERT_FALSE(glsl::by_address(copies.one, options, limits()));
+    ASSERT_TRUE(glsl::by_address(copies.many, options, limits()));
     ASSERT_EQ(large->unsupported(copies.many), "");
     small->upload(copies.one, copies.start_of_one);
     large->upload(copies.many, copies.start);
@@ -319,7 +268,7 @@ TEST_F(AddressedLists, OfSpringsAndRestsMayExceedAStorageBuffer) {
         for (Backend* const backend : {small.get(), large.get()}) backend->step(2);
         Copies::expect_alike(small->download(), large->download());
     };
-    ASSERT_FALSE(vulkan::by_address(copies.many, options, limits()));
+    ASSERT_FALSE(glsl::by_address(copies.many, options, limits()));
     edit_and_step("lists become too large", [](SpringEditor& editor, const Problem& problem) {
         // Springs from corner to corner of each copy, within a plane that nothing below cuts.
         std::vector<std::pair<std::uint32_t, std::uint32_t>> ends;
@@ -327,7 +276,7 @@ TEST_F(AddressedLists, OfSpringsAndRestsMayExceedAStorageBuffer) {
             ends.emplace_back(first + 4, first + Copies::particles - 8);
         return editor.suture(ends, 0.02);
     });
-    ASSERT_TRUE(vulkan::by_address(copies.many, options, limits()));
+    ASSERT_TRUE(glsl::by_address(copies.many, options, limits()));
     const Plane middle{{0.5 * Copies::dims.x - 0.5, 0, 0}, {1, 0, 0}};
     edit_and_step("a cut", [&](SpringEditor& editor, const Problem&) { return editor.cut(middle); });
     edit_and_step("a suture",

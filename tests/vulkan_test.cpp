@@ -13,10 +13,11 @@
 #include <vector>
 
 #include "backends/api.h"
-#include "backends/glsl/explicit.h"
+#include "backends/glsl/compute.h"
 #include "backends/glsl/implicit.h"
 #include "backends/registry.h"
-#include "backends/vulkan/vulkan_backend.h"
+#include "backends/vulkan/compute_device.h"
+#include "backends/vulkan/program.h"
 #include "tests/required.h"
 #include "tests/shader_support.h"
 #include "tests/support.h"
@@ -193,25 +194,11 @@ TEST_F(Vulkan, BuffersMayOutliveTheirPool) {
 
 // --- A lost device ----------------------------------------------------------------------------------------
 
-/// For its lifetime, a driver whose device is lost from the next submission on.
-class LostDevice {
-public:
-    explicit LostDevice(const vulkan::Device& device)
-        : functions_(const_cast<Functions&>(*device.get().getDispatcher())),
-          submit_(functions_.vkQueueSubmit) {
-        functions_.vkQueueSubmit = [](VkQueue, std::uint32_t, const VkSubmitInfo*, VkFence) {
-            return VK_ERROR_DEVICE_LOST;
-        };
-    }
-    LostDevice(const LostDevice&) = delete;
-    LostDevice& operator=(const LostDevice&) = delete;
-    ~LostDevice() { functions_.vkQueueSubmit = submit_; }
-
-private:
-    using Functions = std::remove_cvref_t<decltype(*std::declval<vk::raii::Device>().getDispatcher())>;
-    Functions& functions_;
-    PFN_vkQueueSubmit submit_;
-};
+/// The functions of a device, or of its instance, which a test may replace.
+template <class Object>
+auto& functions_of(const Object& object) {
+    return const_cast<std::remove_cvref_t<decltype(*object.getDispatcher())>&>(*object.getDispatcher());
+}
 
 TEST_F(Vulkan, ALostDeviceIsAnErrorOfItsOwnBackendAlone) {
     const Problem problem = plain_problem();
@@ -221,7 +208,9 @@ TEST_F(Vulkan, ALostDeviceIsAnErrorOfItsOwnBackendAlone) {
         const auto backend = BackendSpec::parse(name).make();
         backend->upload(problem, random_state(problem, 0.05, 3));
         backend->step(3);
-        const LostDevice lost(dynamic_cast<vulkan::VulkanBackend&>(*backend).device());
+        const Replaced lost(
+            functions_of(vulkan::device_of(*backend).get()).vkQueueSubmit,
+            [](VkQueue, std::uint32_t, const VkSubmitInfo*, VkFence) { return VK_ERROR_DEVICE_LOST; });
         try {
             backend->step(3);
             backend->synchronize();
@@ -236,32 +225,6 @@ TEST_F(Vulkan, ALostDeviceIsAnErrorOfItsOwnBackendAlone) {
     EXPECT_NO_THROW((void)other->download());
 }
 
-/// For its lifetime, a driver whose submissions take long, and which counts them.
-class SlowDevice {
-public:
-    explicit SlowDevice(const vulkan::Device& device)
-        : functions_(const_cast<Functions&>(*device.get().getDispatcher())) {
-        submissions = 0;
-        submit = functions_.vkQueueSubmit;
-        functions_.vkQueueSubmit = [](VkQueue queue, std::uint32_t count, const VkSubmitInfo* infos,
-                                      VkFence fence) {
-            ++submissions;
-            std::this_thread::sleep_for(std::chrono::milliseconds(300));
-            return submit(queue, count, infos, fence);
-        };
-    }
-    SlowDevice(const SlowDevice&) = delete;
-    SlowDevice& operator=(const SlowDevice&) = delete;
-    ~SlowDevice() { functions_.vkQueueSubmit = submit; }
-
-    static inline int submissions = 0;
-
-private:
-    using Functions = std::remove_cvref_t<decltype(*std::declval<vk::raii::Device>().getDispatcher())>;
-    Functions& functions_;
-    static inline PFN_vkQueueSubmit submit = nullptr;
-};
-
 // A driver that drives a display would reset a device that is busy for seconds.
 TEST_F(Vulkan, NoSubmissionKeepsADeviceForLong) {
     const Problem problem = plain_problem();
@@ -269,9 +232,17 @@ TEST_F(Vulkan, NoSubmissionKeepsADeviceForLong) {
     backend->upload(problem, random_state(problem, 0.05, 3));
     {
         // A step takes more than a submission may.
-        const SlowDevice slow(dynamic_cast<vulkan::VulkanBackend&>(*backend).device());
+        static int submissions = 0;
+        auto& functions = functions_of(vulkan::device_of(*backend).get());
+        static const auto submit = functions.vkQueueSubmit;
+        const Replaced slow(functions.vkQueueSubmit,
+                            [](VkQueue queue, std::uint32_t count, const VkSubmitInfo* infos, VkFence fence) {
+                                ++submissions;
+                                std::this_thread::sleep_for(std::chrono::milliseconds(300));
+                                return submit(queue, count, infos, fence);
+                            });
         backend->step(5);
-        EXPECT_EQ(SlowDevice::submissions, 5);
+        EXPECT_EQ(submissions, 5);
         backend->synchronize();
     }
     expect_same_bits(backend->download(), after(*BackendSpec::parse("vulkan_implicit").make(), problem, 5));
@@ -311,72 +282,47 @@ TEST(VulkanMemory, IsTriedWhereItIsPreferredAndThenElsewhere) {
         << "what the buffer allows";
 }
 
-/// For its lifetime, a driver that has each type of memory twice, with room only in the second.
-class FullMemory {
-public:
-    explicit FullMemory(const vulkan::Device& device)
-        : of_instance_(const_cast<OfInstance&>(*device.physical().getDispatcher())),
-          of_device_(const_cast<OfDevice&>(*device.get().getDispatcher())) {
-        tried.clear();
-        properties = of_instance_.vkGetPhysicalDeviceMemoryProperties;
-        requirements = of_device_.vkGetBufferMemoryRequirements;
-        allocate = of_device_.vkAllocateMemory;
-        of_instance_.vkGetPhysicalDeviceMemoryProperties = [](VkPhysicalDevice physical,
-                                                              VkPhysicalDeviceMemoryProperties* memory) {
-            properties(physical, memory);
-            types = memory->memoryTypeCount;
-            for (std::uint32_t n = 0; n < types; ++n) memory->memoryTypes[types + n] = memory->memoryTypes[n];
-            memory->memoryTypeCount = 2 * types;
-        };
-        of_device_.vkGetBufferMemoryRequirements = [](VkDevice its_device, VkBuffer buffer,
-                                                      VkMemoryRequirements* needs) {
-            requirements(its_device, buffer, needs);
-            needs->memoryTypeBits = ~0U;
-        };
-        of_device_.vkAllocateMemory = [](VkDevice its_device, const VkMemoryAllocateInfo* info,
-                                         const VkAllocationCallbacks* callbacks, VkDeviceMemory* memory) {
-            tried.push_back(info->memoryTypeIndex);
-            if (info->memoryTypeIndex < types) return VK_ERROR_OUT_OF_DEVICE_MEMORY;
-            VkMemoryAllocateInfo as_it_is = *info;
-            as_it_is.memoryTypeIndex -= types;
-            return allocate(its_device, &as_it_is, callbacks, memory);
-        };
-    }
-    FullMemory(const FullMemory&) = delete;
-    FullMemory& operator=(const FullMemory&) = delete;
-    ~FullMemory() {
-        of_instance_.vkGetPhysicalDeviceMemoryProperties = properties;
-        of_device_.vkGetBufferMemoryRequirements = requirements;
-        of_device_.vkAllocateMemory = allocate;
-    }
-
-    static inline std::vector<std::uint32_t> tried = {};
-    static inline std::uint32_t types = 0;
-
-private:
-    using OfInstance =
-        std::remove_cvref_t<decltype(*std::declval<vk::raii::PhysicalDevice>().getDispatcher())>;
-    using OfDevice = std::remove_cvref_t<decltype(*std::declval<vk::raii::Device>().getDispatcher())>;
-    OfInstance& of_instance_;
-    OfDevice& of_device_;
-    static inline PFN_vkGetPhysicalDeviceMemoryProperties properties = nullptr;
-    static inline PFN_vkGetBufferMemoryRequirements requirements = nullptr;
-    static inline PFN_vkAllocateMemory allocate = nullptr;
-};
-
 TEST_F(Vulkan, TheNextTypeOfMemoryIsTriedWhereOneIsFull) {
     const vulkan::Device device(Precision::float32);
-    const FullMemory full(device);
+    auto& of_instance = functions_of(device.physical());
+    auto& of_device = functions_of(device.get());
+    static std::vector<std::uint32_t> tried;
+    static std::uint32_t types;
+    static const auto properties = of_instance.vkGetPhysicalDeviceMemoryProperties;
+    static const auto requirements = of_device.vkGetBufferMemoryRequirements;
+    static const auto allocate = of_device.vkAllocateMemory;
+    // Each type of memory is there twice, and only the second has room.
+    const Replaced twice(of_instance.vkGetPhysicalDeviceMemoryProperties,
+                         [](VkPhysicalDevice physical, VkPhysicalDeviceMemoryProperties* memory) {
+                             properties(physical, memory);
+                             types = memory->memoryTypeCount;
+                             for (std::uint32_t n = 0; n < types; ++n)
+                                 memory->memoryTypes[types + n] = memory->memoryTypes[n];
+                             memory->memoryTypeCount = 2 * types;
+                         });
+    const Replaced any(of_device.vkGetBufferMemoryRequirements,
+                       [](VkDevice its_device, VkBuffer buffer, VkMemoryRequirements* needs) {
+                           requirements(its_device, buffer, needs);
+                           needs->memoryTypeBits = ~0U;
+                       });
+    const Replaced full(of_device.vkAllocateMemory,
+                        [](VkDevice its_device, const VkMemoryAllocateInfo* info,
+                           const VkAllocationCallbacks* callbacks, VkDeviceMemory* memory) {
+                            tried.push_back(info->memoryTypeIndex);
+                            if (info->memoryTypeIndex < types) return VK_ERROR_OUT_OF_DEVICE_MEMORY;
+                            VkMemoryAllocateInfo as_it_is = *info;
+                            as_it_is.memoryTypeIndex -= types;
+                            return allocate(its_device, &as_it_is, callbacks, memory);
+                        });
     EXPECT_EQ(vulkan::Buffer(device, 256, vulkan::Place::host).host().size(), 256U);
-    ASSERT_GE(FullMemory::tried.size(), 2U);
-    EXPECT_LT(FullMemory::tried.front(), FullMemory::types);
-    EXPECT_GE(FullMemory::tried.back(), FullMemory::types);
+    ASSERT_GE(tried.size(), 2U);
+    EXPECT_LT(tried.front(), types);
+    EXPECT_GE(tried.back(), types);
 }
 
 TEST_F(Vulkan, WhatABufferCannotHoldIsRefused) {
     const auto backend = BackendSpec::parse("vulkan_implicit").make();
-    const std::uint64_t most =
-        dynamic_cast<const vulkan::VulkanBackend&>(*backend).device().buffer_limits().max_bytes;
+    const std::uint64_t most = vulkan::device_of(*backend).buffer_limits().max_bytes;
     Problem problem;
     problem.lattice.dims = {1024, 1024, int(most / 16 / 1024 / 1024)};
     EXPECT_THAT(backend->unsupported(problem),
@@ -418,32 +364,33 @@ TEST(VulkanModule, KnowsTheNamesOfItsSource) {
     EXPECT_THROW((void)vulkan::Module::named("nonsense"), DeviceError);
 }
 
-/// The names of `constants` that `module` does not have, which Vulkan would ignore silently.
-std::vector<std::string> unknown(const std::string& module, const glsl::Constants& constants) {
-    std::vector<std::string> names;
-    for (const auto& [name, value] : constants) {
-        if (!vulkan::Module::named(module).constants().contains(name)) names.push_back(name);
-    }
+/// The names that a module's constants do not have, which Vulkan would ignore silently.
+std::vector<std::string> unknown(const std::string& module, std::vector<std::string> names) {
+    std::erase_if(names, [&, known = vulkan::Module::named(module).constants()](const std::string& name) {
+        return known.contains(name);
+    });
     return names;
 }
 
 TEST(VulkanModule, HasEveryConstantThatAProblemSets) {
-    const Problem problem = problem_with_everything();
+    std::vector<std::string> terms;
+    for (const auto& [name, value] : glsl::term_constants(plain_problem(), Formulation::increment, false))
+        terms.push_back(name);
     for (const Formulation formulation : all_formulations) {
         for (const char* const precision : {"_float32", "_float64"}) {
             const std::string suffix = "_" + to_string(formulation) + precision;
-            const glsl::Constants terms = glsl::term_constants(problem, formulation, false);
             EXPECT_THAT(unknown("compute_implicit" + suffix, terms), IsEmpty());
-            for (const char* const lists : {"", "_addressed"}) {
-                const std::string module = std::string("compute_explicit") + lists + suffix;
-                EXPECT_THAT(unknown(module, terms), IsEmpty());
-                EXPECT_THAT(unknown(module, glsl::explicit_constants({}, false)), IsEmpty());
-                EXPECT_THAT(unknown(std::string("edit_rows") + lists + precision,
-                                    glsl::edit_constants({}, formulation)),
-                            IsEmpty());
-            }
-            EXPECT_THAT(unknown("compute_implicit" + suffix, glsl::implicit_constants(problem, true, true)),
+            EXPECT_THAT(unknown("compute_implicit" + suffix,
+                                {"ORIGINS", "VOTE", "DIMS_X", "DIMS_Y", "DIMS_Z", "FIRST_WORD"}),
                         IsEmpty());
+            for (const std::string lists : {"", "_addressed"}) {
+                const std::string module = "compute_explicit" + lists + suffix;
+                EXPECT_THAT(unknown(module, terms), IsEmpty());
+                EXPECT_THAT(unknown(module, {"SECONDARY", "OFF_LATTICE_REST", "ALL_GROUPS"}), IsEmpty());
+                EXPECT_THAT(
+                    unknown("edit_rows" + lists + precision, {"SECONDARY", "OFF_LATTICE_REST", "SQUARED"}),
+                    IsEmpty());
+            }
         }
     }
 }
@@ -461,15 +408,15 @@ TEST(ImplicitAddressing, VotesWhereItIsFaster) {
 
 TEST(VulkanModule, SetsUniformsWhereTheModuleHasThem) {
     const vulkan::Module& module = vulkan::Module::named("compute_explicit_increment_float64");
-    vulkan::Uniforms uniforms(module);
+    glsl::Uniforms uniforms;
     const std::array<double, 3> lengths = {1.5, 2.5, 3.5};
     uniforms.set("rest_length", lengths);
     uniforms.set("particles", 77);
     uniforms.set("of another module", 1);
+    const std::vector<std::byte> bytes = bytes_of(module, uniforms);
     const auto at = [&](const char* name, std::size_t element, auto value) {
         const vulkan::Uniform& uniform = module.uniforms().at(name);
-        std::memcpy(&value, uniforms.bytes().data() + uniform.offset + element * uniform.stride,
-                    sizeof value);
+        std::memcpy(&value, bytes.data() + uniform.offset + element * uniform.stride, sizeof value);
         return value;
     };
     EXPECT_EQ(at("particles", 0, 0), 77);

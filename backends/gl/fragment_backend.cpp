@@ -10,6 +10,7 @@
 #include "backends/gl/texture.h"
 #include "backends/glsl/compute.h"
 #include "backends/layout/feed.h"
+#include "backends/layout/tool.h"
 #include "backends/layout/work.h"
 #include "backends/physics/neighbours.h"
 
@@ -55,18 +56,25 @@ std::uint64_t motion_operations(Formulation formulation, bool gravity, bool damp
     return change + (formulation == Formulation::compensated ? 10 + 11 : 2);
 }
 
+/// The value of found_ until a check fails; then it is the number of the first check that failed, from 1.
+constexpr GLuint never_found = std::numeric_limits<GLuint>::max();
+constexpr GLuint found_binding = 3;  // as in shaders/divergence_check.comp
+
 }  // namespace
 
 FragmentBackend::FragmentBackend(const Options& options, std::string fragment_shader)
-    : GlBackend(options),
+    : options_(options),
+      queue_(context_),
+      begin_(make_query(context_)),
+      end_(make_query(context_)),
       masked_(options.tuning.at("mask") == "stencil"),
       fragment_shader_(std::move(fragment_shader)),
-      no_vertices_(make_vertex_array(context())) {
+      no_vertices_(make_vertex_array(context_)) {
     glBindVertexArray(no_vertices_.get());
 }
 
 void FragmentBackend::upload(const Problem& problem, const State& state) {
-    context().make_current();
+    context_.make_current();
     problem_ = &problem;
     // Free the old textures before the new ones are made: a large problem fits once, not twice.
     frames_.clear();
@@ -85,17 +93,27 @@ void FragmentBackend::upload(const Problem& problem, const State& state) {
     reset_to_step_zero();
 
     glViewport(0, 0, size_.x, size_.y);
-    hold(bytes_needed(problem));
+    held_bytes_ = bytes_needed(problem);
     glFinish();
-    context().check("uploading");
+    context_.check("uploading");
 }
 
 void FragmentBackend::make_tool(const Problem& problem) {
     // The list has a place for every particle, but only the texels of held particles are filled in.
     std::vector<std::uint32_t> texels(problem.has_tool() ? problem.particle_count() : 0);
     for (const std::uint32_t held : problem.tool.particles) texels[held] = texel_of(held);
-    tool_pass().make(context(), problem, {.words = texels.size(), .voxel = &texels}, formulation(),
-                     {{"TEXELS", ""}});
+    const auto held =
+        layout::pack_held<float>(problem, {.words = texels.size(), .voxel = &texels}, formulation());
+    held_.upload(context_, held);
+    held_forces_.upload(context_, std::vector<layout::HeldForce<float>>(held.size()));
+    if (held.empty()) return;
+    if (tool_program_.get() == 0) {
+        Defines defines = glsl::formulation_defines(formulation());
+        defines["TEXELS"] = "";
+        tool_program_ = Program(context_, load_source("tool.comp", defines));
+    }
+    tool_program_.set("count", int(held.size()));
+    tool_program_.set("stiffness", float(problem.tool.stiffness));
 }
 
 void FragmentBackend::make_frames(const Problem& problem, const State& state, const Layout& layout) {
@@ -106,7 +124,7 @@ void FragmentBackend::make_frames(const Problem& problem, const State& state, co
     std::vector<glm::vec4> image(std::size_t(size_.x) * std::size_t(size_.y), guard);
     for (std::size_t f = frames_.size(); f-- > 0;) {
         Frame& frame = frames_[f];
-        frame.framebuffer = make_framebuffer(context());
+        frame.framebuffer = make_framebuffer(context_);
         const GLuint framebuffer = frame.framebuffer.get();
         std::vector<GLenum> attachments;
         for (std::size_t target = 0; target < target_count_of(formulation()); ++target) {
@@ -114,7 +132,7 @@ void FragmentBackend::make_frames(const Problem& problem, const State& state, co
                 const float w = target == 0 ? std::bit_cast<float>(layout.bits[i]) : 0;
                 image[layout.texel[i]] = {stored(formulation(), problem, state, i, current_ - f, target), w};
             }
-            frame.targets.push_back(make_texture(context(), rgba32f, size_, image.data()));
+            frame.targets.push_back(make_texture(context_, rgba32f, size_, image.data()));
             attachments.push_back(GLenum(GL_COLOR_ATTACHMENT0 + target));
             glNamedFramebufferTexture(framebuffer, attachments.back(), frame.targets.back().get(), 0);
         }
@@ -130,32 +148,26 @@ void FragmentBackend::make_frames(const Problem& problem, const State& state, co
 }
 
 bool FragmentBackend::keep_start() {
-    context().make_current();
+    context_.make_current();
     start_.clear();
     const std::uint64_t texels = std::uint64_t(size_.x) * std::uint64_t(size_.y);
-    if (!has_room_for(texels * start_frames() * target_count() * std::uint64_t(rgba32f.bytes))) return false;
+    const std::uint64_t bytes = texels * start_frames() * target_count() * std::uint64_t(rgba32f.bytes);
+    const auto free = context_.free_memory_bytes();
+    if (free && bytes > *free / 2) return false;  // half of it is left to others
     for (std::size_t f = 0; f < start_frames(); ++f) {
         for (const Texture& target : frames_[f].targets) {
-            start_.push_back(make_texture(context(), rgba32f, size_, nullptr));
+            start_.push_back(make_texture(context_, rgba32f, size_, nullptr));
             copy_texture(target, start_.back(), size_);
         }
     }
-    context().check("keeping the start");
+    context_.check("keeping the start");
     return true;
-}
-
-void FragmentBackend::restore_start() {
-    auto kept = start_.begin();
-    for (std::size_t f = 0; f < start_frames(); ++f) {
-        for (const Texture& target : frames_[f].targets) copy_texture(*kept++, target, size_);
-    }
-    current_ = start_frames() - 1;
 }
 
 void FragmentBackend::make_stencil(const Layout& layout) {
     std::vector<std::uint8_t> mask(std::size_t(size_.x) * std::size_t(size_.y), 0);
     for (const std::uint32_t texel : layout.texel) mask[texel] = 1;
-    stencil_ = make_texture(context(), stencil8, size_, mask.data());
+    stencil_ = make_texture(context_, stencil8, size_, mask.data());
     glEnable(GL_STENCIL_TEST);
     glStencilFunc(GL_EQUAL, 1, 0xFF);
     glStencilOp(GL_KEEP, GL_KEEP, GL_KEEP);
@@ -168,7 +180,7 @@ void FragmentBackend::make_particle_textures(const Problem& problem, const Layou
         for (std::size_t i = 0; i < problem.load.size(); ++i) {
             image[layout.texel[i]] = {glm::vec3(problem.load[i]), 0};
         }
-        load_ = make_texture(context(), rgba32f, size_, image.data());
+        load_ = make_texture(context_, rgba32f, size_, image.data());
         glBindTextureUnit(load_unit, load_.get());
     }
     if (glsl::needs_materials(problem, all_terms())) {
@@ -179,17 +191,18 @@ void FragmentBackend::make_particle_textures(const Problem& problem, const Layou
             const double compliance = problem.has_materials() ? 1 / material.stiffness : 1;
             image[layout.texel[i]] = {float(compliance), float(1 / material.mass)};
         }
-        material_ = make_texture(context(), rg32f, size_, image.data());
+        material_ = make_texture(context_, rg32f, size_, image.data());
         glBindTextureUnit(material_unit, material_.get());
     }
 }
 
 void FragmentBackend::make_program(const Problem& problem) {
-    Defines defines = term_defines(problem, formulation(), all_terms());
+    Defines defines = glsl::formulation_defines(formulation());
+    defines.merge(glsl::term_constants(problem, formulation(), all_terms()));
     defines.merge(specialise(problem));
     const Source fragment = load_source(fragment_shader_, defines);
     if (fragment.text != fragment_text_) {
-        program_ = Program(context(), load_source("full_screen.vert", {}), fragment);
+        program_ = Program(context_, load_source("full_screen.vert", {}), fragment);
         fragment_text_ = fragment.text;
     }
     std::array<float, neighbour_count / 2> deficit{};
@@ -202,7 +215,7 @@ void FragmentBackend::make_program(const Problem& problem) {
 }
 
 void FragmentBackend::edit(const Problem& edited, const SpringEdit& edit) {
-    context().make_current();
+    context_.make_current();
     problem_ = &edited;
     if (edit.empty()) return;
     if (has_room(edited, edit)) {
@@ -221,11 +234,11 @@ void FragmentBackend::edit(const Problem& edited, const SpringEdit& edit) {
 void FragmentBackend::write(const TexelEdit& edit) {
     const Defines defines = bind_lists();
     if (edit_program_.get() == 0 || defines != edit_defines_) {
-        edit_program_ = Program(context(), load_source("edit.comp", defines));
+        edit_program_ = Program(context_, load_source("edit.comp", defines));
         edit_defines_ = defines;
     }
     const auto send = [&](GLuint binding, const auto& values) {
-        edit_buffers_[binding].replace(context(), values);
+        edit_buffers_[binding].replace(context_, values);
         edit_buffers_[binding].bind(binding);
     };
     send(0, edit.particles);
@@ -245,9 +258,123 @@ void FragmentBackend::write(const TexelEdit& edit) {
     glUseProgram(program_.get());
 }
 
+std::string FragmentBackend::unsupported(const Problem& problem) const {
+    context_.make_current();
+    if (std::string why = Backend::unsupported(problem); !why.empty()) return why;
+    if (std::string why = refused(problem); !why.empty()) return why;
+    return glsl::memory_refusal(bytes_needed(problem), held_bytes_, context_.free_memory_bytes());
+}
+
+void FragmentBackend::rewind() {
+    context_.make_current();
+    auto kept = start_.begin();
+    for (std::size_t f = 0; f < start_frames(); ++f) {
+        for (const Texture& target : frames_[f].targets) copy_texture(*kept++, target, size_);
+    }
+    current_ = start_frames() - 1;
+    reset_to_step_zero();
+}
+
+void FragmentBackend::reset_to_step_zero() {
+    steps_ = 0;
+    if (held_.bytes() > 0) move_tool(glm::dvec3(0));
+    monitor_ = next_monitor_;
+    if (monitor_.every == 0) return;
+    if (monitor_program_.get() == 0) {
+        monitor_program_ =
+            Program(context_, load_source("divergence_check.comp", glsl::formulation_defines(formulation())));
+        found_ = make_buffer(context_);
+        glNamedBufferStorage(found_.get(), sizeof(GLuint), nullptr, GL_DYNAMIC_STORAGE_BIT);
+    }
+    monitor_program_.set("inverse_largest", float(1 / monitor_.largest_increment));
+    glNamedBufferSubData(found_.get(), 0, sizeof(never_found), &never_found);
+}
+
+void FragmentBackend::move_tool(const glm::dvec3& displacement) {
+    context_.make_current();
+    tool_program_.set("moved", glm::vec3(displacement));
+}
+
+glm::dvec3 FragmentBackend::tool_force() {
+    if (steps_ == 0) return glm::dvec3(0);
+    context_.make_current();
+    std::vector<layout::HeldForce<float>> forces(problem_->tool.particles.size());
+    held_forces_.download(forces);
+    context_.check("reading the tool's force");
+    return layout::force_on_tool(forces);
+}
+
+void FragmentBackend::step(int count) {
+    context_.make_current();
+    for (int n = 0; n < count; ++n) {
+        enqueue_step();
+        queue_.enqueued();
+        ++steps_;
+        if (monitor_.every > 0 && steps_ % monitor_.every == 0) check_divergence();
+    }
+}
+
+void FragmentBackend::check_divergence() {
+    constexpr int group = 64;  // as in shaders/divergence_check.comp
+    glBindBufferBase(GL_SHADER_STORAGE_BUFFER, found_binding, found_.get());
+    monitor_program_.set("check_number", int(steps_ / monitor_.every));
+    glUseProgram(monitor_program_.get());
+    bind_state();
+    glDispatchCompute(GLuint((size_.x + group - 1) / group), GLuint(size_.y), 1);
+    // What this check reads is overwritten by the next step or by an edit, and its number by the next check.
+    glMemoryBarrier(GL_SHADER_STORAGE_BARRIER_BIT | GL_FRAMEBUFFER_BARRIER_BIT);
+    glUseProgram(program_.get());
+}
+
+void FragmentBackend::measure(std::span<float> squares) {
+    if (measure_program_.get() == 0) measure_program_ = Program(context_, load_source("measure.comp", {}));
+    StorageBuffer buffer;
+    buffer.upload(context_, std::as_bytes(squares));
+    buffer.bind(0);
+    measure_program_.set("count", int(squares.size()));
+    measure_program_.set("stride", 1);
+    measure_program_.set("offset", 0);
+    glUseProgram(measure_program_.get());
+    glDispatchCompute(glsl::striding_groups(squares.size()), 1, 1);
+    glMemoryBarrier(GL_SHADER_STORAGE_BARRIER_BIT);
+    buffer.download(std::as_writable_bytes(squares));
+}
+
+std::optional<Divergence> FragmentBackend::divergence() {
+    if (monitor_.every == 0) return std::nullopt;
+    context_.make_current();
+    GLuint check_number = never_found;
+    glMemoryBarrier(GL_BUFFER_UPDATE_BARRIER_BIT);
+    glGetNamedBufferSubData(found_.get(), 0, sizeof(check_number), &check_number);
+    context_.check("checking for divergence");
+    if (check_number == never_found) return std::nullopt;
+    const std::int64_t found = std::int64_t(check_number) * monitor_.every;
+    return Divergence{found - monitor_.every, found};
+}
+
+void FragmentBackend::synchronize() {
+    context_.make_current();
+    glFinish();
+    context_.check("stepping");
+}
+
+void FragmentBackend::mark(Mark which) {
+    context_.make_current();
+    glQueryCounter((which == Mark::begin ? begin_ : end_).get(), GL_TIMESTAMP);
+}
+
+double FragmentBackend::seconds_between_marks() const {
+    context_.make_current();
+    GLuint64 begin = 0;
+    GLuint64 end = 0;
+    glGetQueryObjectui64v(begin_.get(), GL_QUERY_RESULT, &begin);
+    glGetQueryObjectui64v(end_.get(), GL_QUERY_RESULT, &end);
+    return 1e-9 * double(end - begin);
+}
+
 void FragmentBackend::enqueue_step() {
     bind_state();
-    if (tool_pass().has_tool()) enqueue_tool();
+    if (held_.bytes() > 0) enqueue_tool();
     current_ = (current_ + 1) % frames_.size();
     glBindFramebuffer(GL_FRAMEBUFFER, frame(0).framebuffer.get());
     glDrawArrays(GL_TRIANGLES, 0, 3);
@@ -257,7 +384,10 @@ void FragmentBackend::enqueue_tool() const {
     glBindImageTexture(0, load_.get(), 0, GL_FALSE, 0, GL_WRITE_ONLY, rgba32f.internal);
     // As in write(), image stores may overtake the fetches of the step before.
     glMemoryBarrier(GL_SHADER_IMAGE_ACCESS_BARRIER_BIT);
-    tool_pass().dispatch();
+    held_.bind(glsl::held_words);
+    held_forces_.bind(glsl::held_forces);
+    glUseProgram(tool_program_.get());
+    glDispatchCompute(glsl::striding_groups(problem_->tool.particles.size()), 1, 1);
     glMemoryBarrier(GL_TEXTURE_FETCH_BARRIER_BIT | GL_SHADER_STORAGE_BARRIER_BIT);
     glUseProgram(program_.get());
 }
@@ -275,18 +405,16 @@ void FragmentBackend::bind_state() const {
 
 std::unique_ptr<Feed> FragmentBackend::feed(const std::vector<std::uint32_t>& particles,
                                             std::uint32_t buffer) {
-    if (!context().shares()) return nullptr;
-    context().make_current();
+    if (!context_.shares()) return nullptr;
+    context_.make_current();
     const auto fed = layout::pack_fed<float>(*problem_, particles, formulation(),
                                              [&](std::uint32_t i) { return texel_of(i); });
-    return std::make_unique<FeedPass>(context(), fed, buffer, feed_program({{"TEXELS", ""}}),
-                                      [this] { bind_state(); });
-}
-
-void FragmentBackend::enqueue_divergence_check() {
-    constexpr int group = 64;  // as in shaders/divergence_check.comp
-    bind_state();
-    glDispatchCompute(GLuint((size_.x + group - 1) / group), GLuint(size_.y), 1);
+    if (feed_program_.get() == 0) {
+        Defines defines = glsl::formulation_defines(formulation());
+        defines["TEXELS"] = "";
+        feed_program_ = Program(context_, load_source("feed.comp", defines));
+    }
+    return std::make_unique<FeedPass>(context_, fed, buffer, feed_program_, [this] { bind_state(); });
 }
 
 State FragmentBackend::download() {
@@ -315,12 +443,12 @@ std::vector<glm::vec4> FragmentBackend::texels(std::size_t age, std::size_t targ
     synchronize();
     std::vector<glm::vec4> image(std::size_t(size_.x) * std::size_t(size_.y));
     read_texture(frame(age).targets[target], rgba32f, size_, image.data(), rows_of_a_read(rgba32f, size_.x));
-    context().check("downloading");
+    context_.check("downloading");
     return image;
 }
 
 WorkCount FragmentBackend::count_work() {
-    context().make_current();
+    context_.make_current();
     struct Counter {
         const char* name;
         GLenum target;
@@ -328,10 +456,10 @@ WorkCount FragmentBackend::count_work() {
     };
     std::vector<Counter> counters;
     const auto add = [&](const char* name, GLenum target) {
-        counters.push_back({name, target, make_query(context())});
+        counters.push_back({name, target, make_query(context_)});
     };
     add("samples_passed", GL_SAMPLES_PASSED);
-    if (context().has_pipeline_statistics()) {
+    if (context_.has_pipeline_statistics()) {
         add("fragment_shader_invocations", GL_FRAGMENT_SHADER_INVOCATIONS_ARB);
     }
     for (const Counter& counter : counters) glBeginQuery(counter.target, counter.query.get());
@@ -343,18 +471,18 @@ WorkCount FragmentBackend::count_work() {
         glGetQueryObjectui64v(counter.query.get(), GL_QUERY_RESULT, &value);
         work[counter.name] = value;
     }
-    context().check("counting work");
+    context_.check("counting work");
     return work;
 }
 
 DeviceLimits FragmentBackend::measure_limits() {
-    context().make_current();
-    return gl::measure_limits(context());
+    context_.make_current();
+    return gl::measure_limits(context_);
 }
 
 std::optional<double> FragmentBackend::own_launch_seconds() {
-    context().make_current();
-    return measure_draw(context());
+    context_.make_current();
+    return measure_draw(context_);
 }
 
 StepWork FragmentBackend::fragment_work(const Problem& problem, std::uint64_t unmasked) const {

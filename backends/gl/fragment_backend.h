@@ -18,25 +18,44 @@
 #include <glm/vec2.hpp>
 #include <glm/vec4.hpp>
 #include <memory>
+#include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
-#include "backends/gl/gl_backend.h"
+#include "backends/gl/context.h"
+#include "backends/gl/handles.h"
+#include "backends/gl/program.h"
+#include "backends/gl/step_queue.h"
+#include "backends/gl/storage_buffer.h"
+#include "backends/registry.h"
 
 namespace voxspring::gl {
 
-class FragmentBackend : public GlBackend {
+class FragmentBackend : public Backend, public FeedFacet, public LimitsFacet, public ToolFacet {
 public:
-    Capabilities capabilities() const final { return context().capabilities(); }
+    Capabilities capabilities() const final { return context_.capabilities(); }
+    std::string unsupported(const Problem& problem) const final;
     void upload(const Problem& problem, const State& state) final;
-    void edit(const Problem& edited, const SpringEdit& edit) final;
     bool keep_start() final;
+    void rewind() final;
+    void edit(const Problem& edited, const SpringEdit& edit) final;
+    void step(int count) final;
+    void synchronize() final;
     State download() final;
-    std::unique_ptr<Feed> feed(const std::vector<std::uint32_t>& particles, std::uint32_t buffer) final;
+    void monitor(const DivergenceMonitor& monitor) final { next_monitor_ = monitor; }
+    std::optional<Divergence> divergence() final;
     /// "samples_passed", and "fragment_shader_invocations" where the driver counts them.
     WorkCount count_work() final;
+
+    FeedFacet* feeds() final { return this; }
+    std::unique_ptr<Feed> feed(const std::vector<std::uint32_t>& particles, std::uint32_t buffer) final;
+    LimitsFacet* limits() final { return this; }
     DeviceLimits measure_limits() final;
     std::optional<double> own_launch_seconds() final;
+    ToolFacet* tool() final { return this; }
+    void move_tool(const glm::dvec3& displacement) final;
+    glm::dvec3 tool_force() final;
 
     std::size_t frame_count() const { return frames_.size(); }
     std::size_t target_count() const { return frames_[0].targets.size(); }
@@ -68,6 +87,17 @@ protected:
     /// `fragment_shader`: the name of the file in shaders/.
     FragmentBackend(const Options& options, std::string fragment_shader);
 
+    const Context& context() const { return context_; }
+    const Options& options() const { return options_; }
+    Formulation formulation() const { return options_.formulation; }
+    /// Whether everything is compiled in, with neutral values where the problem lacks a term (tuning
+    /// `terms`).
+    bool all_terms() const { return options_.tuning.at("terms") == "all"; }
+
+    /// Bytes of device memory that upload() takes (BackendEntry::bytes).
+    virtual std::uint64_t bytes_needed(const Problem& problem) const = 0;
+    /// Empty, or why the backend cannot run `problem` on a device with enough memory.
+    virtual std::string refused(const Problem& problem) const = 0;
     /// Creates what the fragment shader reads beyond the state, loads and materials, and binds it to texture
     /// units from first_own_unit on.
     virtual Layout lay_out(const Problem& problem) = 0;
@@ -87,17 +117,23 @@ protected:
         return texel_[particle] % width | texel_[particle] / width << 16;
     }
 
+    /// Turns squares of rest lengths into rest lengths as the device measures them (physics/inverse_root.h).
+    void measure(std::span<float> squares);
+
     static constexpr GLuint first_own_unit = 6;
     /// Work of a step with one fragment per particle or, without a mask, `unmasked` fragments in all, and the
     /// arithmetic of the springs. Each backend adds what a fragment reads of its springs.
     StepWork fragment_work(const Problem& problem, std::uint64_t unmasked) const;
 
 private:
-    void enqueue_step() final;
+    void mark(Mark which) final;
+    double seconds_between_marks() const final;
+    /// Returns to step 0. From here on the state is checked as monitor() last said.
+    void reset_to_step_zero();
+    void enqueue_step();
     void enqueue_tool() const;
     void make_tool(const Problem& problem);
-    void restore_start() final;
-    void enqueue_divergence_check() final;
+    void check_divergence();
 
     struct Frame {
         std::vector<Texture> targets;
@@ -117,6 +153,10 @@ private:
         return frames_[(current_ + frames_.size() - age) % frames_.size()];
     }
 
+    Context context_;
+    const Options options_;
+    StepQueue queue_;
+    Query begin_, end_;
     bool masked_;
     std::string fragment_shader_;
 
@@ -131,7 +171,16 @@ private:
     Defines edit_defines_;                       // the defines that edit_program_ was made with
     std::array<StorageBuffer, 4> edit_buffers_;  // for shaders/edit.comp, of the latest edit
 
+    StorageBuffer held_, held_forces_;  // of the tool; empty if there is none
+    // Made when they are first needed, and kept, since feeds come and go with each upload.
+    Program measure_program_, monitor_program_, feed_program_, tool_program_;
+    Buffer found_;  // for shaders/divergence_check.comp
+
     const Problem* problem_ = nullptr;
+    std::uint64_t held_bytes_ = 0;
+    std::int64_t steps_ = 0;          // since upload()
+    DivergenceMonitor monitor_;       // for this run
+    DivergenceMonitor next_monitor_;  // for the next run
     glm::ivec2 size_{0};
     std::vector<std::uint32_t> texel_;
     std::size_t current_ = 0;

@@ -3,55 +3,30 @@
 namespace voxspring::gl {
 
 void destroy(Object kind, GLuint name) noexcept {
-    switch (kind) {
-        case Object::texture:
-            glDeleteTextures(1, &name);
-            break;
-        case Object::buffer:
-            glDeleteBuffers(1, &name);
-            break;
-        case Object::framebuffer:
-            glDeleteFramebuffers(1, &name);
-            break;
-        case Object::vertex_array:
-            glDeleteVertexArrays(1, &name);
-            break;
-        case Object::query:
-            glDeleteQueries(1, &name);
-            break;
-        case Object::shader:
-            glDeleteShader(name);
-            break;
-        case Object::program:
-            glDeleteProgram(name);
-            break;
-    }
+    if (kind == Object::shader) return glDeleteShader(name);
+    if (kind == Object::program) return glDeleteProgram(name);
+    const auto destroy_some = kind == Object::texture       ? glDeleteTextures
+                              : kind == Object::buffer      ? glDeleteBuffers
+                              : kind == Object::framebuffer ? glDeleteFramebuffers
+                              : kind == Object::query       ? glDeleteQueries
+                                                            : glDeleteVertexArrays;
+    destroy_some(1, &name);
 }
 
-Buffer make_buffer(const Context& context) {
+namespace {
+
+GLuint one(void (*create)(GLsizei, GLuint*)) {
     GLuint name = 0;
-    glCreateBuffers(1, &name);
-    return {context, name};
+    create(1, &name);
+    return name;
 }
 
-Framebuffer make_framebuffer(const Context& context) {
-    GLuint name = 0;
-    glCreateFramebuffers(1, &name);
-    return {context, name};
-}
+}  // namespace
 
-VertexArray make_vertex_array(const Context& context) {
-    GLuint name = 0;
-    glCreateVertexArrays(1, &name);
-    return {context, name};
-}
-
-Query make_query(const Context& context) {
-    GLuint name = 0;
-    // glCreateQueries does not work here: in Mesa 22.3 it refuses the targets of
-    // ARB_pipeline_statistics_query.
-    glGenQueries(1, &name);
-    return {context, name};
-}
+Buffer make_buffer(const Context& context) { return {context, one(glCreateBuffers)}; }
+Framebuffer make_framebuffer(const Context& context) { return {context, one(glCreateFramebuffers)}; }
+VertexArray make_vertex_array(const Context& context) { return {context, one(glCreateVertexArrays)}; }
+// Not glCreateQueries: in Mesa 22.3 it refuses the targets of ARB_pipeline_statistics_query.
+Query make_query(const Context& context) { return {context, one(glGenQueries)}; }
 
 }  // namespace voxspring::gl

@@ -15,11 +15,7 @@ namespace {
 
 constexpr int row = 2048;  // in texels; footprints are whole rows of two or three arrays
 constexpr glm::ivec2 arithmetic_size{glsl::arithmetic_side, glsl::arithmetic_side};
-using glsl::rounds;
-/// The patience for a launch. It takes the host's time, so other work on its cores slows many batches in a
-/// row.
-constexpr Patience launch_patience{.in_all = 0.15};
-
+using glsl::launch_patience, glsl::rounds;
 /// Times on the host's clock: batches are long, and a clock of the device need not wait for compute shaders.
 template <class Enqueue>
 double seconds(Enqueue enqueue) {
@@ -91,7 +87,7 @@ double operations_per_second(const Program& program, Dispatch dispatch) {
 
 /// The rate of compute shaders with work groups of 16 x 16 invocations.
 double compute_operations_per_second(const Context& context, const Texture& target) {
-    const Program program(context, load_source("limits_arithmetic.glsl", {{"COMPUTE", ""}}));
+    const Program program(context, load_source("limits_arithmetic.comp", {{"COMPUTE", ""}}));
     glBindImageTexture(0, target.get(), 0, GL_FALSE, 0, GL_WRITE_ONLY, rgba32f.internal);
     return operations_per_second(program, [&] {
         glUseProgram(program.get());
@@ -99,44 +95,6 @@ double compute_operations_per_second(const Context& context, const Texture& targ
                           arithmetic_size.y / glsl::arithmetic_group, 1);
     });
 }
-
-/// Three storage buffers of `words` words that dispatches step through, like the buffers of a ComputeBackend.
-class StorageBuffers {
-public:
-    StorageBuffers(const Context& context, std::size_t words) {
-        for (Buffer& buffer : buffers_) {
-            buffer = make_buffer(context);
-            glNamedBufferStorage(buffer.get(), GLsizeiptr(words * std::size_t(rgba32f.bytes)), nullptr, 0);
-            glClearNamedBufferData(buffer.get(), rgba32f.internal, rgba32f.external, rgba32f.type, nullptr);
-        }
-    }
-
-    void step(const Program& program, GLuint groups, int count) const {
-        glUseProgram(program.get());
-        for (std::size_t n = 0; n < std::size_t(count); ++n) {
-            bind(n % 3, (n + 1) % 3, (n + 2) % 3);
-            dispatch(groups);
-        }
-    }
-    /// Dispatches with the same buffers each time.
-    void repeat(const Program& program, GLuint groups, int count) const {
-        glUseProgram(program.get());
-        bind(0, 1, 2);
-        for (int n = 0; n < count; ++n) dispatch(groups);
-    }
-
-private:
-    static void dispatch(GLuint groups) {
-        glDispatchCompute(groups, 1, 1);
-        glMemoryBarrier(GL_SHADER_STORAGE_BARRIER_BIT);
-    }
-    void bind(std::size_t first, std::size_t second, std::size_t third) const {
-        const GLuint order[] = {buffers_[first].get(), buffers_[second].get(), buffers_[third].get()};
-        glBindBuffersBase(GL_SHADER_STORAGE_BUFFER, 0, 3, order);
-    }
-
-    std::array<Buffer, 3> buffers_;
-};
 
 /// The macros of shaders/limits_copy.frag.
 Defines copy_defines(const glsl::CopyPass& pass) {
@@ -154,14 +112,6 @@ double measure_draw(const Context& context) {
                        launch_patience);
 }
 
-double measure_dispatch(const Context& context) {
-    constexpr std::size_t launch_group = 32;
-    const Program nothing(context, load_source("limits_launch.comp", {}));
-    const StorageBuffers buffers(context, launch_group);
-    return min_seconds([&](int count) { return seconds([&] { buffers.step(nothing, 1, count); }); },
-                       launch_patience);
-}
-
 DeviceLimits measure_limits(const Context& context) {
     DeviceLimits limits;
     // A draw cannot write what it reads, so no pass is in place.
@@ -176,29 +126,11 @@ DeviceLimits measure_limits(const Context& context) {
     limits.launch_seconds = measure_draw(context);
 
     const Frames frames(context, arithmetic_size);
-    const Program fragment = fragment_program(context, "limits_arithmetic.glsl", {});
+    const Program fragment = fragment_program(context, "limits_arithmetic.comp", {});
     limits.float32_operations_per_second = operations_per_second(fragment, [&] { frames.step(fragment, 1); });
 
     limits.compute_shader_float32_operations_per_second =
         compute_operations_per_second(context, frames.texture());
-    context.check("measuring limits");
-    return limits;
-}
-
-DeviceLimits measure_compute_limits(const Context& context) {
-    DeviceLimits limits;
-    glsl::measure_bandwidth(limits, glsl::compute_copies, [&](const glsl::CopyPass& pass, std::size_t words) {
-        const Program program(context, load_source("limits_copy.comp", pass.constants()));
-        program.set("impossible", -1.0F);
-        const StorageBuffers buffers(context, words);
-        const auto groups = GLuint(words / glsl::copy_group);
-        return min_seconds(
-            [&](int count) { return seconds([&] { buffers.repeat(program, groups, count); }); },
-            one_of_many(words * std::size_t(rgba32f.bytes)));
-    });
-    limits.launch_seconds = measure_dispatch(context);
-    const Texture target = make_texture(context, rgba32f, arithmetic_size, nullptr);
-    limits.float32_operations_per_second = compute_operations_per_second(context, target);
     context.check("measuring limits");
     return limits;
 }

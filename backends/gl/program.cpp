@@ -80,6 +80,16 @@ std::string with_origins(const std::string& log, const Source& source) {
     return text;
 }
 
+template <class GetNumber, class GetLog>
+std::string log_of(GLuint object, GetNumber get_number, GetLog get_log) {
+    GLint length = 0;
+    get_number(object, GL_INFO_LOG_LENGTH, &length);
+    std::string log(std::size_t(length), '\0');
+    get_log(object, length, &length, log.data());
+    log.resize(std::size_t(length));
+    return log;
+}
+
 Shader compile(const Context& context, GLenum stage, const Source& source) {
     Shader shader(context, glCreateShader(stage));
     const char* text = source.text.c_str();
@@ -88,11 +98,7 @@ Shader compile(const Context& context, GLenum stage, const Source& source) {
     GLint compiled = GL_FALSE;
     glGetShaderiv(shader.get(), GL_COMPILE_STATUS, &compiled);
     if (compiled == GL_FALSE) {
-        GLint length = 0;
-        glGetShaderiv(shader.get(), GL_INFO_LOG_LENGTH, &length);
-        std::string log(std::size_t(length), '\0');
-        glGetShaderInfoLog(shader.get(), length, &length, log.data());
-        log.resize(std::size_t(length));
+        const std::string log = log_of(shader.get(), glGetShaderiv, glGetShaderInfoLog);
         throw DeviceError("shader " + source.name + " does not compile:" + with_origins(log, source));
     }
     return shader;
@@ -132,43 +138,27 @@ void Program::link(std::span<const Shader> stages, const std::string& failure) c
     GLint linked = GL_FALSE;
     glGetProgramiv(get(), GL_LINK_STATUS, &linked);
     if (linked == GL_FALSE) {
-        GLint length = 0;
-        glGetProgramiv(get(), GL_INFO_LOG_LENGTH, &length);
-        std::string log(std::size_t(length), '\0');
-        glGetProgramInfoLog(get(), length, &length, log.data());
-        log.resize(std::size_t(length));
-        throw DeviceError(failure + ":\n  " + log);
+        throw DeviceError(failure + ":\n  " + log_of(get(), glGetProgramiv, glGetProgramInfoLog));
     }
 }
 
-void Program::set(const char* name, float value) const {
-    glProgramUniform1f(get(), glGetUniformLocation(get(), name), value);
+void Program::set(const glsl::Uniforms& uniforms) const {
+    for (const auto& [name, value] : uniforms.values()) set_value(name.c_str(), value);
 }
 
-void Program::set(const char* name, glm::vec3 value) const {
-    glProgramUniform3f(get(), glGetUniformLocation(get(), name), value.x, value.y, value.z);
-}
-
-void Program::set(const char* name, std::span<const float> values) const {
-    glProgramUniform1fv(get(), glGetUniformLocation(get(), name), GLsizei(values.size()), values.data());
-}
-
-void Program::set(const char* name, std::span<const glm::vec4> values) const {
-    static_assert(sizeof(glm::vec4) == 4 * sizeof(float));
-    if (values.empty()) return;
-    glProgramUniform4fv(get(), glGetUniformLocation(get(), name), GLsizei(values.size()), &values[0].x);
-}
-
-void Program::set(const char* name, int value) const {
-    glProgramUniform1i(get(), glGetUniformLocation(get(), name), value);
-}
-
-void Program::set(const char* name, std::span<const int> values) const {
-    glProgramUniform1iv(get(), glGetUniformLocation(get(), name), GLsizei(values.size()), values.data());
-}
-
-void Program::set(const char* name, glm::ivec3 value) const {
-    glProgramUniform3i(get(), glGetUniformLocation(get(), name), value.x, value.y, value.z);
+void Program::set_value(const char* name, const glsl::UniformValue& value) const {
+    const GLint at = glGetUniformLocation(get(), name);
+    const auto count = GLsizei(value.count());
+    if (at < 0 || count == 0) return;
+    if (value.is_whole()) {
+        const auto* const numbers = reinterpret_cast<const GLint*>(value.bytes().data());
+        (value.components() == 3 ? glProgramUniform3iv : glProgramUniform1iv)(get(), at, count, numbers);
+    } else {
+        const auto* const numbers = reinterpret_cast<const GLfloat*>(value.bytes().data());
+        (value.components() == 4   ? glProgramUniform4fv
+         : value.components() == 3 ? glProgramUniform3fv
+                                   : glProgramUniform1fv)(get(), at, count, numbers);
+    }
 }
 
 }  // namespace voxspring::gl

@@ -11,6 +11,7 @@
 
 #include "backends/gl/handles.h"
 #include "backends/glsl/terms.h"
+#include "backends/glsl/uniforms.h"
 
 namespace voxspring::gl {
 
@@ -45,15 +46,14 @@ public:
     GLuint get() const { return program_.get(); }
 
     /// Sets a uniform. Nothing happens if the specialised program does not need it.
-    void set(const char* name, float value) const;
-    void set(const char* name, glm::vec3 value) const;
-    void set(const char* name, std::span<const float> values) const;
-    void set(const char* name, std::span<const glm::vec4> values) const;
-    void set(const char* name, int value) const;
-    void set(const char* name, std::span<const int> values) const;
-    void set(const char* name, glm::ivec3 value) const;
+    template <class T>
+    void set(const char* name, const T& value) const {
+        set_value(name, glsl::uniform_value(value));
+    }
+    void set(const glsl::Uniforms& uniforms) const;
 
 private:
+    void set_value(const char* name, const glsl::UniformValue& value) const;
     void link(std::span<const Handle<Object::shader>> stages, const std::string& failure) const;
 
     Handle<Object::program> program_;

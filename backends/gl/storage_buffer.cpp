@@ -4,12 +4,12 @@
 
 namespace voxspring::gl {
 
-void StorageBuffer::replace(const Context& context, std::span<const std::byte> values) {
+void StorageBuffer::allocate(const Context& context, std::size_t bytes, const std::byte* values) {
     *this = {};  // frees the old buffer first
-    if (values.empty()) return;
+    if (bytes == 0) return;
     buffer_ = make_buffer(context);
-    bytes_ = values.size();
-    glNamedBufferStorage(get(), GLsizeiptr(bytes_), values.data(), GL_DYNAMIC_STORAGE_BIT);
+    bytes_ = bytes;
+    glNamedBufferStorage(get(), GLsizeiptr(bytes_), values, GL_DYNAMIC_STORAGE_BIT);
     context.check("allocating a storage buffer");
 }
 
@@ -24,14 +24,7 @@ void StorageBuffer::upload(const Context& context, std::span<const std::byte> va
 }
 
 void StorageBuffer::copy(const Context& context, const StorageBuffer& from) {
-    if (bytes_ != from.bytes_) {
-        *this = {};
-        if (from.bytes_ == 0) return;
-        buffer_ = make_buffer(context);
-        bytes_ = from.bytes_;
-        glNamedBufferStorage(get(), GLsizeiptr(bytes_), nullptr, GL_DYNAMIC_STORAGE_BIT);
-        context.check("allocating a storage buffer");
-    }
+    if (bytes_ != from.bytes_) allocate(context, from.bytes_);
     if (bytes_ == 0) return;
     // The reason is that of upload().
     glFinish();

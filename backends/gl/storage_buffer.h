@@ -15,16 +15,24 @@ class StorageBuffer {
 public:
     /// Replaces the content, and holds nothing if `values` is empty. Waits for all that is enqueued, or takes
     /// new storage.
+    void upload(const Context& context, std::span<const std::byte> values);
+    /// Replaces the content in new storage. Work that is enqueued goes on with the old storage.
+    void replace(const Context& context, std::span<const std::byte> values) {
+        allocate(context, values.size(), values.data());
+    }
+    /// New storage; without `values` it has any content.
+    void allocate(const Context& context, std::size_t bytes, const std::byte* values = nullptr);
+    /// Copies out the first values, once everything enqueued has run.
+    void download(std::span<std::byte> values) const;
+    // Likewise for the values of a list.
     template <class T>
     void upload(const Context& context, const std::vector<T>& values) {
         upload(context, std::as_bytes(std::span(values)));
     }
-    /// Replaces the content in new storage. Work that is enqueued goes on with the old storage.
     template <class T>
     void replace(const Context& context, const std::vector<T>& values) {
         replace(context, std::as_bytes(std::span(values)));
     }
-    /// Copies out the first values.size() elements, once everything enqueued has run.
     template <class T>
     void download(std::vector<T>& values) const {
         download(std::as_writable_bytes(std::span(values)));
@@ -36,10 +44,6 @@ public:
     void bind(GLuint binding) const { glBindBufferBase(GL_SHADER_STORAGE_BUFFER, binding, get()); }
 
 private:
-    void upload(const Context& context, std::span<const std::byte> values);
-    void replace(const Context& context, std::span<const std::byte> values);
-    void download(std::span<std::byte> values) const;
-
     Buffer buffer_;
     std::size_t bytes_ = 0;
 };

@@ -1,6 +1,7 @@
 #include "backends/glsl/compute.h"
 
 #include <algorithm>
+#include <string>
 
 namespace voxspring::glsl {
 namespace {
@@ -56,6 +57,12 @@ std::string work_group_refusal(glm::ivec3 group, const WorkGroupLimits& limits) 
                    " exceed the " + std::to_string(limits.extents[axis]) + " that the device allows";
     }
     return {};
+}
+
+std::string BufferLimits::too_large(const std::string& what, std::uint64_t bytes) const {
+    if (bytes <= max_bytes) return {};
+    return what + " of " + std::to_string(bytes) + " bytes exceed the " + std::to_string(max_bytes) +
+           " that the driver allows one storage buffer (" + limit + ")";
 }
 
 unsigned striding_groups(std::size_t count) {

@@ -7,8 +7,7 @@
 #include <glm/vec3.hpp>
 #include <vector>
 
-#include "backends/backend.h"
-#include "backends/glsl/terms.h"
+#include "backends/glsl/device.h"
 #include "backends/layout/particles.h"
 
 namespace voxspring::glsl {
@@ -47,11 +46,6 @@ std::uint64_t compute_bytes(const Problem& problem, const Options& options,
 glm::ivec3 rows_of_groups(int groups);
 inline constexpr int max_groups = 65535;  ///< along an axis, in every driver
 
-/// The limits of a device for a work group.
-struct WorkGroupLimits {
-    std::uint64_t invocations = 0;
-    glm::uvec3 extents{0};
-};
 /// Empty, or why work groups of `group` exceed `limits`.
 std::string work_group_refusal(glm::ivec3 group, const WorkGroupLimits& limits);
 

@@ -1,17 +1,175 @@
+// Explicit addressing in a compute shader: one invocation per particle, neighbours from vertical lists.
 #include "backends/glsl/explicit.h"
 
+#include <algorithm>
+#include <glm/vec4.hpp>
+
+#include "backends/glsl/compute_backend.h"
+#include "backends/layout/neighbour_lists.h"
 #include "backends/layout/springs.h"
+#include "backends/layout/work.h"
 
 namespace voxspring::glsl {
+namespace {
+
+constexpr const char* no_addresses = "the device has no addresses of buffers (bufferDeviceAddress)";
+
+bool asks_for_addresses(const Options& options) {
+    const auto lists = options.tuning.find("lists");
+    return lists != options.tuning.end() && lists->second == "addressed";
+}
+
+/// Slots of each list.
+std::uint32_t list_slots(const Problem& problem) {
+    return layout::grouped_list_refusal(problem).empty() ? layout::slots_by_groups(problem)
+                                                         : layout::slots_by_springs(problem);
+}
+
+template <class Real>
+class ExplicitBackend final : public ComputeBackend<Real> {
+public:
+    ExplicitBackend(const Options& options, std::unique_ptr<Device> device)
+        : ComputeBackend<Real>(options, std::move(device), {std::stoi(options.tuning.at("block")), 1, 1}),
+          block_(std::stoul(options.tuning.at("block"))) {}
+
+    StepWork step_work(const Problem& problem) const override {
+        return layout::explicit_work<Real>(problem, kind_of(problem).secondary, this->formulation());
+    }
+
+private:
+    enum Own : unsigned { neighbours = first_own_binding, spring_constants, off_lattice_rests };
+    using typename ComputeBackend<Real>::Layout;
+
+    ListKind kind_of(const Problem& problem) const { return list_kind(problem, this->formulation()); }
+    const BufferLimits& limits() const {
+        const Device& device = ComputeBackend<Real>::device();
+        return device.buffer_limits();
+    }
+
+    std::uint64_t bytes_needed(const Problem& problem) const override {
+        return explicit_bytes(problem, this->options());
+    }
+    std::string refused_layout(const Problem& problem) const override {
+        // On positions entries have no direction, so more particles could be addressed, but no driver takes
+        // as many.
+        if (std::string why = layout::list_entry_refusal(problem, this->formulation()); !why.empty())
+            return why;
+        return lists_refusal(problem, this->options(), limits());
+    }
+    layout::Placement place(const Problem& problem) const override { return layout::place_compact(problem); }
+
+    Layout lay_out(const Problem& problem) override {
+        const Formulation formulation = this->formulation();
+        kind_ = kind_of(problem);
+        layout::NeighbourLists<Real> lists =
+            kind_.secondary
+                ? layout::list_by_springs<Real>(problem, layout::ListLayout::vertical, formulation)
+                : layout::list_by_groups<Real>(problem, layout::ListLayout::vertical, formulation);
+        step_ = layout::make_explicit_step<Real>(problem, lists, formulation);
+        by_address_ = by_address(problem, this->options(), limits());
+        put_list(neighbours, lists.neighbour);
+        put_list(spring_constants, lists.constants);
+        put_list(off_lattice_rests, lists.off_lattice_rest);
+        if (!by_increments(formulation)) {
+            for (const Array* const part : this->parts_of(spring_constants))
+                this->measure(*part, part->bytes() / sizeof(layout::SpringConstants<Real>), 2, 1);
+            this->measure_numbers(step_.rest_length);
+        }
+        const int groups = int((problem.particle_count() + block_ - 1) / block_);
+        return {place(problem), std::move(lists.bits), rows_of_groups(groups)};
+    }
+    template <class T>
+    void put_list(Own list, const std::vector<T>& values) {
+        if (by_address_) {
+            this->put_addressed(list, values, step_.shape.slots);
+        } else {
+            this->put_own(list, values);
+        }
+    }
+
+    Shader shader(const Problem&) const override {
+        return {.file = "compute_explicit",
+                .variant = by_address_ ? "_addressed" : "",
+                .constants = {{"SECONDARY", text(kind_.secondary)},
+                              {"OFF_LATTICE_REST", text(kind_.off_lattice_rest)},
+                              {"ALL_GROUPS", text(this->all_terms())}}};
+    }
+
+    /// Rest lengths of step_ are as the device measured them.
+    void set_uniforms(Uniforms& uniforms, const Problem& problem) override {
+        uniforms.set("particles", step_.particles);
+        uniforms.set("slot_stride", int(step_.shape.slot_stride));
+        std::vector<glm::vec<4, Real>> rest;
+        for (const layout::SpringRest<Real>& r : step_.rest)
+            rest.emplace_back(r.offset.x, r.offset.y, r.offset.z, r.deficit);
+        uniforms.set("rest", rest);
+        uniforms.set("rest_length", step_.rest_length);
+        uniforms.set("group_stiffness", step_.stiffness);
+        std::array<int, 3> first_slot{}, slots{};
+        const std::array<std::uint32_t, 3> bits = {FACE_BITS, EDGE_BITS, CORNER_BITS};
+        for (std::size_t g = 0; g < bits.size(); ++g) {
+            first_slot[g] = int(step_.first_slot[g]);
+            slots[g] = (problem.group_bits & bits[g]) != 0 ? 1 : 0;
+        }
+        uniforms.set("first_slot", first_slot);
+        uniforms.set("slots", slots);
+    }
+
+    void enqueue_edit(const Problem& edited, const SpringEdit& edit) override {
+        const ListKind kind = kind_of(edited);
+        if (kind.secondary != kind_.secondary || layout::longest_list(edit) > step_.shape.slots ||
+            (kind.off_lattice_rest && !kind_.off_lattice_rest) ||
+            edit.touched.size() * row_bytes() > limits().max_bytes) {
+            this->lay_out_anew();
+            return;
+        }
+        const auto rows =
+            kind.secondary
+                ? layout::edited_by_springs<Real>(edited, edit, step_.shape.slots, this->formulation())
+                : layout::edited_by_groups<Real>(edited, edit, step_.shape.slots, this->formulation());
+        write_rows(rows);
+        this->write_bits(rows.particle, rows.lists.bits);
+    }
+
+    /// Bytes of a row in the list with the largest elements. Rows travel in arrays, which limits them.
+    std::uint64_t row_bytes() const {
+        return step_.shape.slots * (kind_.off_lattice_rest ? sizeof(layout::SpringRest<Real>)
+                                    : kind_.secondary      ? sizeof(layout::SpringConstants<Real>)
+                                                           : sizeof(std::uint32_t));
+    }
+
+    void write_rows(const layout::EditedLists<Real>& rows) {
+        Uniforms uniforms;
+        uniforms.set("count", int(rows.lists.neighbour.size()));
+        uniforms.set("list_slots", int(step_.shape.slots));
+        uniforms.set("slot_stride", int(step_.shape.slot_stride));
+        Arrays arrays;
+        for (const Own list : {neighbours, spring_constants, off_lattice_rests})
+            arrays[list] = this->own(list);
+        const auto bytes = [](const auto& values) { return std::as_bytes(std::span(values)); };
+        this->device().dispatch_once({.file = "edit_rows",
+                                      .variant = by_address_ ? "_addressed" : "",
+                                      .constants = {{"SECONDARY", text(kind_.secondary)},
+                                                    {"OFF_LATTICE_REST", text(kind_.off_lattice_rest)},
+                                                    {"SQUARED", text(!by_increments(this->formulation()))}}},
+                                     rows.lists.neighbour.size(), uniforms, arrays,
+                                     {{0, bytes(rows.particle)},
+                                      {1, bytes(rows.lists.neighbour)},
+                                      {2, bytes(rows.lists.constants)},
+                                      {3, bytes(rows.lists.off_lattice_rest)}});
+    }
+
+    const std::size_t block_;
+    ListKind kind_;  // which of the lists exist
+    layout::ExplicitStep<Real> step_{};
+    bool by_address_ = false;
+};
+
+}  // namespace
 
 ListKind list_kind(const Problem& problem, Formulation formulation) {
     return {.secondary = !layout::grouped_list_refusal(problem).empty(),
             .off_lattice_rest = !problem.springs.empty() && !on_positions(formulation)};
-}
-
-std::uint32_t list_slots(const Problem& problem) {
-    return layout::grouped_list_refusal(problem).empty() ? layout::slots_by_groups(problem)
-                                                         : layout::slots_by_springs(problem);
 }
 
 std::vector<std::pair<const char*, std::uint64_t>> list_bytes(const Problem& problem,
@@ -31,37 +189,30 @@ std::uint64_t explicit_bytes(const Problem& problem, const Options& options) {
     return bytes;
 }
 
-template <class Real>
-layout::NeighbourLists<Real> make_lists(const Problem& problem, Formulation formulation) {
-    return list_kind(problem, formulation).secondary
-               ? layout::list_by_springs<Real>(problem, layout::ListLayout::vertical, formulation)
-               : layout::list_by_groups<Real>(problem, layout::ListLayout::vertical, formulation);
-}
-template layout::NeighbourLists<float> make_lists(const Problem&, Formulation);
-template layout::NeighbourLists<double> make_lists(const Problem&, Formulation);
-
-template <class Real>
-layout::EditedLists<Real> edited_lists(const Problem& edited, const SpringEdit& edit, std::uint32_t slots,
-                                       Formulation formulation) {
-    return list_kind(edited, formulation).secondary
-               ? layout::edited_by_springs<Real>(edited, edit, slots, formulation)
-               : layout::edited_by_groups<Real>(edited, edit, slots, formulation);
-}
-template layout::EditedLists<float> edited_lists(const Problem&, const SpringEdit&, std::uint32_t,
-                                                 Formulation);
-template layout::EditedLists<double> edited_lists(const Problem&, const SpringEdit&, std::uint32_t,
-                                                  Formulation);
-
-Constants explicit_constants(ListKind kind, bool all_terms) {
-    return {{"SECONDARY", text(kind.secondary)},
-            {"OFF_LATTICE_REST", text(kind.off_lattice_rest)},
-            {"ALL_GROUPS", text(all_terms)}};
+bool by_address(const Problem& problem, const Options& options, const BufferLimits& limits) {
+    const auto lists = list_bytes(problem, options);
+    return asks_for_addresses(options) || std::any_of(lists.begin(), lists.end(), [&](const auto& list) {
+               return list.second > limits.max_bytes;
+           });
 }
 
-Constants edit_constants(ListKind kind, Formulation formulation) {
-    return {{"SECONDARY", text(kind.secondary)},
-            {"OFF_LATTICE_REST", text(kind.off_lattice_rest)},
-            {"SQUARED", text(!by_increments(formulation))}};
+std::string lists_refusal(const Problem& problem, const Options& options, const BufferLimits& limits) {
+    if (asks_for_addresses(options) && !limits.has_addresses) return no_addresses;
+    for (const auto& [list, bytes] : list_bytes(problem, options)) {
+        const std::string why = limits.has_addresses ? limits.too_large(std::string("slots of ") + list,
+                                                                        bytes / list_slots(problem))
+                                                     : limits.too_large(list, bytes);
+        if (why.empty()) continue;
+        return limits.has_addresses || !options.tuning.contains("lists") ? why
+                                                                         : why + ", and " + no_addresses;
+    }
+    return {};
+}
+
+std::unique_ptr<Backend> make_explicit(const Options& options, std::unique_ptr<Device> device) {
+    if (options.precision == Precision::float32)
+        return std::make_unique<ExplicitBackend<float>>(options, std::move(device));
+    return std::make_unique<ExplicitBackend<double>>(options, std::move(device));
 }
 
 }  // namespace voxspring::glsl

@@ -7,8 +7,7 @@
 #include <map>
 #include <span>
 
-#include "backends/glsl/terms.h"
-#include "backends/limits.h"
+#include "backends/glsl/device.h"
 
 namespace voxspring::glsl {
 
@@ -21,10 +20,19 @@ inline constexpr std::size_t copied_word = 16;  ///< bytes
 inline constexpr std::size_t copy_group = 256;  ///< as in limits_copy.comp
 
 /// For arithmetic: more invocations along x and y than any card has in flight, in work groups of
-/// limits_arithmetic.glsl, each with so much work that its output does not count.
+/// limits_arithmetic.comp, each with so much work that its output does not count.
 inline constexpr int arithmetic_side = 1024, arithmetic_group = 16;
 inline constexpr int rounds = 4;
 inline constexpr int operations_a_round = 64;
+
+/// The patience for a launch. It takes the host's time, so other work on its cores slows many batches in a
+/// row.
+inline constexpr Patience launch_patience{.in_all = 0.15};
+
+/// What a device reaches with dispatches and a barrier after each, as a ComputeBackend steps.
+DeviceLimits measure_limits(Device& device);
+/// Only the time of a launch.
+double measure_launch(Device& device);
 
 /// A way to move words.
 struct CopyPass {
@@ -34,13 +42,7 @@ struct CopyPass {
 
     int arrays() const { return reads + (writes && !in_place ? 1 : 0); }
     double written_share() const { return writes ? 1.0 / (reads + 1) : 0; }
-    /// The constants of shaders/limits_copy.comp.
-    Constants constants() const {
-        return {{"READS", std::to_string(reads)}, {"WRITES", text(writes)}, {"IN_PLACE", text(in_place)}};
-    }
 };
-inline constexpr CopyPass compute_copies[] = {
-    {2, false, false}, {2, true, false}, {2, true, true}, {1, true, false}};
 
 /// Fills in the rates, each by the best of the passes that write the same share, and the rate of a copy.
 /// `seconds_of(pass, words)`: seconds of a pass over arrays of `words` words.

@@ -145,11 +145,11 @@ DeviceKind kind_of(const vk::PhysicalDeviceProperties& properties) {
     }
 }
 
-/// Empty, or why a device cannot be used. `advance_tag`: the user has named it.
-std::string refusal(const vk::raii::PhysicalDevice& physical, Precision precision, bool advance_tag) {
+/// Empty, or why a device cannot be used. `asked_for`: the user has named it.
+std::string refusal(const vk::raii::PhysicalDevice& physical, Precision precision, bool asked_for) {
     const auto properties = physical.getProperties();
     if (properties.apiVersion < needed_version) return "has Vulkan older than 1.2";
-    if (!advance_tag) {
+    if (!asked_for) {
         const std::string why =
             reason_to_pass_over(uuid_of(physical), is_software(properties), measured_card());
         if (!why.empty()) return why + " (--vulkan-device takes it all the same)";
@@ -195,12 +195,6 @@ std::vector<ListedDevice> listed_with_refusals() {
 const RegisteredApi api({.name = "vulkan", .title = "Vulkan", .devices = listed_with_refusals});
 
 }  // namespace
-
-std::string BufferLimits::too_large(const std::string& what, std::uint64_t bytes) const {
-    if (bytes <= max_bytes) return {};
-    return fmt::format("{} of {} bytes exceed the {} that the driver allows one storage buffer ({})", what,
-                       bytes, max_bytes, limit);
-}
 
 Device::Device(Precision precision) : messages_(std::make_unique<Messages>()), loader_(open_loader()) {
     std::string reasons;

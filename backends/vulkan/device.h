@@ -7,21 +7,13 @@
 #include <string>
 #include <vector>
 
+#include "backends/glsl/device.h"
 #include "backends/vulkan/api.h"
 #include "backends/vulkan/messages.h"
 
 namespace voxspring::vulkan {
 
-/// How large an array in a device's memory may be.
-struct BufferLimits {
-    std::uint64_t max_bytes = 0;  ///< of one buffer that shaders read and write
-    std::string limit = {};       ///< Vulkan's name for the limit that gives this number
-    /// Whether shaders can reach several buffers by their addresses.
-    bool has_addresses = false;
-
-    /// Empty, or why one buffer cannot have `bytes` bytes. The reason calls the buffer `what`.
-    std::string too_large(const std::string& what, std::uint64_t bytes) const;
-};
+using glsl::BufferLimits;
 
 /// Types of memory in which to try to allocate `bytes` bytes, in this order: the types among `allowed` that
 /// have `wanted` and `preferred`, then those that have only `wanted`. The preference does not count if the

@@ -149,12 +149,17 @@ Module::Module(std::span<const std::uint32_t> code) : code_(code) {
     }
 }
 
-void Uniforms::write(const char* name, std::span<const std::byte> values, std::size_t size) {
-    const auto found = module_.uniforms().find(name);
-    if (found == module_.uniforms().end()) return;
-    const auto [offset, stride] = found->second;
-    for (std::size_t at = 0, n = 0; at < values.size(); at += size, ++n)
-        std::memcpy(bytes_.data() + offset + n * stride, values.data() + at, size);
+std::vector<std::byte> bytes_of(const Module& module, const glsl::Uniforms& uniforms) {
+    std::vector<std::byte> bytes(module.uniform_bytes());
+    for (const auto& [name, value] : uniforms.values()) {
+        const auto found = module.uniforms().find(name);
+        if (found == module.uniforms().end()) continue;
+        const auto [offset, stride] = found->second;
+        const std::size_t size = value.element_bytes();
+        for (std::size_t n = 0; n < value.count(); ++n)
+            std::memcpy(bytes.data() + offset + n * stride, value.bytes().data() + n * size, size);
+    }
+    return bytes;
 }
 
 }  // namespace voxspring::vulkan

@@ -1,13 +1,14 @@
 // The SPIR-V modules that the build made of shaders/, and what their debug names tell about them.
 #pragma once
 
-#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <map>
 #include <span>
 #include <string>
 #include <vector>
+
+#include "backends/glsl/uniforms.h"
 
 namespace voxspring::vulkan {
 
@@ -52,40 +53,7 @@ private:
     std::size_t uniform_bytes_ = 0;
 };
 
-/// Values of a module's uniforms, zero until they are set.
-class Uniforms {
-public:
-    explicit Uniforms(const Module& module) : module_(module), bytes_(module.uniform_bytes()) {}
-
-    /// Sets a uniform. Nothing happens if the module has no uniform of this name.
-    template <class T>
-    void set(const char* name, const T& value) {
-        write(name, std::span<const T>(&value, 1));
-    }
-    template <class T, std::size_t count>
-    void set(const char* name, const std::array<T, count>& values) {
-        write(name, std::span<const T>(values));
-    }
-    template <class T, std::size_t count>
-    void set(const char* name, const T (&values)[count]) {
-        write(name, std::span<const T>(values));
-    }
-    template <class T>
-    void set(const char* name, const std::vector<T>& values) {
-        write(name, std::span<const T>(values));
-    }
-
-    std::span<const std::byte> bytes() const { return bytes_; }
-
-private:
-    template <class T>
-    void write(const char* name, std::span<const T> values) {
-        write(name, std::as_bytes(values), sizeof(T));
-    }
-    void write(const char* name, std::span<const std::byte> values, std::size_t size);
-
-    const Module& module_;
-    std::vector<std::byte> bytes_;
-};
+/// The bytes of all blocks. Uniforms without a value are zero; values without a uniform are left out.
+std::vector<std::byte> bytes_of(const Module& module, const glsl::Uniforms& uniforms);
 
 }  // namespace voxspring::vulkan

@@ -111,16 +111,16 @@ Program::Program(const Device& device, const std::string& module, const glsl::Co
     if (!kept) disk.keep(name, to_keep(compile_time_.cold, cache.getData()));
 }
 
-Pass::Pass(Queue& queue, std::shared_ptr<const Program> program, const Uniforms& uniforms,
-           const Buffers& buffers, const Buffer& nothing)
-    : Pass(queue.device(), std::move(program),
-           std::make_shared<Buffer>(queue.device(), uniforms.bytes().size(), Place::device), buffers,
-           nothing) {
+Pass::Pass(Queue& queue, std::shared_ptr<const Program> program, const glsl::Uniforms& uniforms,
+           const Buffers& buffers, const Buffer& dummy)
+    : Pass(queue.device(), program,
+           std::make_shared<Buffer>(queue.device(), program->module().uniform_bytes(), Place::device),
+           buffers, dummy) {
     if (uniforms_->bytes() > 0) set(queue, uniforms);
 }
 
 Pass::Pass(const Device& of, std::shared_ptr<const Program> program, std::shared_ptr<const Buffer> uniforms,
-           const Buffers& buffers, const Buffer& nothing)
+           const Buffers& buffers, const Buffer& dummy)
     : program_(std::move(program)), uniforms_(std::move(uniforms)) {
     const vk::raii::Device& device = of.get();
     const Module& module = program_->module();
@@ -147,7 +147,7 @@ Pass::Pass(const Device& of, std::shared_ptr<const Program> program, std::shared
             if (!why.empty()) throw DeviceError(why);
         }
         write(binding, vk::DescriptorType::eStorageBuffer,
-              {(there ? *found->second : nothing).get(), 0, VK_WHOLE_SIZE});
+              {(there ? *found->second : dummy).get(), 0, VK_WHOLE_SIZE});
     }
     for (const auto& [binding, block] : module.blocks()) {
         write(binding, vk::DescriptorType::eUniformBuffer, {uniforms_->get(), block.begin, block.bytes});

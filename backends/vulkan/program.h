@@ -42,16 +42,18 @@ using Buffers = std::map<std::uint32_t, const Buffer*>;
 /// A program with its uniforms and its buffers, all of which must outlive commands recorded with it.
 class Pass {
 public:
-    /// Enqueues the values of the uniforms. `nothing` is bound where a binding has no buffer.
-    Pass(Queue& queue, std::shared_ptr<const Program> program, const Uniforms& uniforms,
-         const Buffers& buffers, const Buffer& nothing);
+    /// Enqueues the values of the uniforms. `dummy` is bound where a binding has no buffer.
+    Pass(Queue& queue, std::shared_ptr<const Program> program, const glsl::Uniforms& uniforms,
+         const Buffers& buffers, const Buffer& dummy);
     /// A pass whose uniforms are in a buffer already.
     Pass(const Device& device, std::shared_ptr<const Program> program, std::shared_ptr<const Buffer> uniforms,
-         const Buffers& buffers, const Buffer& nothing);
+         const Buffers& buffers, const Buffer& dummy);
 
     const Module& module() const { return program_->module(); }
     /// Enqueues other values of the uniforms, which all commands see that are enqueued later.
-    void set(Queue& queue, const Uniforms& uniforms) const { queue.update(*uniforms_, uniforms.bytes()); }
+    void set(Queue& queue, const glsl::Uniforms& uniforms) const {
+        queue.update(*uniforms_, bytes_of(module(), uniforms));
+    }
     /// Binds the program that dispatch() runs from here on.
     void bind_program(const Commands& commands) const;
     /// Binds uniforms and buffers, and dispatches. After one bind_program() all passes of that program may

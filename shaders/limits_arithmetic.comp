@@ -22,7 +22,7 @@ Vec4 sums(uvec2 place) {
 
 #ifdef COMPUTE
 layout(local_size_x = 16, local_size_y = 16) in;
-#ifdef VULKAN
+#ifdef STORAGE_BUFFERS
 layout(std430, binding = 0) restrict writeonly buffer Next { Vec4 next[]; };
 void main() {
     next[gl_GlobalInvocationID.x + gl_NumWorkGroups.x * gl_WorkGroupSize.x * gl_GlobalInvocationID.y] =

@@ -1,0 +1,222 @@
+// What a device does for the host of the compute shaders in shaders/, which OpenGL and Vulkan share
+// (compute_backend.h).
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <glm/vec3.hpp>
+#include <map>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "backends/backend.h"
+#include "backends/glsl/terms.h"
+#include "backends/glsl/uniforms.h"
+#include "backends/layout/records/feed.h"
+
+namespace voxspring::glsl {
+
+/// The limits of a device for a work group.
+struct WorkGroupLimits {
+    std::uint64_t invocations = 0;
+    glm::uvec3 extents{0};
+    std::size_t shared_bytes = 0;
+};
+
+/// The limits of a device for an array that shaders read and write.
+struct BufferLimits {
+    std::uint64_t max_bytes = 0;
+    std::string limit = {};      ///< the name of the limit that says so
+    bool has_addresses = false;  ///< shaders can reach arrays by their addresses
+
+    /// Empty, or why one array cannot have `bytes` bytes. The reason calls the array `what`.
+    std::string too_large(const std::string& what, std::uint64_t bytes) const;
+};
+
+/// An array of a fixed size in the device's memory.
+class Array {
+public:
+    virtual ~Array() = default;
+    std::size_t bytes() const { return bytes_; }
+
+protected:
+    explicit Array(std::size_t bytes) : bytes_(bytes) {}
+
+private:
+    std::size_t bytes_;
+};
+inline std::size_t bytes_of(const std::unique_ptr<Array>& array) {
+    return array != nullptr ? array->bytes() : 0;
+}
+/// Arrays by binding. One is null or absent if the shader has no use for it.
+using Arrays = std::map<unsigned, const Array*>;
+
+/// A vertical list in as many arrays as it needs.
+struct AddressedList {
+    std::vector<std::unique_ptr<Array>> parts;  ///< each of whole slots
+    std::vector<std::uint64_t> addresses;       ///< of each slot
+};
+
+/// A shader of shaders/.
+struct Shader {
+    std::string file;                      ///< without its ending
+    std::string variant = {};              ///< what follows `file` in the name of its SPIR-V module
+    Defines macros = {};                   ///< what that variant has compiled in
+    Constants constants = {};              ///< those that the shader does not have are ignored
+    std::optional<glm::ivec3> group{};     ///< extents of a work group, if the shader leaves them open
+    std::optional<Precision> precision{};  ///< if it is not that of the backend
+};
+
+/// Some programs by what specialises them: an edit may go back to an earlier one.
+template <class Program>
+class ProgramCache {
+public:
+    /// The program of this key; null if it has to be made.
+    std::shared_ptr<const Program>& of(const std::string& key) {
+        constexpr std::size_t max_programs = 16;
+        if (programs_.size() == max_programs && !programs_.contains(key)) programs_.clear();
+        return programs_[key];
+    }
+
+private:
+    std::map<std::string, std::shared_ptr<const Program>> programs_;
+};
+
+/// A shader, specialised, with its uniforms and arrays.
+class Pass {
+public:
+    virtual ~Pass() = default;
+};
+
+struct Dispatch {
+    std::shared_ptr<Pass> pass;
+    glm::uvec3 groups{1};
+};
+
+/// What is dispatched, in this order, if the next step reads words 0, and if it reads words 1.
+using Dispatches = std::array<std::vector<Dispatch>, 2>;
+
+/// A device with one queue, in which everything happens in the order of the calls. Whatever one dispatch or
+/// copy writes, the next one sees. Arrays and passes must outlive what is enqueued with them, and not the
+/// device.
+class Device {
+public:
+    Device() = default;
+    Device(const Device&) = delete;
+    Device& operator=(const Device&) = delete;
+    virtual ~Device() = default;
+
+    virtual const Capabilities& capabilities() const = 0;
+    virtual WorkGroupLimits work_group_limits() const = 0;
+    virtual const BufferLimits& buffer_limits() const = 0;
+    /// Bytes of memory that may still be taken, if the driver tells.
+    virtual std::optional<std::uint64_t> free_memory_bytes() const = 0;
+    /// Whether subgroups can vote.
+    virtual bool can_vote() const { return true; }
+    /// Empty, or why it cannot fetch this many words in the way that the options ask for.
+    virtual std::string refused_words(std::size_t) const { return {}; }
+
+    /// Does what concerns the device. If the device fails in it, this throws DeviceError, which says what was
+    /// going on ("uploading").
+    virtual void use(const char* doing, const std::function<void()>& work) const = 0;
+    /// Throws DeviceError if the device has reported an error since the last call.
+    virtual void check(const char* doing) const = 0;
+    /// Waits for everything enqueued.
+    virtual void wait() = 0;
+    /// Called before arrays and passes are destroyed that may be in use.
+    virtual void abandon() noexcept {}
+
+    /// An array with these values, at least one byte.
+    virtual std::unique_ptr<Array> make(std::span<const std::byte> values) = 0;
+    virtual std::unique_ptr<Array> make_zeros(std::size_t bytes) = 0;
+    /// Replaces the values of an array.
+    virtual void overwrite(Array& array, std::span<const std::byte> values) = 0;
+    /// The first values of an array.
+    virtual void download(const Array& array, std::span<std::byte> values) = 0;
+    /// Another array with the same values. Waits.
+    virtual std::unique_ptr<Array> copy_of(const Array& array) = 0;
+    virtual void copy(const Array& from, Array& to) = 0;
+    /// A list in arrays that shaders reach by the addresses of its slots, if BufferLimits::has_addresses.
+    virtual AddressedList make_addressed(std::span<const std::byte> /*values*/, std::size_t /*slots*/) {
+        return {};
+    }
+
+    /// `arrays` must outlive the pass.
+    virtual std::shared_ptr<Pass> pass(const Shader& shader, const Uniforms& uniforms,
+                                       const Arrays& arrays) = 0;
+    /// Sets other values of the uniforms, for what is enqueued from here on.
+    virtual void set(Pass& pass, const Uniforms& uniforms) = 0;
+    /// Enqueues work groups of 64 invocations that stride over `count` things. `sent`: further arrays, which
+    /// the host hands over for this dispatch alone.
+    virtual void dispatch_once(const Shader& shader, std::size_t count, const Uniforms& uniforms,
+                               const Arrays& arrays,
+                               const std::map<unsigned, std::span<const std::byte>>& sent) = 0;
+
+    /// Whether a check is recorded, and so has to count checks itself (shaders/next_check.comp). Otherwise
+    /// its uniform `check_number` is set each time.
+    virtual bool records_checks() const = 0;
+    /// What the steps from here on do.
+    virtual void step_by(Dispatches step) = 0;
+    /// Begins to count steps; the first one reads words 0. From here on the state is checked after every
+    /// multiple of `every` steps; 0: never.
+    void reset_to_step_zero(Dispatches check, int every) {
+        steps_ = 0;
+        current_ = 0;
+        check_every_ = every;
+        check_by(std::move(check));
+    }
+    /// Called before a body of another size.
+    virtual void forget_pace() {}
+    virtual void step(int count) = 0;
+    /// Makes one step. Counts the invocations of its shaders, if the driver can.
+    virtual std::optional<std::uint64_t> step_counted() = 0;
+    std::int64_t steps() const { return steps_; }
+    /// Which of two arrays of words the next step reads.
+    std::size_t current() const { return current_; }
+
+    /// The time to compile shaders since the latest call.
+    CompileTime take_compile_time() { return std::exchange(compile_time_, {}); }
+
+    /// Seconds on the host's clock that `count` dispatches of one shader take, which go through `cycle` again
+    /// and again.
+    virtual double seconds_of(const std::vector<Dispatch>& cycle, int count) = 0;
+    virtual bool has_float64() const = 0;
+    /// Whether the time of a launch differs from process to process.
+    virtual bool launches_differ() const { return false; }
+
+    virtual void mark(bool at_end) = 0;
+    virtual double seconds_between_marks() const = 0;
+
+    /// Whether feed() may return an object.
+    virtual bool has_feeds() const { return false; }
+    /// Backend::feed(). `state`: what the shader reads of the words that are current.
+    virtual std::unique_ptr<Feed> feed(const std::vector<layout::FedWord<float>>& /*fed*/,
+                                       std::uint32_t /*buffer*/, const Defines& /*macros*/,
+                                       const std::array<Arrays, 2>& /*state*/) {
+        return nullptr;
+    }
+
+protected:
+    virtual void check_by(Dispatches check) = 0;
+    void count_steps(int count) {
+        steps_ += count;
+        current_ = (current_ + std::size_t(count)) % 2;
+    }
+    int check_every() const { return check_every_; }
+    /// Whether a check is due after the steps so far.
+    bool is_check_due() const { return check_every_ > 0 && steps_ % check_every_ == 0; }
+    CompileTime compile_time_;
+
+private:
+    int check_every_ = 0;
+    std::int64_t steps_ = 0;
+    std::size_t current_ = 0;
+};
+
+}  // namespace voxspring::glsl
