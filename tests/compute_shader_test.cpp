@@ -1,6 +1,5 @@
-// Tests of all backends that step by compute shaders, whichever API runs them: skipped terms and tuning
-// change no bit, edits and steps keep their order, and the counts of a step and the bytes of an upload are
-// right.
+// Tests of all backends of shaders, whichever API runs them: skipped terms and tuning change no bit, edits
+// and steps keep their order, and the counts of a step and the bytes of an upload are right.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -18,7 +17,7 @@
 namespace voxspring::testing {
 namespace {
 
-/// Each of the compute backends in each formulation.
+/// Each of the backends of OpenGL and Vulkan in each formulation.
 class ComputeShader : public ::testing::TestWithParam<std::string> {
 protected:
     static std::unique_ptr<Backend> make(const std::string& specification) {
@@ -28,34 +27,40 @@ protected:
 
     const BackendSpec spec = BackendSpec::parse(GetParam());
     const Formulation formulation = spec.options.formulation;
-    const bool lists = spec.entry->name.ends_with("explicit");
+    const bool lists = spec.entry->addressing == Addressing::by_lists;
+    const bool draws = spec.entry->tuning.contains("mask");  ///< it steps in fragment shaders
 
 private:
     std::unique_ptr<Backend> probe_;
 };
 
-/// The compute backends that are in this build.
-std::vector<std::string> compute_backends() {
+/// The backends of shaders that are in this build.
+std::vector<std::string> shader_backends() {
     std::vector<std::string> names;
-    for (const char* name :
-         {"gl_compute_implicit", "gl_compute_explicit", "vulkan_implicit", "vulkan_explicit"}) {
-        if (registry().contains(name)) names.emplace_back(name);
+    for (const auto& [name, entry] : registry()) {
+        if (entry.api == "opengl" || entry.api == "vulkan") names.push_back(name);
     }
     return names;
 }
 
-INSTANTIATE_TEST_SUITE_P(, ComputeShader, ::testing::ValuesIn(formulations_of(compute_backends())),
-                         test_name);
+INSTANTIATE_TEST_SUITE_P(, ComputeShader, ::testing::ValuesIn(formulations_of(shader_backends())), test_name);
 
 TEST_P(ComputeShader, SkippedTermsChangeNoBit) { expect_skipping_changes_no_bit(GetParam()); }
 
 TEST_P(ComputeShader, HowItIsTunedChangesNoBit) {
-    const Problem problem = problem_with_everything();
-    const State state = after(*make(GetParam()), problem, 20);
-    for (const auto& [key, values] : spec.entry->tuning) {
-        for (std::size_t v = 1; v < values.size(); ++v) {
-            SCOPED_TRACE(key + "=" + values[v]);
-            expect_same_bits(after(*make(GetParam() + "," + key + "=" + values[v]), problem, 20), state);
+    std::vector<Problem> problems = {problem_with_everything()};
+    if (lists) {
+        problems.push_back(problems[0]);
+        const auto last = std::uint32_t(problems[0].particle_count() - 1);
+        problems[1].springs = {{0, last, 0.1, 9}, {1, last - 2, 0.2, 8}, {0, 1, 0.3, 1}};
+    }
+    for (const Problem& problem : problems) {
+        const State state = after(*make(GetParam()), problem, 20);
+        for (const auto& [key, values] : spec.entry->tuning) {
+            for (std::size_t v = 1; v < values.size(); ++v) {
+                SCOPED_TRACE(key + "=" + values[v]);
+                expect_same_bits(after(*make(GetParam() + "," + key + "=" + values[v]), problem, 20), state);
+            }
         }
     }
 }
@@ -66,7 +71,7 @@ TEST_P(ComputeShader, CountedStepIsAStep) {
     counted->upload(problem, random_state(problem, 0.05, 3));
     counted->step(4);
     const WorkCount work = counted->count_work();
-    EXPECT_GT(work.at("work_groups"), 0u);
+    EXPECT_GT(work.at(draws ? "samples_passed" : "work_groups"), 0u);
     const auto invocations = work.find("compute_shader_invocations");
     if (invocations != work.end()) {
         EXPECT_GE(invocations->second, problem.particle_count());
@@ -101,15 +106,20 @@ TEST_P(ComputeShader, EstimatesItsBytes) {
     const auto bytes = [&](const Problem& problem, const std::string& tuning) {
         return spec.entry->bytes(problem, BackendSpec::parse(GetParam() + tuning).options);
     };
-    // Two words of 16 bytes; with increments 12 more; twice that for low parts. Lists of 18 neighbours.
-    const std::uint64_t increments = by_increments(formulation) ? 12 : 0;
+    // Storage buffers: two words of 16 bytes; with increments 12 more; twice that for low parts. Textures:
+    // vectors of 16 bytes and one byte for the stencil. Lists of 18 neighbours.
+    const bool increments = by_increments(formulation);
     const std::uint64_t parts = formulation == Formulation::compensated ? 2 : 1;
-    const std::uint64_t expected =
-        box.particle_count() * (parts * (2 * 16 + increments) + (lists ? 18 * 4 : 0));
+    const std::uint64_t state =
+        draws ? 16 * (increments ? 4 * parts : 3) + 1 : parts * (2 * 16 + (increments ? 12 : 0));
+    const std::uint64_t expected = box.particle_count() * (state + (lists ? 18 * 4 : 0));
     const std::uint64_t plain = bytes(box, "");
     EXPECT_GE(plain, expected);
     // Guard words: a little more than two slices.
-    EXPECT_LE(double(plain), 1.08 * double(expected));
+    EXPECT_LE(double(plain), (draws ? 1.02 : 1.08) * double(expected));
+    if (draws) {
+        EXPECT_LT(bytes(box, ",mask=none"), plain);
+    }
     EXPECT_GT(bytes(box, ",terms=all"), plain);
     EXPECT_GT(bytes(problem_with_everything(), ""), bytes(plain_problem(), ""));
     if (!lists) return;
@@ -121,7 +131,7 @@ TEST_P(ComputeShader, EstimatesItsBytes) {
 }
 
 TEST_P(ComputeShader, OnlyWorkGroupsWithAnActiveVoxelAreDispatched) {
-    if (lists) return;  // lists have no voxels
+    if (lists || draws) return;  // these have no groups of voxels
     const Problem corners = make_lattice_problem(
         make_grid({128, 16, 16}, [](int x, int y, int z) { return (x < 3 || x > 120) && y < 3 && z < 2; }),
         FACE_BITS);

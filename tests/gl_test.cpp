@@ -84,26 +84,6 @@ TEST_P(GlFragment, SamplesPassedAreTheActiveParticles) {
     }
 }
 
-TEST_P(GlFragment, CountedStepIsAStep) {
-    const Problem problem = problem_with_everything();
-    const auto counted = make(GetParam());
-    counted->upload(problem, random_state(problem, 0.05, 3));
-    counted->step(4);
-    counted->count_work();
-    expect_same_bits(counted->download(), after(*make(GetParam()), problem, 5));
-}
-
-TEST_P(GlFragment, MaskChangesNoBit) {
-    for (const Problem& problem : {plain_problem(), problem_with_everything()}) {
-        expect_same_bits(after(*make(GetParam() + ",mask=stencil"), problem, 20),
-                         after(*make(GetParam() + ",mask=none"), problem, 20));
-    }
-}
-
-TEST_P(GlFragment, SkippedTermsChangeNoBit) { expect_skipping_changes_no_bit(GetParam()); }
-
-TEST_P(GlFragment, EditsAndStepsKeepTheirOrder) { expect_edits_in_order(GetParam()); }
-
 /// The index of each texel whose bits say that it holds no particle.
 std::vector<std::size_t> guards(const std::vector<glm::vec4>& texels) {
     std::vector<std::size_t> list;
@@ -139,10 +119,12 @@ TEST_P(GlFragment, MaskedTexelsKeepTheirBits) {
 TEST_P(GlFragment, UnmaskedTexelsWithoutAParticleStayInactiveAndHarmless) {
     const Problem problem = problem_with_everything();
     const auto backend = make(GetParam() + ",mask=none");
+    backend->monitor({.largest_increment = 1, .every = 3});
     backend->upload(problem, random_state(problem, 0.05, 3));
     const std::vector<std::size_t> guard = guards(backend->texels(0));
     backend->step(20);
     EXPECT_EQ(guards(backend->texels(0)), guard);
+    EXPECT_FALSE(backend->divergence());
     // These texels hold NaN, which would have spread through every neighbour by now.
     for (const glm::dvec3& u : backend->download().displacement) {
         ASSERT_TRUE(std::isfinite(u.x) && std::isfinite(u.y) && std::isfinite(u.z));
@@ -167,26 +149,6 @@ TEST_P(GlFragment, InterleavedInstancesDoNotMeet) {
     second.reset();
     first->step(6);
     expect_same_bits(first->download(), alone);
-}
-
-TEST_P(GlFragment, LosesNoMoreThanItsFormulationDoes) {
-    Problem problem = make_lattice_problem(solid({12, 12, 12}), FACE_BITS | EDGE_BITS);
-    problem.gravity = {8e-4, 0, -2e-3};
-    problem.time_step = 0.25;  // its square is exact in float32
-    pin_base(problem);
-    const int steps = 300;
-    const auto run = [&](Backend& backend) {
-        backend.upload(problem, state_at_rest(problem));
-        backend.step(steps);
-        return backend.download();
-    };
-    const Comparison comparison =
-        compare(problem, run(*make(GetParam())), run(*BackendSpec::parse("cpu_reference").make()),
-                Precision::float32, steps);
-    EXPECT_TRUE(comparison.passed()) << comparison.reason;
-    // Measured on llvmpipe: 1.2e-4, 1.4e-4, 4.6e-6, 4.3e-7, 5.5e-8.
-    const double most[] = {5e-4, 5e-4, 1.5e-5, 1.5e-6, 1.7e-7};
-    EXPECT_LE(comparison.relative_l2, most[std::size_t(formulation)]);
 }
 
 TEST_P(GlFragment, DegenerateSpringsFollowTheReference) {
@@ -215,109 +177,6 @@ TEST_P(GlFragment, DegenerateSpringsFollowTheReference) {
                     Precision::float32, 10);
         EXPECT_TRUE(comparison.passed()) << comparison.reason;
     }
-}
-
-TEST_P(GlFragment, MonitorFindsTheFirstCheckThatFails) {
-    Problem problem = plain_problem();
-    problem.time_step = 1.5;
-    const State start = random_state(problem, 0.05, 3);
-    const double largest = 2;
-    const auto backend = make(GetParam());
-    backend->upload(problem, start);
-    const auto too_fast = [&](const glm::dvec3& v) { return !(glm::length(v) <= largest); };
-    int first = 0;
-    State state;
-    do {
-        backend->step(1);
-        state = backend->download();
-        ++first;
-    } while (std::none_of(state.increment.begin(), state.increment.end(), too_fast));
-    ASSERT_GT(first, 1);
-    EXPECT_FALSE(backend->divergence()) << "no monitor was set";
-
-    for (const int every : {1, 2, 7}) {
-        backend->monitor({largest, every});
-        backend->upload(problem, start);
-        const int found = (first + every - 1) / every * every;
-        backend->step(found - 1);
-        EXPECT_FALSE(backend->divergence());
-        for (int n = 0; n < 40; ++n) backend->step(5);  // until it diverges to NaN
-        const auto divergence = backend->divergence();
-        ASSERT_TRUE(divergence);
-        EXPECT_EQ(divergence->found, found);
-        EXPECT_EQ(divergence->last_good, found - every);
-        backend->upload(problem, start);
-        EXPECT_FALSE(backend->divergence()) << "an upload starts anew";
-    }
-}
-
-TEST_P(GlFragment, WatchFindsWhatIsNotFinite) {
-    const Problem problem = plain_problem();
-    State start = state_at_rest(problem);
-    start.displacement.back().y = std::numeric_limits<double>::quiet_NaN();
-    const auto backend = make(GetParam());
-    backend->monitor({std::numeric_limits<double>::infinity(), 3});
-    backend->upload(problem, start);
-    backend->step(2);
-    EXPECT_FALSE(backend->divergence());
-    backend->step(1);
-    const auto divergence = backend->divergence();
-    ASSERT_TRUE(divergence);
-    EXPECT_EQ(divergence->found, 3);
-    EXPECT_EQ(divergence->last_good, 0);
-}
-
-TEST_P(GlFragment, WatchPassesAGoodRunAndChangesNoBit) {
-    const Problem problem = problem_with_everything();
-    for (const char* mask : {",mask=stencil", ",mask=none"}) {
-        const auto backend = make(GetParam() + mask);
-        backend->monitor({0.1, 3});
-        const State monitored = after(*backend, problem, 40);
-        EXPECT_FALSE(backend->divergence());
-        backend->monitor({0.1, 0});
-        expect_same_bits(after(*backend, problem, 40), monitored);
-        EXPECT_FALSE(backend->divergence());
-    }
-}
-
-TEST_P(GlFragment, DeviceTimeAgreesWithHostTime) {
-    Problem problem = make_lattice_problem(solid({32, 32, 32}), FACE_BITS | EDGE_BITS);
-    problem.time_step = 0.25;
-    const auto backend = make(GetParam());
-    backend->upload(problem, state_at_rest(problem));
-    backend->step(4);
-    Timing timing = backend->timed([&] { backend->step(4); });
-    // Enough steps that neither starting the first nor waiting for the last matters: 50 ms.
-    const int steps = int(4 * std::ceil(0.05 / timing.host_seconds)) + 4;
-    timing = backend->timed([&] { backend->step(steps); });
-    // The marks lie between the readings of the host clock; the clocks differ by parts in a million. A clock
-    // that stops while steps run, or that counts what follows them, misses half of it or more.
-    EXPECT_LE(timing.device_seconds, 1.001 * timing.host_seconds);
-    EXPECT_GE(timing.device_seconds, 0.5 * timing.host_seconds);
-    EXPECT_EQ(backend->capabilities().clock, "GL_TIMESTAMP");
-}
-
-TEST_P(GlFragment, EstimatesItsBytes) {
-    const Problem box = make_lattice_problem(solid({32, 32, 32}), FACE_BITS | EDGE_BITS);
-    const auto bytes = [&](const Problem& problem, const std::string& tuning) {
-        return spec.entry->bytes(problem, BackendSpec::parse(GetParam() + tuning).options);
-    };
-    // Vectors of 16 bytes and one byte for the stencil; lists of 18 neighbours of 4 bytes each.
-    const std::uint64_t vectors =
-        formulation == Formulation::compensated ? 8 : (by_increments(formulation) ? 4 : 3);
-    const std::uint64_t expected = box.particle_count() * (16 * vectors + 1 + (lists ? 18 * 4 : 0));
-    const std::uint64_t plain = bytes(box, "");
-    EXPECT_GE(plain, expected);
-    EXPECT_LE(double(plain), 1.02 * double(expected));
-    EXPECT_LT(bytes(box, ",mask=none"), plain);
-    EXPECT_GT(bytes(box, ",terms=all"), plain);
-    EXPECT_GT(bytes(problem_with_everything(), ""), bytes(plain_problem(), ""));
-    if (!lists) return;
-    // The constants of each of up to 18 springs and, on displacements, their offsets at rest.
-    Problem sutured = box;
-    sutured.springs.push_back({0, 77, 1, 3});
-    EXPECT_EQ(bytes(sutured, "") - plain,
-              box.particle_count() * 18 * (on_positions(formulation) ? 8 : 8 + 16));
 }
 
 TEST_F(Gl, GridBeyondTheTextureLimitIsUnsupported) {
@@ -364,26 +223,6 @@ TEST_F(Gl, SpringsBeyondTheGridNeedExplicitAddressing) {
     EXPECT_THAT(explicit_lists->unsupported(star(5)), IsEmpty());
     EXPECT_THAT(explicit_lists->unsupported(star(100000)),
                 AllOf(HasSubstr("100000 springs"), HasSubstr("texture layers")));
-}
-
-TEST_F(Gl, ExplicitFollowsTheReferenceBeyondTheGrid) {
-    Problem sutured = problem_with_everything();
-    const auto last = std::uint32_t(sutured.particle_count() - 1);
-    sutured.springs = {{0, last, 0.1, 9}, {1, last - 2, 0.2, 8}, {0, 1, 0.3, 1}};
-    for (const Problem& problem : {sutured, star(7)}) {
-        const int steps = 20;
-        const auto oracle = BackendSpec::parse("cpu_reference").make();
-        const State reference = after(*oracle, problem, steps);
-        for (const Formulation formulation : all_formulations) {
-            SCOPED_TRACE(to_string(formulation));
-            const std::string base = "gl_fragment_explicit:formulation=" + to_string(formulation);
-            const State state = after(*make(base), problem, steps);
-            const Comparison comparison = compare(problem, state, reference, Precision::float32, steps);
-            EXPECT_TRUE(comparison.passed()) << comparison.reason;
-            for (const char* tuning : {",mask=none", ",terms=all"})
-                expect_same_bits(after(*make(base + tuning), problem, steps), state);
-        }
-    }
 }
 
 // --- Compute shaders -----------------------------------------------------------------------------------
@@ -539,37 +378,6 @@ TEST_F(Gl, TexturesAreReadInBandsOfWhichACallCanSayTheSize) {
     }
 }
 
-/// Counts the fences that are enqueued and not waited for, in place of the driver's functions.
-class CountedFences {
-public:
-    CountedFences() : fence_(glFenceSync), wait_(glClientWaitSync) {
-        now = most = all = 0;
-        original = this;
-        glFenceSync = [](GLenum condition, GLbitfield flags) {
-            most = std::max(most, ++now);
-            ++all;
-            return original->fence_(condition, flags);
-        };
-        glClientWaitSync = [](GLsync sync, GLbitfield flags, GLuint64 timeout) {
-            --now;
-            return original->wait_(sync, flags, timeout);
-        };
-    }
-    ~CountedFences() {
-        glFenceSync = fence_;
-        glClientWaitSync = wait_;
-    }
-    CountedFences(const CountedFences&) = delete;
-    CountedFences& operator=(const CountedFences&) = delete;
-
-    static inline int now = 0, most = 0, all = 0;
-
-private:
-    static inline CountedFences* original = nullptr;
-    PFNGLFENCESYNCPROC fence_;
-    PFNGLCLIENTWAITSYNCPROC wait_;
-};
-
 TEST_F(Gl, NoMoreStepsAreQueuedThanTheQueueHolds) {
     const Problem problem = make_lattice_problem(solid({2, 2, 2}), FACE_BITS);
     const auto backend = BackendSpec::parse("gl_compute_implicit").make();
@@ -577,55 +385,33 @@ TEST_F(Gl, NoMoreStepsAreQueuedThanTheQueueHolds) {
     const int steps = gl::StepQueue::steps_a_fence;
     const int fences = int(gl::StepQueue::max_fences);
     backend->step((fences + 1) * steps);  // libepoxy then has looked up the replaced functions
-    const CountedFences counted;
+    // Counts the fences that are enqueued and not waited for.
+    static int now, most, all;
+    now = most = all = 0;
+    static const auto fence = glFenceSync;
+    static const auto wait = glClientWaitSync;
+    const Replaced counts(glFenceSync, [](GLenum condition, GLbitfield flags) {
+        most = std::max(most, ++now);
+        ++all;
+        return fence(condition, flags);
+    });
+    const Replaced counts_less(glClientWaitSync, [](GLsync sync, GLbitfield flags, GLuint64 timeout) {
+        --now;
+        return wait(sync, flags, timeout);
+    });
     backend->step(2 * steps);
-    EXPECT_EQ(CountedFences::all, 2);
+    EXPECT_EQ(all, 2);
     // Each older fence was waited for as well, so that at most one is open.
-    EXPECT_LE(CountedFences::most, 1);
-    EXPECT_EQ(CountedFences::now, 0);
+    EXPECT_LE(most, 1);
+    EXPECT_EQ(now, 0);
     backend->synchronize();
 }
-
-/// Records, in place of the driver's functions, what orders accesses: 'd' for a dispatch or draw, 'b' for a
-/// barrier before further writes of shaders.
-class RecordedOrder {
-public:
-    RecordedOrder() : dispatch_(glDispatchCompute), draw_(glDrawArrays), barrier_(glMemoryBarrier) {
-        original = this;
-        order.clear();
-        glDispatchCompute = [](GLuint x, GLuint y, GLuint z) {
-            order += 'd';
-            original->dispatch_(x, y, z);
-        };
-        glDrawArrays = [](GLenum mode, GLint first, GLsizei count) {
-            order += 'd';
-            original->draw_(mode, first, count);
-        };
-        glMemoryBarrier = [](GLbitfield barriers) {
-            if ((barriers & GL_SHADER_STORAGE_BARRIER_BIT) != 0) order += 'b';
-            original->barrier_(barriers);
-        };
-    }
-    ~RecordedOrder() {
-        glDispatchCompute = dispatch_;
-        glDrawArrays = draw_;
-        glMemoryBarrier = barrier_;
-    }
-    RecordedOrder(const RecordedOrder&) = delete;
-    RecordedOrder& operator=(const RecordedOrder&) = delete;
-
-    static inline std::string order = {};
-
-private:
-    static inline RecordedOrder* original = nullptr;
-    PFNGLDISPATCHCOMPUTEPROC dispatch_;
-    PFNGLDRAWARRAYSPROC draw_;
-    PFNGLMEMORYBARRIERPROC barrier_;
-};
 
 // A step overwrites what the check before it reads, and the next check overwrites the number that this check
 // writes.
 TEST_F(Gl, AStepWaitsForTheCheckBeforeIt) {
+    // 'd' for a dispatch or draw, 'b' for a barrier before further writes of shaders.
+    static std::string order;
     const Problem problem = plain_problem();
     for (const auto& [name, step] :
          {std::pair{"gl_compute_implicit", "db"}, std::pair{"gl_compute_explicit", "db"},
@@ -635,10 +421,28 @@ TEST_F(Gl, AStepWaitsForTheCheckBeforeIt) {
         backend->monitor({.largest_increment = 1, .every = 1});
         backend->upload(problem, random_state(problem, 0.05, 3));
         backend->step(1);  // libepoxy then has looked up the replaced functions
-        const RecordedOrder recorded;
+        static PFNGLDISPATCHCOMPUTEPROC dispatch;
+        static PFNGLDRAWARRAYSPROC draw;
+        static PFNGLMEMORYBARRIERPROC barrier;
+        dispatch = glDispatchCompute;
+        draw = glDrawArrays;
+        barrier = glMemoryBarrier;
+        order.clear();
+        const Replaced dispatches(glDispatchCompute, [](GLuint x, GLuint y, GLuint z) {
+            order += 'd';
+            dispatch(x, y, z);
+        });
+        const Replaced draws(glDrawArrays, [](GLenum mode, GLint first, GLsizei count) {
+            order += 'd';
+            draw(mode, first, count);
+        });
+        const Replaced barriers(glMemoryBarrier, [](GLbitfield bits) {
+            if ((bits & GL_SHADER_STORAGE_BARRIER_BIT) != 0) order += 'b';
+            barrier(bits);
+        });
         backend->step(2);
         const std::string step_and_check = std::string(step) + "db";
-        EXPECT_EQ(RecordedOrder::order, step_and_check + step_and_check);
+        EXPECT_EQ(order, step_and_check + step_and_check);
         backend->synchronize();
     }
 }
@@ -675,43 +479,6 @@ TEST(GlMemory, IsRefusedWhereFewerBytesAreFreeThanAnUploadTakes) {
                 AllOf(HasSubstr("1000 bytes"), HasSubstr("999 are free")));
 }
 
-/// A driver that reports its memory, as NVIDIA's or AMD's does.
-class DriverWithMemory {
-public:
-    DriverWithMemory(const char* its_extension, GLenum its_query, GLint free_kilobytes)
-        : integer_(glGetIntegerv), string_(glGetStringi) {
-        original = this;
-        extension = its_extension;
-        query = its_query;
-        kilobytes = free_kilobytes;
-        glGetIntegerv = [](GLenum name, GLint* value) {
-            if (name == query) {
-                *value = kilobytes;
-            } else {
-                original->integer_(name, value);
-            }
-        };
-        glGetStringi = [](GLenum name, GLuint index) {
-            if (name == GL_EXTENSIONS && index == 0) return reinterpret_cast<const GLubyte*>(extension);
-            return original->string_(name, index);
-        };
-    }
-    ~DriverWithMemory() {
-        glGetIntegerv = integer_;
-        glGetStringi = string_;
-    }
-    DriverWithMemory(const DriverWithMemory&) = delete;
-    DriverWithMemory& operator=(const DriverWithMemory&) = delete;
-
-private:
-    static inline DriverWithMemory* original = nullptr;
-    static inline const char* extension = nullptr;
-    static inline GLenum query = 0;
-    static inline GLint kilobytes = 0;
-    PFNGLGETINTEGERVPROC integer_;
-    PFNGLGETSTRINGIPROC string_;
-};
-
 TEST_F(Gl, ProblemsThatExceedFreeMemoryAreRefused) {
     const Problem problem = make_lattice_problem(solid({32, 32, 32}), FACE_BITS);
     for (const std::string name :
@@ -723,8 +490,27 @@ TEST_F(Gl, ProblemsThatExceedFreeMemoryAreRefused) {
         EXPECT_EQ(first->unsupported(problem), "");
         (void)glGetStringi(GL_EXTENSIONS, 0);
         const auto needed = GLint((spec.entry->bytes(problem, spec.options) + 1023) / 1024);
-        const auto refusal = [&](const char* extension, GLenum query, GLint kilobytes) {
-            const DriverWithMemory driver(extension, query, kilobytes);
+        // With a driver that reports its memory, as NVIDIA's or AMD's does.
+        static const char* extension;
+        static GLenum query;
+        static GLint kilobytes;
+        static const auto integer = glGetIntegerv;
+        static const auto string = glGetStringi;
+        const auto refusal = [&](const char* its_extension, GLenum its_query, GLint free_kilobytes) {
+            extension = its_extension;
+            query = its_query;
+            kilobytes = free_kilobytes;
+            const Replaced tells(glGetIntegerv, [](GLenum asked, GLint* value) {
+                if (asked == query) {
+                    *value = kilobytes;
+                } else {
+                    integer(asked, value);
+                }
+            });
+            const Replaced offers(glGetStringi, [](GLenum asked, GLuint index) {
+                if (asked == GL_EXTENSIONS && index == 0) return reinterpret_cast<const GLubyte*>(extension);
+                return string(asked, index);
+            });
             return spec.make()->unsupported(problem);
         };
         EXPECT_THAT(
