@@ -55,7 +55,7 @@ public:
     LimitsFacet* limits() override { return this; }
     DeviceLimits measure_limits() override {
         DeviceLimits limits;
-        limits.copy_bytes_per_second = 1e9;
+        limits.copy_bytes_per_second = limits.cached_copy_bytes_per_second = 1e9;
         limits.float32_operations_per_second = 1e9;
         limits.float64_operations_per_second = 1e9;
         return limits;
