@@ -11,8 +11,6 @@
 #include <fstream>
 #include <system_error>
 
-#include "backends/size_limit.h"
-
 namespace voxspring {
 namespace {
 
@@ -81,7 +79,6 @@ std::optional<std::string> DiskCache::find(const std::string& name) const {
 
 void DiskCache::keep(const std::string& name, std::string_view content) const {
     if (folder_.empty() || content.size() > max_bytes_ / 2) return;
-    const SizeLimitAsError guard;
     try {
         fs::create_directories(folder_);
         std::string temporary = file(name).string() + ".XXXXXX";

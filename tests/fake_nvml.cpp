@@ -1,4 +1,5 @@
-// The functions of NVML that harness/device/card.cpp calls, with answers that tests/noise_test.cpp sets.
+// The functions of NVML that harness/device/card.cpp calls. tests/noise_test.cpp sets their answers by
+// environment variables, which workers inherit.
 #include <sys/types.h>
 #include <time.h>
 #include <unistd.h>
@@ -40,6 +41,11 @@ using Cards = std::map<std::string, unsigned>;
 Cards cards;
 std::mutex mutex_of_cards;
 
+unsigned number_in(const char* variable, unsigned otherwise) {
+    const char* const text = std::getenv(variable);
+    return text != nullptr ? unsigned(std::atoi(text)) : otherwise;
+}
+
 }  // namespace
 
 extern "C" {
@@ -50,25 +56,16 @@ struct Process {
     unsigned gpu_instance, compute_instance;
 };
 
-unsigned fake_clock_mhz = 1980;
-unsigned fake_clock_falls_mhz = 0;  // at each query
-unsigned fake_strangers = 0;
-bool fake_lists_workers = true;
-
-double fake_watts = 500;  // according to the counter
-
 int nvmlDeviceGetTotalEnergyConsumption(void*, unsigned long long* millijoules) {
     timespec now{};
     clock_gettime(CLOCK_MONOTONIC, &now);
-    // The counter leaps every 20 ms.
+    // The counter leaps every 20 ms, by 500 W.
     const long long leaps = (now.tv_sec * 1000000000ll + now.tv_nsec) / 20000000ll;
-    *millijoules = static_cast<unsigned long long>(double(leaps) * 20 * fake_watts);
+    *millijoules = static_cast<unsigned long long>(double(leaps) * 20 * 500);
     return 0;
 }
 int nvmlDeviceGetPowerUsage(void*, unsigned* milliwatts) {
-    // Workers inherit the environment of the test, and query NVML too.
-    const char* watts = std::getenv("FAKE_SAMPLED_WATTS");
-    *milliwatts = watts != nullptr ? unsigned(1000 * std::atoi(watts)) : 500000;
+    *milliwatts = 1000 * number_in("FAKE_SAMPLED_WATTS", 500);
     return 0;
 }
 int nvmlDeviceGetEnforcedPowerLimit(void*, unsigned* milliwatts) {
@@ -97,11 +94,11 @@ int nvmlDeviceGetHandleByUUID(const char* uuid, void** device) {
 int nvmlDeviceGetClockInfo(void* device, int type, unsigned* mhz) {
     const std::lock_guard lock(mutex_of_cards);
     auto& [uuid, fallen_mhz] = *static_cast<Cards::pointer>(device);
-    *mhz = fake_clock_mhz - fallen_mhz;
-    fake_clock_mhz -= fake_clock_falls_mhz;
-    // Workers inherit the environment of the test.
-    if (const char* falls = std::getenv("FAKE_FALLING_CARD"); falls != nullptr && uuid == falls)
-        fallen_mhz += 200;
+    const char* const falls = std::getenv("FAKE_FALLING_CARD");  // by 200 MHz at each query
+    const bool is_falling = falls != nullptr && uuid == falls;
+    if (!is_falling) fallen_mhz = 0;
+    *mhz = 1980 - fallen_mhz;
+    if (is_falling) fallen_mhz += 200;
     return type == 1 ? 0 : 2;  // of multiprocessors
 }
 
@@ -109,11 +106,9 @@ int nvmlDeviceGetComputeRunningProcesses_v3(void*, unsigned* count, void* of_typ
     auto* const processes = static_cast<Process*>(of_type_process);
     // No process has an id as large as these.
     constexpr unsigned beyond = 1u << 30;
-    std::vector<unsigned> all = fake_lists_workers ? workers() : std::vector<unsigned>();
-    const char* const strangers = std::getenv("FAKE_STRANGERS");
-    const unsigned count_of_strangers =
-        strangers != nullptr ? unsigned(std::atoi(strangers)) : fake_strangers;
-    for (unsigned i = 0; i < count_of_strangers; ++i) all.push_back(beyond + i);
+    std::vector<unsigned> all;
+    if (number_in("FAKE_LISTS_WORKERS", 1) != 0) all = workers();
+    for (unsigned i = 0; i < number_in("FAKE_STRANGERS", 0); ++i) all.push_back(beyond + i);
     const bool fits = *count >= all.size();
     *count = unsigned(all.size());
     for (unsigned i = 0; fits && i < *count; ++i) processes[i] = {all[i], 0, 0, 0};

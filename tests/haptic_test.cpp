@@ -22,7 +22,7 @@
 #include "backends/gl/context.h"
 #include "backends/registry.h"
 #include "harness/base/bad_input.h"
-#include "harness/base/histogram.h"
+#include "harness/base/statistics.h"
 #include "harness/base/text.h"
 #include "harness/study/study.h"
 #include "harness/view/live_drawing.h"

@@ -125,18 +125,6 @@ TEST(Bandwidths, GoThroughJson) {
     EXPECT_TRUE(device_limits_of(to_json(round_limits())).bandwidth.empty());
 }
 
-TEST(LimitFields, HoldTheFractionWhereBothTimesAreKnown) {
-    const StepLimit limit{3e-6, "bandwidth"};
-    nlohmann::json fields = limit_fields(limit, 12e-6);
-    EXPECT_EQ(fields.at("limit_seconds"), 3e-6);
-    EXPECT_EQ(fields.at("limited_by"), "bandwidth");
-    EXPECT_DOUBLE_EQ(fields.at("fraction_of_limit"), 0.25);
-    fields = limit_fields(limit, std::nullopt);
-    EXPECT_EQ(fields.at("limit_seconds"), 3e-6);
-    EXPECT_TRUE(fields.at("fraction_of_limit").is_null());
-    for (const auto& field : limit_fields(std::nullopt, 12e-6)) EXPECT_TRUE(field.is_null());
-}
-
 TEST(LeastSeconds, AreThoseOfAnUndisturbedBatch) {
     // A repetition takes 7 us. Two batches in three are interrupted for longer than a batch has to last.
     int calls = 0;

@@ -167,13 +167,25 @@ BackendEntry entry_on_card(const std::string& name, const std::string& api, cons
 const Registered on_card(entry_on_card("on_card", "CUDA 13.0", "cuda"));
 const Registered drawn_on_card(entry_on_card("drawn_on_card", "OpenGL 4.6", "opengl"));
 
-nlohmann::json result_of_study() {
+nlohmann::json result_of_study(const std::string& kind, const std::vector<std::string>& backends,
+                               const nlohmann::json& settings = nlohmann::json::object(),
+                               std::optional<int> ranks = {}) {
     Study study;
     study.name = "test";
+    study.kind = kind;
     study.repetitions = 4;
-    study.backends = {"on_card", "drawn_on_card", "cpu_reference"};
+    study.backends = backends;
+    study.settings = settings;
     study.scenes = {{"box@4", 4, {}}};
-    return run_study(study, {});
+    StudyOptions options;
+    options.ranks = ranks;
+    return run_study(study, options);
+}
+nlohmann::json timing() { return result_of_study("timing", {"on_card", "drawn_on_card", "cpu_reference"}); }
+
+/// The one row of the list `kind`.
+nlohmann::json row_of(const std::string& kind, const nlohmann::json& result) {
+    return result.at(kind).empty() ? result.at("failed").at(0) : result.at(kind).at(0);
 }
 
 std::string reasons_of(const nlohmann::json& result, const std::string& backend) {
@@ -189,35 +201,24 @@ void* const library = dlopen(FAKE_NVML, RTLD_NOW);
 
 class CardInAStudy : public ::testing::Test {
 protected:
-    void SetUp() override {
-        ASSERT_NE(library, nullptr) << FAKE_NVML;
-        clock_ = static_cast<unsigned*>(dlsym(library, "fake_clock_mhz"));
-        falls_ = static_cast<unsigned*>(dlsym(library, "fake_clock_falls_mhz"));
-        strangers_ = static_cast<unsigned*>(dlsym(library, "fake_strangers"));
-        lists_workers_ = static_cast<bool*>(dlsym(library, "fake_lists_workers"));
-    }
+    void SetUp() override { ASSERT_NE(library, nullptr) << FAKE_NVML; }
     void TearDown() override {
-        *clock_ = 1980;
-        *falls_ = 0;
-        *strangers_ = 0;
-        *lists_workers_ = true;
+        for (const char* name :
+             {"FAKE_FALLING_CARD", "FAKE_STRANGERS", "FAKE_LISTS_WORKERS", "FAKE_SAMPLED_WATTS"})
+            unsetenv(name);
     }
-    unsigned* clock_ = nullptr;
-    unsigned* falls_ = nullptr;
-    unsigned* strangers_ = nullptr;
-    bool* lists_workers_ = nullptr;
 };
 
 TEST_F(CardInAStudy, IsWatched) {
-    nlohmann::json result = result_of_study();
+    nlohmann::json result = timing();
     EXPECT_EQ(result.at("context").at("voxspring").at("card_watched"), "yes");
     for (const char* backend : {"on_card", "drawn_on_card"})
         EXPECT_THAT(reasons_of(result, backend), ::testing::Not(HasSubstr("card")))
             << "they are the study's own";
 
-    *falls_ = 200;  // so that it matters not which of the eight repetitions belong to one backend
-    *strangers_ = 2;
-    result = result_of_study();
+    setenv("FAKE_FALLING_CARD", "GPU-fake", 1);
+    setenv("FAKE_STRANGERS", "2", 1);
+    result = timing();
     for (const char* backend : {"on_card", "drawn_on_card"})
         EXPECT_THAT(reasons_of(result, backend),
                     ::testing::AllOf(HasSubstr("the card's clock moved (between "),
@@ -228,35 +229,18 @@ TEST_F(CardInAStudy, IsWatched) {
 }
 
 TEST_F(CardInAStudy, IsWatchedWhereTheDriverHasOtherNumbersForProcesses) {
-    *lists_workers_ = false;
-    *strangers_ = 2;  // as many as the study has processes on the card
-    EXPECT_THAT(reasons_of(result_of_study(), "drawn_on_card"), ::testing::Not(HasSubstr("card")));
-    *strangers_ = 3;
-    EXPECT_THAT(reasons_of(result_of_study(), "drawn_on_card"),
-                HasSubstr("other processes computed on the card (1)"));
-}
-
-/// The one row of two ranks, each on its card.
-nlohmann::json row_of_two_cards() {
-    Study study;
-    study.name = "test";
-    study.kind = "scaling";
-    study.repetitions = 4;
-    study.backends = {"on_card"};
-    study.settings = {{"ranks", {2}}, {"ways", {"memory"}}};
-    study.scenes = {{"box@4", 4, {}}};
-    StudyOptions options;
-    options.ranks = 2;
-    const nlohmann::json result = run_study(study, options);
-    return result.at("scaling").empty() ? result.at("failed").at(0) : result.at("scaling").at(0);
+    setenv("FAKE_LISTS_WORKERS", "0", 1);
+    setenv("FAKE_STRANGERS", "2", 1);  // as many as the study has processes on the card
+    EXPECT_THAT(reasons_of(timing(), "drawn_on_card"), ::testing::Not(HasSubstr("card")));
+    setenv("FAKE_STRANGERS", "3", 1);
+    EXPECT_THAT(reasons_of(timing(), "drawn_on_card"), HasSubstr("other processes computed on the card (1)"));
 }
 
 TEST_F(CardInAStudy, IsWatchedWhicheverRankItIsOf) {
     setenv("FAKE_FALLING_CARD", "GPU-fake-1", 1);
     setenv("FAKE_STRANGERS", "3", 1);  // one of them is the ranks' process, with another id
-    const nlohmann::json row = row_of_two_cards();
-    unsetenv("FAKE_FALLING_CARD");
-    unsetenv("FAKE_STRANGERS");
+    const nlohmann::json row =
+        row_of("scaling", result_of_study("scaling", {"on_card"}, {{"ranks", {2}}, {"ways", {"memory"}}}, 2));
     const std::string noisy = row.value("noisy", nlohmann::json::array()).dump();
     EXPECT_THAT(noisy, HasSubstr("the card's clock moved (between 1380 and 1980 MHz, rank 1)"));
     EXPECT_THAT(noisy, ::testing::Not(HasSubstr("MHz, rank 0")));
@@ -266,19 +250,8 @@ TEST_F(CardInAStudy, IsWatchedWhicheverRankItIsOf) {
     EXPECT_EQ(row.value("max_card_mhz", 0), 1980);
 }
 
-/// The one row of an energy study of `on_card`.
-nlohmann::json energy_of_card() {
-    Study study;
-    study.name = "test";
-    study.kind = "energy";
-    study.backends = {"on_card"};
-    study.scenes = {{"box@4", 4, {}}};
-    const nlohmann::json result = run_study(study, {});
-    return result.at("energy").empty() ? result.at("failed").at(0) : result.at("energy").at(0);
-}
-
 TEST_F(CardInAStudy, TellsItsEnergy) {
-    const nlohmann::json row = energy_of_card();
+    const nlohmann::json row = row_of("energy", result_of_study("energy", {"on_card"}));
     ASSERT_TRUE(row.contains("watts")) << row.dump(2);
     // The counter is read up to 10 ms after a leap of 20 ms, at either end of ten seconds.
     EXPECT_NEAR(row.at("watts").get<double>(), 500, 500 * 0.01);
@@ -292,14 +265,13 @@ TEST_F(CardInAStudy, TellsItsEnergy) {
 
 TEST_F(CardInAStudy, WhoseCounterAndSamplesDisagreeHasNoEnergy) {
     setenv("FAKE_SAMPLED_WATTS", "400", 1);
-    const nlohmann::json row = energy_of_card();
-    unsetenv("FAKE_SAMPLED_WATTS");
+    const nlohmann::json row = row_of("energy", result_of_study("energy", {"on_card"}));
     EXPECT_THAT(row.value("reason", ""), HasSubstr("its energy is not known: the counter says 50"));
 }
 
 TEST_F(CardInAStudy, TellsItsSettings) {
     EXPECT_EQ(Card("GPU-fake").settings(), nlohmann::json({{"power_limit_watts", 700.0}, {"ecc", true}}));
-    EXPECT_EQ(result_of_study().at("context").at("voxspring").at("card").at("ecc"), true);
+    EXPECT_EQ(timing().at("context").at("voxspring").at("card").at("ecc"), true);
 }
 
 TEST_F(CardInAStudy, ThatIsNotThereIsNotKnown) {

@@ -14,7 +14,6 @@
 #include <vector>
 
 #include "backends/registry.h"
-#include "harness/base/histogram.h"
 #include "harness/base/progress.h"
 #include "harness/base/statistics.h"
 #include "harness/base/text.h"

@@ -1,8 +1,8 @@
 #include "harness/base/bad_input.h"
 
-#include <array>
+#include <fmt/format.h>
+
 #include <cstddef>
-#include <cstdio>
 
 namespace voxspring {
 namespace {
@@ -18,37 +18,22 @@ std::string printable(std::string_view text, std::size_t longest) {
             return out + "...";
         }
         const auto byte = static_cast<unsigned char>(c);
-        if (byte < 0x20 || byte == 0x7F) {
-            std::array<char, 5> escaped{};
-            std::snprintf(escaped.data(), escaped.size(), "\\x%02x", unsigned{byte});
-            out += escaped.data();
-        } else {
-            out += c;
-        }
+        const bool is_control = byte < 0x20 || byte == 0x7F;
+        out += is_control ? fmt::format("\\x{:02x}", byte) : std::string(1, c);
     }
     return out;
-}
-
-std::string line_without(std::string_view file, std::string_view key, std::string_view accepted) {
-    return printable(file, 500) + ": " + printable(key, 200) + " is missing; expected " +
-           printable(accepted, 1000);
-}
-
-std::string line(std::string_view file, std::string_view key, std::string_view value,
-                 std::string_view accepted) {
-    std::string text = printable(file, 500) + ": ";
-    if (!key.empty()) text += printable(key, 200) + ": ";
-    return text + printable(value, 80) + " is not accepted; expected " + printable(accepted, 1000);
 }
 
 }  // namespace
 
 BadInput::BadInput(std::string_view file, std::string_view key, std::string_view value,
                    std::string_view accepted)
-    : std::runtime_error(line(file, key, value, accepted)) {}
+    : std::runtime_error(printable(file, 500) + ": " + (key.empty() ? "" : printable(key, 200) + ": ") +
+                         printable(value, 80) + " is not accepted; expected " + printable(accepted, 1000)) {}
 
 BadInput::BadInput(std::string_view file, std::string_view key, Missing, std::string_view accepted)
-    : std::runtime_error(line_without(file, key, accepted)) {}
+    : std::runtime_error(printable(file, 500) + ": " + printable(key, 200) + " is missing; expected " +
+                         printable(accepted, 1000)) {}
 
 void require_regular_file(const std::filesystem::path& file, std::string_view accepted) {
     std::error_code error;

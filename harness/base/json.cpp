@@ -6,9 +6,9 @@
 
 #include <algorithm>
 #include <cmath>
-#include <iterator>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <set>
 
 #include "harness/base/bad_input.h"
 
@@ -30,112 +30,41 @@ std::string child_path(const std::string& parent, const std::string& key) {
     return parent.empty() ? key : parent + "." + key;
 }
 
-/// Builds the document. Refuses input that the grammar allows but a user cannot have meant.
-class Builder final : public nlohmann::json_sax<json> {
-public:
-    Builder(std::string_view text, const std::string& file) : text_(text), file_(file) {}
-
-    bool null() override { return add(nullptr); }
-    bool boolean(bool value) override { return add(value); }
-    bool number_integer(number_integer_t value) override { return add(value); }
-    bool number_unsigned(number_unsigned_t value) override { return add(value); }
-    bool number_float(number_float_t value, const string_t&) override { return add(value); }
-    bool string(string_t& value) override { return add(std::move(value)); }
-    bool binary(binary_t&) override { return false; }
-
-    bool start_object(std::size_t) override { return open(json::object()); }
-    bool start_array(std::size_t) override { return open(json::array()); }
-    bool end_object() override { return close(); }
-    bool end_array() override { return close(); }
-
-    bool key(string_t& name) override {
-        if (open_.back()->contains(name)) {
-            throw BadInput(file_, child_path(path(), name), "a second value", "each key once");
+/// Parses `text`. Refuses also what the grammar allows but a user cannot have meant.
+json parsed(std::string_view text, const std::string& file) {
+    std::vector<std::set<std::string>> keys(max_depth + 1);  // of the open object at each depth
+    const auto check = [&](int depth, json::parse_event_t event, const json& value) {
+        const auto level = std::size_t(depth);
+        if (event == json::parse_event_t::key && !keys[level].insert(value.get<std::string>()).second)
+            throw BadInput(file, value.get<std::string>(), "a second value", "each key once");
+        if (event == json::parse_event_t::object_start || event == json::parse_event_t::array_start) {
+            if (level == max_depth)
+                throw BadInput(file, "", "deeper nesting",
+                               fmt::format("at most {} objects and arrays inside one another", max_depth));
+            keys[level + 1].clear();
         }
-        keys_.back() = std::move(name);
         return true;
-    }
-
-    bool parse_error(std::size_t position, const std::string&, const json::exception& error) override {
-        const std::string_view read = text_.substr(0, std::min(position, text_.size()));
+    };
+    try {
+        return json::parse(text, check);
+    } catch (const json::parse_error& error) {
+        // The parser's own column is 0 behind a line's end.
+        const std::string_view read = text.substr(0, std::min(error.byte, text.size()));
         const auto line = 1 + std::count(read.begin(), read.end(), '\n');
-        const std::size_t column = std::max<std::size_t>(read.size() - (read.rfind('\n') + 1), 1);
-        const std::string place = "line " + std::to_string(line) + ", column " + std::to_string(column);
-        const bool overflow = dynamic_cast<const json::out_of_range*>(&error) != nullptr;
-        throw BadInput(file_, place, position > text_.size() ? "the end of the text" : last_word(read),
-                       overflow ? "a number that a 64-bit float can hold" : "JSON: " + grammar(error.what()));
+        const auto column = std::max<std::size_t>(read.size() - (read.rfind('\n') + 1), 1);
+        // "[...] parse error at line 3, column 7: syntax error while parsing ... - WHAT; expected ..."
+        const std::string message = error.what();
+        const auto expected = message.find("; expected "), dash = message.find(" - ");
+        const auto what = dash == std::string::npos ? message.find(": ") + 2 : dash + 3;
+        throw BadInput(file, fmt::format("line {}, column {}", line, column),
+                       message.substr(what, expected == std::string::npos ? expected : expected - what),
+                       expected == std::string::npos ? "JSON" : message.substr(expected + 11));
+    } catch (const json::out_of_range& error) {
+        const std::string message = error.what();
+        throw BadInput(file, "", message.substr(message.find("] ") + 2),
+                       "numbers that a 64-bit float can hold");
     }
-
-    json& root() { return root_; }
-
-private:
-    /// The last word: the last character, and what precedes it up to a blank, bracket, colon or comma.
-    static std::string_view last_word(std::string_view text) {
-        if (text.empty()) return text;
-        const auto before = text.find_last_of(" \t\r\n,:[]{}", text.size() - 2);
-        return text.size() == 1 || before == std::string_view::npos ? text : text.substr(before + 1);
-    }
-
-    /// The part of the parser's message that says what was expected or, without one, what is wrong with the
-    /// token.
-    static std::string grammar(const std::string& message) {
-        if (const auto at = message.rfind("; expected "); at != std::string::npos)
-            return message.substr(at + 11);
-        const auto from = message.find(" - ");
-        std::string why = from == std::string::npos ? message : message.substr(from + 3);
-        return why.substr(0, why.rfind("; last read"));
-    }
-
-    std::string path() const {
-        std::string path;
-        for (std::size_t level = 0; level + 1 < open_.size(); ++level) {
-            path = open_[level]->is_array() ? path + "[" + std::to_string(open_[level]->size() - 1) + "]"
-                                            : child_path(path, keys_[level]);
-        }
-        return path;
-    }
-
-    json* place(json value) {
-        if (open_.empty()) {
-            root_ = std::move(value);
-            return &root_;
-        }
-        json& parent = *open_.back();
-        if (parent.is_array()) {
-            parent.push_back(std::move(value));
-            return &parent.back();
-        }
-        return &(parent[keys_.back()] = std::move(value));
-    }
-
-    bool add(json value) {
-        place(std::move(value));
-        return true;
-    }
-
-    bool open(json value) {
-        if (open_.size() == max_depth) {
-            throw BadInput(file_, path(), "deeper nesting",
-                           "at most " + std::to_string(max_depth) + " objects and arrays inside one another");
-        }
-        open_.push_back(place(std::move(value)));
-        keys_.emplace_back();
-        return true;
-    }
-
-    bool close() {
-        open_.pop_back();
-        keys_.pop_back();
-        return true;
-    }
-
-    std::string_view text_;
-    const std::string& file_;
-    json root_;
-    // Only the last element of an array is ever open, so no pointer here outlives a reallocation.
-    std::vector<json*> open_;
-    std::vector<std::string> keys_;  ///< one per open level: the key whose value is being read
-};
+}
 
 }  // namespace
 
@@ -268,11 +197,7 @@ void JsonObject::finish() const {
 }
 
 JsonObject parse_json(std::string_view text, const std::string& file) {
-    Builder builder(text, file);
-    json::sax_parse(text, &builder);
-    auto document = std::make_shared<JsonValue::Document>();
-    document->file = file;
-    document->root = std::move(builder.root());
+    auto document = std::make_shared<JsonValue::Document>(JsonValue::Document{file, parsed(text, file)});
     const json* root = &document->root;
     return JsonObject(JsonValue(std::move(document), root, ""));
 }

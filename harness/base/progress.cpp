@@ -51,26 +51,16 @@ void Ticker::start(Seconds first, Seconds between) {
     sigset_t all, before;
     sigfillset(&all);
     pthread_sigmask(SIG_SETMASK, &all, &before);
-    thread_ = std::thread([this] { run(); });
+    thread_ = std::jthread([this](const std::stop_token& stopped) { run(stopped); });
     pthread_sigmask(SIG_SETMASK, &before, nullptr);
 }
 
-void Ticker::stop() {
-    if (!thread_.joinable()) return;
-    {
-        const std::lock_guard lock(mutex_);
-        ends_ = true;
-    }
-    changed_.notify_one();
-    thread_.join();
-    ends_ = false;
-}
-
-void Ticker::run() {
+void Ticker::run(const std::stop_token& stopped) {
     std::unique_lock lock(mutex_);
-    while (!ends_) {
-        if (changed_.wait_until(lock, next_, [this] { return ends_; })) return;
-        if (Clock::now() < next_) continue;  // it was postponed
+    while (!stopped.stop_requested()) {
+        const auto until = next_;  // which may be postponed meanwhile
+        changed_.wait_until(lock, stopped, until, [] { return false; });
+        if (stopped.stop_requested() || Clock::now() < next_) continue;
         postpone();
         tick_();
     }

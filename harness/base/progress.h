@@ -6,6 +6,7 @@
 #include <condition_variable>
 #include <functional>
 #include <mutex>
+#include <stop_token>
 #include <string>
 #include <thread>
 #include <utility>
@@ -23,12 +24,12 @@ public:
     explicit Ticker(std::function<void()> tick) : tick_(std::move(tick)) {}
     Ticker(const Ticker&) = delete;
     Ticker& operator=(const Ticker&) = delete;
-    ~Ticker() { stop(); }
+    ~Ticker() = default;
 
     /// The first call is made after `first`, each further one `between` later. Does nothing if it runs
     /// already.
     void start(Seconds first, Seconds between);
-    void stop();
+    void stop() { thread_ = {}; }
     /// Postpones the next call as if a call had been made now. The caller holds the mutex.
     void postpone() { next_ = std::chrono::steady_clock::now() + between_; }
     /// The mutex, which is held while the function is called.
@@ -37,15 +38,14 @@ public:
 private:
     using Clock = std::chrono::steady_clock;
 
-    void run();
+    void run(const std::stop_token& stopped);
 
     const std::function<void()> tick_;
     std::mutex mutex_;
-    std::condition_variable changed_;
-    bool ends_ = false;
+    std::condition_variable_any changed_;
     std::chrono::time_point<Clock, Seconds> next_;
     Seconds between_{0};
-    std::thread thread_;  ///< last: it uses all of the others
+    std::jthread thread_;  ///< last: it uses all of the others
 };
 
 /// Progress of tasks done one after the other, some of which cannot say how far they are. A task that takes

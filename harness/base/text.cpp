@@ -3,7 +3,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
-#include <algorithm>
+#include <nlohmann/json.hpp>
 #include <utility>
 
 namespace voxspring {
@@ -25,20 +25,12 @@ std::string fixed_text(double value, int digits) { return fmt::format("{:.{}f}",
 
 std::string error_text(double value) { return fmt::format("{:.1e}", value); }
 
-void print_aligned(const std::vector<std::vector<std::string>>& rows, std::ostream& out, std::size_t names) {
-    std::vector<std::size_t> width;
-    for (const std::vector<std::string>& row : rows) {
-        width.resize(std::max(width.size(), row.size()));
-        for (std::size_t c = 0; c < row.size(); ++c) width[c] = std::max(width[c], row[c].size());
-    }
-    for (const std::vector<std::string>& row : rows) {
-        std::string line;
-        for (std::size_t c = 0; c < row.size(); ++c) {
-            const std::string padding(width[c] - row[c].size(), ' ');
-            line += (c == 0 ? "" : "  ") + (c < names ? row[c] + padding : padding + row[c]);
-        }
-        out << line << "\n";
-    }
+std::string shell_word(const std::string& word) {
+    const char* const plain = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_@%+=:,./-";
+    if (!word.empty() && word.find_first_not_of(plain) == std::string::npos) return word;
+    std::string text;
+    for (const char c : word) text += c == '\'' ? std::string("'\\''") : std::string(1, c);
+    return "'" + text + "'";
 }
 
 std::string si(double value, const std::string& unit) {

@@ -1,8 +1,7 @@
-// Numbers and tables as text for people.
+// Numbers and words as text for people.
 #pragma once
 
 #include <cstdint>
-#include <ostream>
 #include <string>
 #include <vector>
 
@@ -26,9 +25,7 @@ std::string fixed_text(double value, int digits);
 /// "1.2e-05".
 std::string error_text(double value);
 
-/// Prints columns as narrow as their content allows. The first `names` columns are aligned to the left, the
-/// others, which are figures, to the right.
-void print_aligned(const std::vector<std::vector<std::string>>& rows, std::ostream& out,
-                   std::size_t names = 2);
+/// `word`, quoted for a shell if necessary.
+std::string shell_word(const std::string& word);
 
 }  // namespace voxspring

@@ -4,6 +4,7 @@
 #include <unistd.h>
 
 #include <cerrno>
+#include <csignal>
 #include <exception>
 #include <filesystem>
 #include <iostream>
@@ -70,6 +71,8 @@ int main(int argc, char** argv) {
     // states of a large scene are allocated and freed with every row of a study.
     mallopt(M_MMAP_MAX, 0);
     mallopt(M_TRIM_THRESHOLD, -1);  // never
+    // A limit on the size of files is then an error of write().
+    std::signal(SIGXFSZ, SIG_IGN);
     voxspring::worker_main(argc, argv);
     const int code = exit_code_of(argc, argv);
     // A full disk may show only when buffered output is written.

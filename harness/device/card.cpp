@@ -9,101 +9,69 @@
 
 namespace voxspring {
 
-/// The functions and constants of NVML that are used. NVML's header is not needed: its binary interface is
-/// stable.
+/// NVML, opened for one card. Its header is not needed: its binary interface is stable.
 struct Card::Library {
-    static constexpr int success = 0, too_small = 7, clock_of_multiprocessors = 1;
-    using Device = void*;
+    static constexpr int success = 0, too_small = 7;
 
-    void* handle = nullptr;
-    Device device = nullptr;
-    int (*shutdown)() = nullptr;
-    int (*clock)(Device, int, unsigned*) = nullptr;
-    /// One entry of what `processes` fills.
-    struct Process {
-        unsigned pid;
-        unsigned long long used_memory;
-        unsigned gpu_instance, compute_instance;
-    };
-    int (*processes)(Device, unsigned*, void* of_type_process) = nullptr;
-    int (*energy)(Device, unsigned long long* millijoules) = nullptr;
-    int (*power)(Device, unsigned* milliwatts) = nullptr;
-    int (*power_limit)(Device, unsigned* milliwatts) = nullptr;
-    int (*throttling)(Device, unsigned long long* bits) = nullptr;
-    int (*ecc)(Device, int* now, int* after_restart) = nullptr;
-    int (*mig)(Device, unsigned* now, unsigned* after_restart) = nullptr;
-    int (*temperature)(Device, int sensor, unsigned* celsius) = nullptr;
+    explicit Library(const std::string& uuid) {
+        const std::string name = "libnvidia-ml.so.1";
+        handle.reset(dlopen(name.c_str(), RTLD_NOW | RTLD_LOCAL));
+        if (handle == nullptr) throw std::runtime_error("there is no " + name);
+        const auto initialize = find<int()>("nvmlInit_v2");
+        const auto by_uuid = find<int(const char*, void**)>("nvmlDeviceGetHandleByUUID");
+        const bool complete = initialize != nullptr && by_uuid != nullptr && shutdown() != nullptr;
+        if (!complete || initialize() != success) throw std::runtime_error(name + " does not start");
+        if (by_uuid(uuid.c_str(), &device) == success) return;
+        shutdown()();
+        throw std::runtime_error(name + " knows no card " + uuid);
+    }
+    Library(const Library&) = delete;
+    Library& operator=(const Library&) = delete;
+    ~Library() { shutdown()(); }
 
-    /// What `function`, one of those above, reports about the card.
-    template <class Value, class... Arguments>
-    std::optional<Value> ask(int (*function)(Device, Arguments...), auto... arguments) const {
+    template <class Function>
+    Function* find(const char* name) const {
+        return reinterpret_cast<Function*>(dlsym(handle.get(), name));
+    }
+    int (*shutdown() const)() { return find<int()>("nvmlShutdown"); }
+
+    /// What the function `name` reports about the card; empty if there is no such function or no answer.
+    template <class Value>
+    std::optional<Value> ask(const char* name, auto... arguments) const {
         Value value = 0;
+        const auto function = find<int(void*, decltype(arguments)..., Value*)>(name);
         if (function == nullptr || function(device, arguments..., &value) != success) return std::nullopt;
         return value;
     }
-    /// What `function` reports, for those that also report the value after a restart.
+    /// What a function reports that also reports the value after a restart.
     template <class Value>
-    std::optional<Value> ask_now(int (*function)(Device, Value*, Value*)) const {
+    std::optional<Value> ask_now(const char* name) const {
         Value now = 0, later = 0;
+        const auto function = find<int(void*, Value*, Value*)>(name);
         if (function == nullptr || function(device, &now, &later) != success) return std::nullopt;
         return now;
     }
 
-    template <class Function>
-    void find(Function*& function, const char* name) const {
-        function = reinterpret_cast<Function*>(dlsym(handle, name));
-    }
+    std::unique_ptr<void, int (*)(void*)> handle{nullptr, dlclose};
+    void* device = nullptr;
 };
 
-Card::Card(const std::string& uuid) : library_(std::make_unique<Library>()) {
-    const char* name = "libnvidia-ml.so.1";
-    library_->handle = dlopen(name, RTLD_NOW | RTLD_LOCAL);
-    if (library_->handle == nullptr) throw std::runtime_error(std::string("there is no ") + name);
-    int (*initialize)() = nullptr;
-    int (*by_uuid)(const char*, Library::Device*) = nullptr;
-    library_->find(initialize, "nvmlInit_v2");
-    library_->find(by_uuid, "nvmlDeviceGetHandleByUUID");
-    library_->find(library_->shutdown, "nvmlShutdown");
-    library_->find(library_->clock, "nvmlDeviceGetClockInfo");
-    library_->find(library_->processes, "nvmlDeviceGetComputeRunningProcesses_v3");
-    library_->find(library_->energy, "nvmlDeviceGetTotalEnergyConsumption");
-    library_->find(library_->power, "nvmlDeviceGetPowerUsage");
-    library_->find(library_->power_limit, "nvmlDeviceGetEnforcedPowerLimit");
-    library_->find(library_->throttling, "nvmlDeviceGetCurrentClocksThrottleReasons");
-    library_->find(library_->ecc, "nvmlDeviceGetEccMode");
-    library_->find(library_->mig, "nvmlDeviceGetMigMode");
-    library_->find(library_->temperature, "nvmlDeviceGetTemperature");
-    const bool complete = initialize != nullptr && by_uuid != nullptr && library_->shutdown != nullptr;
-    if (!complete || initialize() != Library::success) {
-        dlclose(library_->handle);
-        throw std::runtime_error(std::string(name) + " does not start");
-    }
-    if (by_uuid(uuid.c_str(), &library_->device) != Library::success) {
-        library_->shutdown();
-        dlclose(library_->handle);
-        throw std::runtime_error(std::string(name) + " knows no card " + uuid);
-    }
-}
-
-Card::~Card() {
-    library_->shutdown();
-    dlclose(library_->handle);
-}
+Card::Card(const std::string& uuid) : library_(std::make_unique<Library>(uuid)) {}
+Card::~Card() = default;
 
 std::optional<unsigned> Card::clock_mhz() const {
-    return library_->ask<unsigned>(library_->clock, Library::clock_of_multiprocessors);
+    constexpr int clock_of_multiprocessors = 1;
+    return library_->ask<unsigned>("nvmlDeviceGetClockInfo", clock_of_multiprocessors);
 }
 
 std::optional<double> Card::energy_joules() const {
-    const auto millijoules = library_->ask<unsigned long long>(library_->energy);
-    if (!millijoules) return std::nullopt;
-    return 1e-3 * double(*millijoules);
+    const auto millijoules = library_->ask<unsigned long long>("nvmlDeviceGetTotalEnergyConsumption");
+    return millijoules ? std::optional(1e-3 * double(*millijoules)) : std::nullopt;
 }
 
 std::optional<double> Card::power_watts() const {
-    const auto milliwatts = library_->ask<unsigned>(library_->power);
-    if (!milliwatts) return std::nullopt;
-    return 1e-3 * *milliwatts;
+    const auto milliwatts = library_->ask<unsigned>("nvmlDeviceGetPowerUsage");
+    return milliwatts ? std::optional(1e-3 * *milliwatts) : std::nullopt;
 }
 
 std::vector<std::string> Card::throttle_reasons() const {
@@ -117,7 +85,8 @@ std::vector<std::string> Card::throttle_reasons() const {
         {0x40, "temperature (hardware)"},
         {0x80, "power brake"},
         {0x100, "clocks of the display"}};
-    const unsigned long long bits = library_->ask<unsigned long long>(library_->throttling).value_or(0);
+    const unsigned long long bits =
+        library_->ask<unsigned long long>("nvmlDeviceGetCurrentClocksThrottleReasons").value_or(0);
     std::vector<std::string> found;
     for (const auto& [bit, reason] : reasons) {
         if ((bits & bit) != 0) found.push_back(reason);
@@ -128,23 +97,29 @@ std::vector<std::string> Card::throttle_reasons() const {
 nlohmann::json Card::settings() const {
     constexpr int sensor_of_chip = 0;
     nlohmann::json settings = nlohmann::json::object();
-    if (const auto milliwatts = library_->ask<unsigned>(library_->power_limit))
+    if (const auto milliwatts = library_->ask<unsigned>("nvmlDeviceGetEnforcedPowerLimit"))
         settings["power_limit_watts"] = 1e-3 * *milliwatts;
-    if (const auto ecc = library_->ask_now(library_->ecc)) settings["ecc"] = *ecc != 0;
-    if (const auto mig = library_->ask_now(library_->mig)) settings["mig"] = *mig != 0;
-    if (const auto celsius = library_->ask<unsigned>(library_->temperature, sensor_of_chip))
+    if (const auto ecc = library_->ask_now<int>("nvmlDeviceGetEccMode")) settings["ecc"] = *ecc != 0;
+    if (const auto mig = library_->ask_now<unsigned>("nvmlDeviceGetMigMode")) settings["mig"] = *mig != 0;
+    if (const auto celsius = library_->ask<unsigned>("nvmlDeviceGetTemperature", sensor_of_chip))
         settings["temperature_celsius"] = *celsius;
     return settings;
 }
 
 std::optional<std::vector<pid_t>> Card::processes() const {
-    if (library_->processes == nullptr) return std::nullopt;
+    struct Process {
+        unsigned pid;
+        unsigned long long used_memory;
+        unsigned gpu_instance, compute_instance;
+    };
+    const auto list =
+        library_->find<int(void*, unsigned*, Process*)>("nvmlDeviceGetComputeRunningProcesses_v3");
+    if (list == nullptr) return std::nullopt;
     // The list has room for processes that begin between two calls.
-    constexpr int max_tries = 3;
-    std::vector<Library::Process> found(64);
-    for (int i = 0; i < max_tries; ++i) {
+    std::vector<Process> found(64);
+    for (int tries = 0; tries < 3; ++tries) {
         auto count = unsigned(found.size());
-        const int answer = library_->processes(library_->device, &count, found.data());
+        const int answer = list(library_->device, &count, found.data());
         if (answer == Library::success) {
             std::vector<pid_t> pids;
             for (unsigned k = 0; k < count; ++k) pids.push_back(pid_t(found[k].pid));

@@ -11,6 +11,7 @@
 #include <map>
 #include <set>
 #include <stdexcept>
+#include <stop_token>
 #include <thread>
 
 #include "harness/base/statistics.h"
@@ -111,16 +112,19 @@ private:
 /// Reads a meter every few milliseconds, on a separate thread, until it is stopped.
 class Sampling {
 public:
-    explicit Sampling(EnergyMeter& meter) : meter_(meter), begin_(Clock::now()), thread_([this] { run(); }) {}
+    explicit Sampling(EnergyMeter& meter)
+        : meter_(meter),
+          begin_(Clock::now()),
+          thread_([this](const std::stop_token& stopped) { run(stopped); }) {}
     Sampling(const Sampling&) = delete;
     Sampling& operator=(const Sampling&) = delete;
-    ~Sampling() { stop(); }
+    ~Sampling() = default;
 
     /// The time between the first and the latest leap of the counter.
     double measured_seconds() const { return measured_; }
     /// Stops and returns what was measured. Rethrows what the meter threw.
     EnergyUse end() {
-        stop();
+        thread_ = {};
         if (error_) std::rethrow_exception(error_);
         if (leaps_.size() < 2) throw std::runtime_error("the energy counter did not move");
         EnergyUse use;
@@ -142,10 +146,10 @@ private:
         double seconds, joules;
     };
 
-    void run() {
+    void run(const std::stop_token& stopped) {
         try {
             double last = meter_.joules();
-            while (!stopped_) {
+            while (!stopped.stop_requested()) {
                 std::this_thread::sleep_for(interval);
                 const double joules = meter_.joules();
                 if (joules != last) {
@@ -161,21 +165,15 @@ private:
             error_ = std::current_exception();
         }
     }
-    void stop() {
-        stopped_ = true;
-        if (thread_.joinable()) thread_.join();
-    }
-
     EnergyMeter& meter_;
     const Clock::time_point begin_;
-    std::atomic<bool> stopped_ = false;
     std::atomic<double> measured_ = 0;
     std::vector<Leap> leaps_;
     std::vector<double> watts_;
     std::set<unsigned> mhz_;
     std::set<std::string> throttled_;
     std::exception_ptr error_;
-    std::thread thread_;  // last: it uses all of the others
+    std::jthread thread_;  // last: it uses all of the others
 };
 
 }  // namespace

@@ -7,47 +7,60 @@
 #include "harness/base/text.h"
 
 namespace voxspring {
-namespace {}  // namespace
+namespace {
+
+/// Calls `field` with the name and the value, a double or an optional one, of each limit but the bandwidths.
+template <class Limits, class Field>
+void visit(Limits& limits, const Field& field) {
+    field("copy_bytes_per_second", limits.copy_bytes_per_second);
+    field("cached_copy_bytes_per_second", limits.cached_copy_bytes_per_second);
+    field("cache_bytes", limits.cache_bytes);
+    field("launch_seconds", limits.launch_seconds);
+    field("grid_barrier_seconds", limits.grid_barrier_seconds);
+    field("exchange_seconds", limits.exchange_seconds);
+    field("float32_operations_per_second", limits.float32_operations_per_second);
+    field("float64_operations_per_second", limits.float64_operations_per_second);
+    field("compute_shader_float32_operations_per_second",
+          limits.compute_shader_float32_operations_per_second);
+}
+
+struct Write {
+    nlohmann::json& json;
+    void operator()(const char* name, double value) const { json[name] = value; }
+    void operator()(const char* name, const std::optional<double>& value) const {
+        if (value) json[name] = *value;
+    }
+};
+
+struct Read {
+    const nlohmann::json& json;
+    void operator()(const char* name, double& value) const { value = json.at(name); }
+    void operator()(const char* name, std::optional<double>& value) const {
+        if (json.contains(name)) value = json.at(name).get<double>();
+    }
+};
+
+}  // namespace
 
 nlohmann::json to_json(const DeviceLimits& limits) {
-    nlohmann::json all = {{"copy_bytes_per_second", limits.copy_bytes_per_second},
-                          {"cached_copy_bytes_per_second", limits.cached_copy_bytes_per_second},
-                          {"cache_bytes", limits.cache_bytes},
-                          {"launch_seconds", limits.launch_seconds},
-                          {"float32_operations_per_second", limits.float32_operations_per_second}};
-    const auto add = [&](const char* name, const std::optional<double>& value) {
-        if (value) all[name] = *value;
-    };
+    nlohmann::json json = nlohmann::json::object();
+    visit(limits, Write{json});
     for (const Bandwidth& one : limits.bandwidth) {
-        all["bandwidth"].push_back({{"footprint_bytes", one.footprint_bytes},
-                                    {"written_share", one.written_share},
-                                    {"bytes_per_second", one.bytes_per_second}});
+        json["bandwidth"].push_back({{"footprint_bytes", one.footprint_bytes},
+                                     {"written_share", one.written_share},
+                                     {"bytes_per_second", one.bytes_per_second}});
     }
-    add("grid_barrier_seconds", limits.grid_barrier_seconds);
-    add("exchange_seconds", limits.exchange_seconds);
-    add("float64_operations_per_second", limits.float64_operations_per_second);
-    add("compute_shader_float32_operations_per_second", limits.compute_shader_float32_operations_per_second);
-    return all;
+    return json;
 }
 
 DeviceLimits device_limits_of(const nlohmann::json& json) {
-    const auto optional = [&](const char* name) {
-        return json.contains(name) ? std::optional(json.at(name).get<double>()) : std::nullopt;
-    };
-    std::vector<Bandwidth> bandwidth;
-    for (const auto& one : json.value("bandwidth", nlohmann::json::array()))
-        bandwidth.push_back({one.at("footprint_bytes"), one.at("written_share"), one.at("bytes_per_second")});
-    return {.bandwidth = bandwidth,
-            .copy_bytes_per_second = json.at("copy_bytes_per_second"),
-            .cached_copy_bytes_per_second = json.at("cached_copy_bytes_per_second"),
-            .cache_bytes = json.at("cache_bytes"),
-            .launch_seconds = json.at("launch_seconds"),
-            .grid_barrier_seconds = optional("grid_barrier_seconds"),
-            .exchange_seconds = optional("exchange_seconds"),
-            .float32_operations_per_second = json.at("float32_operations_per_second"),
-            .float64_operations_per_second = optional("float64_operations_per_second"),
-            .compute_shader_float32_operations_per_second =
-                optional("compute_shader_float32_operations_per_second")};
+    DeviceLimits limits;
+    visit(limits, Read{json});
+    for (const auto& one : json.value("bandwidth", nlohmann::json::array())) {
+        limits.bandwidth.push_back(
+            {one.at("footprint_bytes"), one.at("written_share"), one.at("bytes_per_second")});
+    }
+    return limits;
 }
 
 std::optional<DeviceLimits> MeasuredLimits::of(const Capabilities& capabilities,
@@ -74,16 +87,6 @@ nlohmann::json MeasuredLimits::json() const {
         all[name]["device"] = one.device;
     }
     return all;
-}
-
-nlohmann::json limit_fields(const std::optional<StepLimit>& limit, std::optional<double> step_seconds) {
-    nlohmann::json fields = {
-        {"limit_seconds", nullptr}, {"limited_by", nullptr}, {"fraction_of_limit", nullptr}};
-    if (!limit) return fields;
-    fields["limit_seconds"] = limit->seconds;
-    fields["limited_by"] = limit->limited_by;
-    if (step_seconds && *step_seconds > 0) fields["fraction_of_limit"] = limit->seconds / *step_seconds;
-    return fields;
 }
 
 void print_limits(const nlohmann::json& limits, std::ostream& out) {

@@ -37,10 +37,6 @@ private:
     std::map<std::string, Measured> measured_;
 };
 
-/// The fields of a row about its limit: limit_seconds, limited_by and, if `step_seconds` is a time,
-/// fraction_of_limit. Unknown values are null.
-nlohmann::json limit_fields(const std::optional<StepLimit>& limit, std::optional<double> step_seconds);
-
 /// Prints one line per device, and a second one if its fragment shaders reach only a small part of its
 /// arithmetic.
 void print_limits(const nlohmann::json& limits, std::ostream& out);

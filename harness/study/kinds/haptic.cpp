@@ -17,7 +17,6 @@
 
 #include "backends/gl/context.h"
 #include "harness/base/bad_input.h"
-#include "harness/base/histogram.h"
 #include "harness/base/interruption.h"
 #include "harness/base/statistics.h"
 #include "harness/base/text.h"
