@@ -23,7 +23,6 @@
 #include "backends/cpu/cpu_backend.h"
 #include "backends/device_choice.h"
 #include "harness/process/case.h"
-#include "harness/process/shared_memory.h"
 #include "harness/process/shared_state.h"
 #include "harness/ranks/exchange.h"
 #include "harness/ranks/mpi_ranks.h"
@@ -601,7 +600,7 @@ TEST(RanksInProcessesOfTheirOwn, MakeEveryBackendOnTheirDevice) {
             const auto answerer =
                 case_answerer(case_description(BackendSpec::parse(task.backend), program), &whole);
             for (const char* question : {"construct", "prepare", "run"})
-                (void)answerer->answer({{"do", question}}, {});
+                (void)answerer({{"do", question}}, {});
             found[std::size_t(rank)] = std::exchange(Placed::devices, {});
         };
         std::thread other(run, 1);

@@ -311,17 +311,7 @@ public:
     }
 };
 
-/// A driver that never gives its device back.
-class NeverGivenBack : public Faulty {
-public:
-    NeverGivenBack() : Faulty(Fault::none) {}
-    ~NeverGivenBack() override {
-        for (;;) pause();
-    }
-};
-
 const Registered host_backends[] = {
-    fake("never_given_back", [] { return std::make_unique<NeverGivenBack>(); }),
     fake("alone", [] { return std::make_unique<Alone>(); }),
     fake("given_once", [] { return std::make_unique<GivenOnce>(); }),
     fake("together_one", [] { return std::make_unique<Together>(); }),
@@ -824,18 +814,6 @@ TEST(AWorker, RefusesATimeoutThatIsNoneAndTakesOneOfAges) {
     }
 }
 
-nlohmann::json description_of(const std::string& backend) {
-    static SharedState state(1);
-    return case_description(BackendSpec::parse(backend), timing_program({.steps = 1}, state));
-}
-constexpr std::chrono::seconds minute(60);
-
-/// The bytes that a step of its scene reads and writes.
-std::uint64_t bytes_said_by(Worker& worker) {
-    (void)worker.ask({{"do", "construct"}}, "constructing");
-    return worker.ask({{"do", "step work"}}, "counting").at("bytes");
-}
-
 TEST(Signals, GoToOneProcessAndNeverToAll) {
     // Signal 0 only tests whether the process exists.
     EXPECT_TRUE(signal_process(getpid(), 0));
@@ -843,75 +821,7 @@ TEST(Signals, GoToOneProcessAndNeverToAll) {
         EXPECT_THROW(signal_process(none, 0), std::logic_error) << none;
 }
 
-TEST(AWorkerThatIsKept, TakesUpTheNextWorkOfItsKindOnTheSceneOfThatTime) {
-    const Scene large = load_scene("box@9"), small = load_scene("box@5");
-    Workers workers({}, &large);
-    auto worker = workers.take("test", description_of("test_sound"), minute);
-    const auto process = worker->process();
-    const std::uint64_t bytes = bytes_said_by(*worker);
-    workers.keep_or_dismiss("test", worker);
-
-    worker = workers.take("test", description_of("given_once"), minute);
-    EXPECT_EQ(worker->process(), process);
-    EXPECT_EQ(bytes_said_by(*worker), bytes);
-    workers.keep_or_dismiss("test", worker);
-
-    workers.turn_to(&small);
-    worker = workers.take("test", description_of("test_sound"), minute);
-    EXPECT_EQ(worker->process(), process);
-    EXPECT_LT(bytes_said_by(*worker), bytes);
-}
-
-TEST(AWorkerThatIsKept, IsNeitherForAnotherKindNorAfterAFailureNorOfALargeScene) {
-    const Scene scene = load_scene("box@5"), large = load_scene("box@102");
-    Workers workers({}, &scene);
-    std::set<pid_t> processes;
-    const auto construct_and_keep = [&](const std::string& kind) {
-        auto worker = workers.take(kind, description_of("test_sound"), minute);
-        (void)worker->ask({{"do", "construct"}}, "constructing");
-        const pid_t process = worker->process().value();
-        workers.keep_or_dismiss(kind, worker);
-        return process;
-    };
-    processes.insert(construct_and_keep("one"));
-    processes.insert(construct_and_keep("another"));
-    EXPECT_EQ(processes.size(), 2u);
-    EXPECT_TRUE(processes.contains(construct_and_keep("one")));
-
-    auto refused = workers.take("one", description_of("test_unavailable"), minute);
-    EXPECT_TRUE(processes.contains(refused->process().value()));
-    EXPECT_THROW((void)refused->ask({{"do", "construct"}}, "constructing"), Unavailable);
-    workers.keep_or_dismiss("one", refused);
-    EXPECT_FALSE(processes.contains(construct_and_keep("one")));
-
-    workers.end_kept();
-    processes = {construct_and_keep("one")};
-    signal_process(*processes.begin(), SIGKILL);
-    EXPECT_FALSE(processes.contains(construct_and_keep("one")));
-
-    workers.turn_to(&large);
-    processes = {construct_and_keep("large")};
-    EXPECT_FALSE(processes.contains(construct_and_keep("large")));
-    // The dismissed worker is returned, so that a caller who dismisses several need not wait for each in
-    // turn.
-    auto dismissed = workers.take("large", description_of("test_sound"), minute);
-    workers.keep_or_dismiss("large", dismissed);
-    EXPECT_NE(dismissed, nullptr);
-}
-
-TEST(AWorkerThatIsKept, IsLeftWhereItsDriverHangs) {
-    const Scene scene = load_scene("box@5");
-    Workers workers({}, &scene);
-    auto worker = workers.take("one", description_of("never_given_back"), std::chrono::seconds(2));
-    (void)worker->ask({{"do", "construct"}}, "constructing");
-    const auto process = worker->process();
-    workers.keep_or_dismiss("one", worker);
-    worker = workers.take("one", description_of("test_sound"), minute);
-    EXPECT_NE(worker->process(), process);
-    EXPECT_EQ(worker->ask({{"do", "construct"}}, "constructing").at("unsupported"), "");
-}
-
-TEST(Study, OfProcessesThatServeCaseAfterCaseAFaultTakesDownItsOwnRowOnly) {
+TEST(Study, WithoutStartTimesAFaultTakesDownItsOwnRowOnly) {
     Study study = study_of({"test_*", "given_once"});
     study.settings = {{"start_times", false}};
     study.scenes = {{"box@5", 4, {}}, {"box@6", 4, {}}, {"box@5", 5, {"given_once", "test_sound"}}};
@@ -979,7 +889,7 @@ TEST(AStudy, GoesOnWhereALauncherIsKilled) {
     for (const auto& row : result.at("failed"))
         reasons[std::string(row.at("scene")) + "/" + std::string(row.at("backend"))] = row.at("reason");
     const std::string lost =
-        "went with the process that had started it, which was killed by signal 9 (Killed), as the system "
+        "was terminated because the launcher ended, which was killed by signal 9 (Killed), as the system "
         "does "
         "where memory runs out, while ";
     // A case that has a process already goes with its launcher; one that has none yet gets another launcher.

@@ -2,7 +2,9 @@
 
 #include <omp.h>
 
+#include <map>
 #include <nlohmann/json.hpp>
+#include <stdexcept>
 #include <utility>
 
 #include "harness/base/bad_input.h"
@@ -16,24 +18,29 @@ namespace {
 
 using Clock = std::chrono::steady_clock;
 
+/// The registered runners, by name.
+std::map<std::string, CaseRunnerFactory>& factories() {
+    static std::map<std::string, CaseRunnerFactory> all;
+    return all;
+}
+
 DeviceNumber device_of(const nlohmann::json& device) {
     return {.number = device.at("number"), .wraps = device.at("wraps"), .parts = device.at("parts")};
 }
 
 /// A case's side in the worker process: answers what the study asks.
-class Host : public Answerer {
+class CaseInWorker {
 public:
-    Host(const nlohmann::json& description, const Scene* scene)
+    CaseInWorker(const nlohmann::json& description, const Scene* scene)
         : spec_(BackendSpec::parse(description.at("backend"))),
           scene_(scene),
           program_(description.at("program")),
           device_(device_of(program_.at("device"))) {
-        // The process may have run another case before, with another number of threads.
         const int threads = program_.at("threads");
         omp_set_num_threads(threads > 0 ? threads : omp_get_num_procs());
     }
 
-    nlohmann::json answer(const nlohmann::json& question, const OnEvent& on_event) override {
+    nlohmann::json answer(const nlohmann::json& question, const OnEvent& on_event) {
         if (question.at("do") == "construct") return construct();
         if (question.at("do") == "limits") return limits();
         if (runner_ == nullptr) make_runner();
@@ -56,7 +63,10 @@ private:
     }
     void make_runner() {
         if (!program_.at("shared").is_null()) shared_.emplace(program_.at("shared"));
-        runner_ = make_case_runner(program_, spec_, *scene_, shared_ ? &*shared_ : nullptr);
+        const std::string name = program_.at("runner");
+        const auto found = factories().find(name);
+        if (found == factories().end()) throw std::logic_error("no case runner is called " + name);
+        runner_ = found->second(spec_, *scene_, program_.at("parameters"), shared_ ? &*shared_ : nullptr);
     }
 
     const BackendSpec spec_;
@@ -77,14 +87,17 @@ nlohmann::json introduction_by(Worker& worker, const BackendSpec& spec) {
 
 }  // namespace
 
+RegisteredCaseRunner::RegisteredCaseRunner(const std::string& name, CaseRunnerFactory factory) {
+    factories().emplace(name, std::move(factory));
+}
+
 Case::Case(BackendSpec spec, Workers& workers, CaseProgram program, JournalScope scope,
-           std::chrono::duration<double> timeout, bool second_hand)
+           std::chrono::duration<double> timeout)
     : spec_(std::move(spec)),
       workers_(&workers),
       program_(std::move(program)),
       scope_(std::move(scope)),
-      timeout_(timeout),
-      second_hand_(second_hand) {}
+      timeout_(timeout) {}
 
 void Case::start() {
     if (interrupted()) throw Interrupted();
@@ -92,28 +105,11 @@ void Case::start() {
         std::rethrow_exception(failure);
     if (process_ != nullptr) return;
     make_process();
-    take_introduction(introduction_of([&] { return introduction_by(*process_, spec_); }));
-}
-
-std::unique_ptr<Worker> Case::new_process() {
-    return std::make_unique<Worker>(*workers_, case_description(spec_, program_), timeout_);
+    take_introduction(introduction_by(*process_, spec_));
 }
 
 void Case::make_process() {
-    process_ = second_hand_ ? workers_->take(spec_.entry->api, case_description(spec_, program_), timeout_)
-                            : new_process();
-}
-
-nlohmann::json Case::introduction_of(const std::function<nlohmann::json()>& answer) {
-    try {
-        return answer();
-    } catch (const std::exception&) {
-        // The failure may be a consequence of what the previous case did on the device: try again in a new
-        // process.
-        if (!process_->has_left()) throw;
-    }
-    process_ = new_process();
-    return introduction_by(*process_, spec_);
+    process_ = std::make_unique<Worker>(*workers_, case_description(spec_, program_), timeout_);
 }
 
 void Case::begin_introduction() {
@@ -131,7 +127,7 @@ void Case::begin_introduction() {
 void Case::await_introduction() {
     if (!std::exchange(introducing_, false)) return;
     try {
-        take_introduction(introduction_of([&] { return process_->finish(constructing(spec_)); }));
+        take_introduction(process_->finish(constructing(spec_)));
     } catch (...) {
         too_early_ = std::current_exception();
     }
@@ -149,12 +145,7 @@ void Case::take_introduction(const nlohmann::json& introduction) {
 }
 
 void Case::dismiss() {
-    if (process_ == nullptr) return;
-    if (second_hand_) {
-        workers_->keep_or_dismiss(spec_.entry->api, process_);
-    } else {
-        process_->dismiss();
-    }
+    if (process_ != nullptr) process_->dismiss();
 }
 
 std::optional<pid_t> Case::process() const {
@@ -218,11 +209,23 @@ nlohmann::json introduce(const BackendSpec& spec, Workers& workers, std::chrono:
 }
 
 nlohmann::json case_description(const BackendSpec& spec, const CaseProgram& program) {
-    return {{"backend", spec.text()}, {"program", to_json(program)}};
+    return {{"backend", spec.text()},
+            {"program",
+             {{"runner", program.runner},
+              {"parameters", program.parameters},
+              {"shared", program.shared != nullptr ? program.shared->description() : nlohmann::json()},
+              {"threads", program.threads},
+              {"device",
+               {{"number", program.device.number},
+                {"wraps", program.device.wraps},
+                {"parts", program.device.parts}}}}}};
 }
 
-std::unique_ptr<Answerer> case_answerer(const nlohmann::json& description, const Scene* scene) {
-    return std::make_unique<Host>(description, scene);
+Answerer case_answerer(const nlohmann::json& description, const Scene* scene) {
+    const auto one = std::make_shared<CaseInWorker>(description, scene);
+    return [one](const nlohmann::json& question, const OnEvent& on_event) {
+        return one->answer(question, on_event);
+    };
 }
 
 }  // namespace voxspring

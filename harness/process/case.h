@@ -28,10 +28,9 @@ public:
 /// cannot answer.
 class Case {
 public:
-    /// `workers`, which have the scene, must outlive the case. With `second_hand` the case may reuse the
-    /// process of an earlier case; the time of construction then means nothing.
+    /// `workers`, which have the scene, must outlive the case.
     Case(BackendSpec spec, Workers& workers, CaseProgram program, JournalScope scope,
-         std::chrono::duration<double> timeout, bool second_hand = false);
+         std::chrono::duration<double> timeout);
 
     const BackendSpec& spec() const { return spec_; }
     /// The finished measurements of the case.
@@ -56,8 +55,7 @@ public:
     /// Measures the device's limits on a separate backend, unless `scope` has them. Throws as ask() does.
     DeviceLimits measure_limits(JournalScope scope);
 
-    /// Gives up the process, if any: it ends or, with `second_hand`, is kept for the next case of the same
-    /// API. Does not wait for that. The case must not be asked again.
+    /// Ends the process, if any, and does not wait for that. The case must not be asked again.
     void dismiss();
 
     /// The current process, if there is one.
@@ -68,9 +66,6 @@ public:
 private:
     void start();
     void make_process();
-    std::unique_ptr<Worker> new_process();
-    /// The result of `answer`. If that fails in a process that was used before, a new process is asked.
-    nlohmann::json introduction_of(const std::function<nlohmann::json()>& answer);
     void take_introduction(const nlohmann::json& introduction);
 
     BackendSpec spec_;
@@ -78,7 +73,6 @@ private:
     CaseProgram program_;
     JournalScope scope_;
     std::chrono::duration<double> timeout_;
-    bool second_hand_;
     std::unique_ptr<Worker> process_;
     bool introducing_ = false;      ///< begin_introduction() was called
     std::exception_ptr too_early_;  ///< the error of begin_introduction()
@@ -94,6 +88,6 @@ nlohmann::json introduce(const BackendSpec& spec, Workers& workers, std::chrono:
 
 /// The description that a case's process is started with, and the Answerer that it makes from this.
 nlohmann::json case_description(const BackendSpec& spec, const CaseProgram& program);
-std::unique_ptr<Answerer> case_answerer(const nlohmann::json& description, const Scene* scene);
+Answerer case_answerer(const nlohmann::json& description, const Scene* scene);
 
 }  // namespace voxspring

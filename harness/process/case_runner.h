@@ -50,11 +50,4 @@ struct CaseProgram {
     DeviceNumber device = {};
 };
 
-/// The program as JSON, for the case's process.
-nlohmann::json to_json(const CaseProgram& program);
-/// Called in the case's process: makes the runner of `program`, which to_json() wrote, with `shared` in this
-/// process. Throws std::logic_error for a name that is not registered.
-std::unique_ptr<CaseRunner> make_case_runner(const nlohmann::json& program, const BackendSpec& spec,
-                                             const Scene& scene, SharedState* shared);
-
 }  // namespace voxspring

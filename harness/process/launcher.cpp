@@ -42,58 +42,34 @@ Deadline after(Seconds patience) {
     throw std::system_error(error, std::generic_category(), "cannot start another process");
 }
 
+[[noreturn]] void refuse_program(const std::filesystem::path& program, const std::string& accepted) {
+    throw BadInput("run_study()", "worker", program.string(), accepted);
+}
+
 // --- The study's side -----------------------------------------------------------------------------------
 
-/// The arguments of posix_spawn(), released at the end.
-class SpawnPlan {
-public:
-    /// In the new process `socket` becomes launcher_socket. Of the other open files it inherits only 0, 1 and
-    /// 2.
-    explicit SpawnPlan(int socket) {
-        posix_spawn_file_actions_init(&actions_);
-        posix_spawn_file_actions_adddup2(&actions_, socket, launcher_socket);
-        posix_spawn_file_actions_addclosefrom_np(&actions_, launcher_socket + 1);
-        posix_spawnattr_init(&attributes_);
-        // The signals are blocked until the launcher ignores them, so that Ctrl-C never ends it.
-        sigset_t blocked, usual;
-        sigemptyset(&blocked);
-        sigaddset(&blocked, SIGINT);
-        sigaddset(&blocked, SIGTERM);
-        posix_spawnattr_setsigmask(&attributes_, &blocked);
-        // SIGCHLD gets its default action, since the launcher waits for its workers. If this program ignores
-        // SIGCHLD, the launcher would inherit that, and could not wait.
-        sigemptyset(&usual);
-        sigaddset(&usual, SIGCHLD);
-        posix_spawnattr_setsigdefault(&attributes_, &usual);
-        posix_spawnattr_setflags(&attributes_, POSIX_SPAWN_SETSIGMASK | POSIX_SPAWN_SETSIGDEF);
-    }
-    SpawnPlan(const SpawnPlan&) = delete;
-    SpawnPlan& operator=(const SpawnPlan&) = delete;
-    ~SpawnPlan() {
-        posix_spawnattr_destroy(&attributes_);
-        posix_spawn_file_actions_destroy(&actions_);
-    }
-
-    const posix_spawn_file_actions_t* actions() const { return &actions_; }
-    const posix_spawnattr_t* attributes() const { return &attributes_; }
-
-private:
-    posix_spawn_file_actions_t actions_{};
-    posix_spawnattr_t attributes_{};
-};
-
+/// Passes `socket` on to the new process, where it becomes launcher_socket. Other open files than 0, 1 and 2
+/// stay behind.
 pid_t spawn(const std::filesystem::path& program, int socket) {
     std::string name = program_invocation_name, word = worker_word, mark = worker_mark;
     std::array arguments = {name.data(), word.data(), mark.data(), static_cast<char*>(nullptr)};
-    const SpawnPlan plan(socket);
-    pid_t process = -1;
+    posix_spawn_file_actions_t actions;
+    posix_spawn_file_actions_init(&actions);
+    posix_spawn_file_actions_adddup2(&actions, socket, launcher_socket);
+    posix_spawn_file_actions_addclosefrom_np(&actions, launcher_socket + 1);
+    // Signals are blocked until the launcher ignores them, so that Ctrl-C never ends it.
+    sigset_t all, before;
+    sigfillset(&all);
+    pthread_sigmask(SIG_SETMASK, &all, &before);
     // /proc/self/exe is the file that runs, even if another file has taken its name since.
     const std::string file = program.empty() ? "/proc/self/exe" : program.string();
-    const int error =
-        posix_spawn(&process, file.c_str(), plan.actions(), plan.attributes(), arguments.data(), environ);
+    pid_t process = -1;
+    const int error = posix_spawn(&process, file.c_str(), &actions, nullptr, arguments.data(), environ);
+    pthread_sigmask(SIG_SETMASK, &before, nullptr);
+    posix_spawn_file_actions_destroy(&actions);
+    close(socket);
     if (error != 0 && !program.empty())
-        throw BadInput("run_study()", "worker", program.string(),
-                       std::string("a program that can be started: ") + std::strerror(error));
+        refuse_program(program, std::string("a program that can be started: ") + std::strerror(error));
     if (error != 0) refuse_to_start(error);
     return process;
 }
@@ -132,11 +108,9 @@ Launcher::Launcher(const std::filesystem::path& program, const Scene* scene, Sec
     try {
         process_ = spawn(program, ends[1]);
     } catch (...) {
-        close(ends[0]);
-        close(ends[1]);
+        close(socket_);
         throw;
     }
-    close(ends[1]);
     try {
         check_build(program);
         send_scene(socket_, scene, process_);
@@ -158,11 +132,10 @@ void Launcher::check_build(const std::filesystem::path& program) {
         theirs = receive_message(socket_, after(own_patience_));
     } catch (const std::exception&) {
         if (program.empty()) throw;
-        throw BadInput("run_study()", "worker", program.string(),
-                       "a program that calls voxspring::worker_main() first in its main()");
+        refuse_program(program, "a program that calls voxspring::worker_main() first in its main()");
     }
     if (theirs != build_of_workers())
-        throw BadInput("run_study()", "worker", program.string() + ", built from " + json_text(theirs),
+        refuse_program(program.string() + ", built from " + json_text(theirs),
                        "a program of the same build as this one, " + json_text(build_of_workers()));
 }
 
@@ -213,7 +186,7 @@ std::string Launcher::end(pid_t process, Seconds patience) {
             call({{"do", "end"}, {"process", process}, {"patience", patience.count()}}, patience)
                 .at("status"));
     } catch (const Closed&) {
-        return "went with the process that had started it, which " + lost_ + ",";
+        return "was terminated because the launcher ended, which " + lost_ + ",";
     }
 }
 
@@ -225,48 +198,15 @@ Workers::Workers(std::filesystem::path program, const Scene* scene)
             "voxspring::worker_main(argc, argv) first in main(), or name a program in StudyOptions::worker");
 }
 
-Workers::~Workers() { end_kept(); }
-
 void Workers::turn_to(const Scene* scene) {
     launcher_.reset();  // with its copy of the previous scene
     scene_ = scene;
-    ++scene_number_;
 }
 
 std::shared_ptr<Launcher> Workers::launcher() {
     if (launcher_ == nullptr || launcher_->is_lost())
         launcher_ = std::make_shared<Launcher>(program_, scene_);
     return launcher_;
-}
-
-std::unique_ptr<Worker> Workers::take(const std::string& kind, const nlohmann::json& description,
-                                      Seconds timeout) {
-    for (;;) {
-        const auto found = kept_.find(kind);
-        if (found == kept_.end()) return std::make_unique<Worker>(*this, description, timeout);
-        std::unique_ptr<Worker> worker = std::move(found->second);
-        kept_.erase(found);
-        try {
-            worker->become(description);
-            return worker;
-        } catch (const std::exception&) {
-            // The worker has ended or could not release its resources: it is not kept.
-        }
-    }
-}
-
-void Workers::keep_or_dismiss(const std::string& kind, std::unique_ptr<Worker>& worker) {
-    if ((scene_ != nullptr && is_heavy(*scene_)) || !worker->can_be_used_again()) {
-        worker->dismiss();
-        return;
-    }
-    worker->begin_leaving();
-    kept_.emplace(kind, std::move(worker));
-}
-
-void Workers::end_kept() {
-    for (const auto& [kind, worker] : kept_) worker->dismiss();
-    kept_.clear();
 }
 
 // --- In the launcher's process ---------------------------------------------------------------------------
@@ -321,6 +261,8 @@ void serve_as_launcher(int socket, const MakeAnswerer& make) {
     // can let them finish their current work.
     std::signal(SIGINT, SIG_IGN);
     std::signal(SIGTERM, SIG_IGN);
+    // It waits for its workers, which it could not if the study's program ignores this signal.
+    std::signal(SIGCHLD, SIG_DFL);
     // A driver's cache may exceed a limit on the size of files.
     std::signal(SIGXFSZ, SIG_IGN);
     sigset_t none;

@@ -11,7 +11,6 @@
 #include <chrono>
 #include <filesystem>
 #include <functional>
-#include <map>
 #include <memory>
 #include <nlohmann/json_fwd.hpp>
 #include <string>
@@ -60,10 +59,8 @@ private:
     std::string lost_;  ///< how the launcher ended, if it has
 };
 
-/// Workers for one scene after the other. There is one launcher per scene, started with the first worker; if
-/// it is lost, the next worker gets a new launcher. A worker that has finished can be kept for the next work
-/// of its kind: a driver takes a fifth of a second to open a GPU and as long to close it, for one process at
-/// a time.
+/// What the workers of one scene after the other have in common. There is one launcher per scene, started
+/// with the first worker; if it is lost, the next worker gets a new launcher.
 class Workers {
 public:
     /// `program` is empty for this executable (worker_main.h). `scene` is null if the workers need none; it
@@ -72,7 +69,6 @@ public:
     explicit Workers(std::filesystem::path program = {}, const Scene* scene = nullptr);
     Workers(const Workers&) = delete;
     Workers& operator=(const Workers&) = delete;
-    ~Workers();
 
     /// Turns to another scene, which must live until the next call or the end of this object.
     void turn_to(const Scene* scene);
@@ -80,40 +76,28 @@ public:
     /// The launcher of the scene, started if necessary. Throws as Launcher's constructor does.
     std::shared_ptr<Launcher> launcher();
 
-    /// A worker for `description`: one that was kept for `kind`, if there is one, otherwise a new one. Throws
-    /// as Worker's constructor does.
-    std::unique_ptr<Worker> take(const std::string& kind, const nlohmann::json& description,
-                                 std::chrono::duration<double> timeout);
-    /// Makes `worker` release its resources, and keeps it for the next work of `kind`. A worker that cannot
-    /// be used again is dismissed and stays in `worker`. So does one with a large scene, since it would hold
-    /// on to memory.
-    void keep_or_dismiss(const std::string& kind, std::unique_ptr<Worker>& worker);
-    /// Ends the workers that are kept. They would count as other processes on the device during a timing.
-    void end_kept();
-
 private:
     friend class Worker;
 
     std::filesystem::path program_;
     const Scene* scene_;
-    int scene_number_ = 0;
     std::shared_ptr<Launcher> launcher_;
     Worker* last_asked_ = nullptr;
-    std::multimap<std::string, std::unique_ptr<Worker>> kept_;  ///< by kind
 };
 
+/// Called in a worker to report something to the study before the answer.
+using OnEvent = std::function<void(const nlohmann::json& event)>;
 /// Answers questions in the worker's process.
-class Answerer;
+using Answerer = std::function<nlohmann::json(const nlohmann::json& question, const OnEvent& on_event)>;
 /// Makes the Answerer in a worker that was started with `description`. `scene` is the launcher's scene; null
 /// if it has none.
-using MakeAnswerer =
-    std::function<std::unique_ptr<Answerer>(const nlohmann::json& description, const Scene* scene)>;
+using MakeAnswerer = std::function<Answerer(const nlohmann::json& description, const Scene* scene)>;
 
 /// Runs a launcher on `socket` until the study ends.
 [[noreturn]] void serve_as_launcher(int socket, const MakeAnswerer& make);
 
-/// Runs a worker on `socket`; its parent is `launcher`. It begins with `description` on `scene`.
-[[noreturn]] void serve_as_worker(int socket, pid_t launcher, nlohmann::json description, const Scene* scene,
-                                  const MakeAnswerer& make);
+/// Runs a worker on `socket`; its parent is `launcher`.
+[[noreturn]] void serve_as_worker(int socket, pid_t launcher, const nlohmann::json& description,
+                                  const Scene* scene, const MakeAnswerer& make);
 
 }  // namespace voxspring

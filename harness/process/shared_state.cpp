@@ -1,15 +1,25 @@
 #include "harness/process/shared_state.h"
 
+#include <sys/shm.h>
+
 #include <algorithm>
+#include <bit>
+#include <cerrno>
 #include <cstddef>
+#include <cstdint>
+#include <memory>
 #include <nlohmann/json.hpp>
 #include <span>
 #include <stdexcept>
 #include <string>
+#include <system_error>
 
 namespace voxspring {
-
 namespace {
+
+[[noreturn]] void refuse_to_share(int error) {
+    throw std::system_error(error, std::generic_category(), "cannot share memory with another process");
+}
 
 /// Copies on all cores, since one core takes most of a second for the state of 16 million particles. For few
 /// particles one core is done before the others have woken.
@@ -20,6 +30,23 @@ void copy(std::span<const glm::dvec3> from, glm::dvec3* to) {
 }
 
 }  // namespace
+
+// A System V segment, since a file in memory would be subject to the limit on the size of files.
+SharedMemory SharedMemory::of_bytes(std::size_t bytes) {
+    const int segment =
+        shmget(IPC_PRIVATE, std::max<std::size_t>(1, bytes), IPC_CREAT | SHM_NORESERVE | 0600);
+    if (segment < 0) refuse_to_share(errno);
+    // Marks the segment for removal once the last process detaches. Until then Linux lets further processes
+    // attach.
+    const std::shared_ptr<void> removal(nullptr, [=](void*) { shmctl(segment, IPC_RMID, nullptr); });
+    return SharedMemory(segment);
+}
+
+SharedMemory::SharedMemory(int segment) : segment_(segment), data_(shmat(segment, nullptr, 0)) {
+    if (std::bit_cast<std::intptr_t>(data_) == -1) refuse_to_share(errno);
+}
+
+SharedMemory::~SharedMemory() { shmdt(data_); }
 
 SharedState::SharedState(std::size_t particles)
     : particles_(particles),
@@ -36,9 +63,9 @@ nlohmann::json SharedState::description() const {
 }
 
 nlohmann::json SharedState::put(const State& state) {
-    if (std::max(state.displacement.size(), state.increment.size()) > particles_)
-        throw std::runtime_error("gave a state of " +
-                                 std::to_string(std::max(state.displacement.size(), state.increment.size())) +
+    const std::size_t particles = std::max(state.displacement.size(), state.increment.size());
+    if (particles > particles_)
+        throw std::runtime_error("gave a state of " + std::to_string(particles) +
                                  " particles of a problem of " + std::to_string(particles_));
     copy(state.displacement, vectors_.data());
     copy(state.increment, vectors_.data() + particles_);

@@ -1,4 +1,4 @@
-// A state that processes pass to each other through shared memory.
+// Memory shared by several processes of this host, and a state that they pass to each other through it.
 #pragma once
 
 #include <cstddef>
@@ -6,9 +6,28 @@
 #include <span>
 
 #include "backends/physics/problem.h"
-#include "harness/process/shared_memory.h"
 
 namespace voxspring {
+
+/// A page-aligned segment, zero at first, shared by this process and all that attach to its number. It is
+/// freed with the last process that has it, however that ends.
+class SharedMemory {
+public:
+    /// A new segment. Memory is allocated only as it is written. Throws std::system_error.
+    static SharedMemory of_bytes(std::size_t bytes);
+    /// Attaches to a segment, which another process must still have. Throws std::system_error.
+    explicit SharedMemory(int segment);
+    SharedMemory(const SharedMemory&) = delete;
+    SharedMemory& operator=(const SharedMemory&) = delete;
+    ~SharedMemory();
+
+    int segment() const { return segment_; }
+    void* data() const { return data_; }
+
+private:
+    int segment_;  ///< of System V's shared memory
+    void* data_;
+};
 
 /// Room for the state of one problem, shared by this process and all that have its description. It holds one
 /// state at a time: a state must be taken out before the next is put in.

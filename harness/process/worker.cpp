@@ -12,26 +12,18 @@
 #include <fstream>
 #include <new>
 #include <nlohmann/json.hpp>
-#include <optional>
 #include <sstream>
 #include <thread>
 #include <utility>
 
 #include "backends/backend.h"
 #include "harness/process/message.h"
-#include "harness/process/scene_stream.h"
 
 namespace voxspring {
 namespace {
 
 using Seconds = std::chrono::duration<double>;
 using Clock = std::chrono::steady_clock;
-
-double cpu_seconds_of_process() {
-    timespec time{};
-    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &time);
-    return double(time.tv_sec) + 1e-9 * double(time.tv_nsec);
-}
 
 /// If memory runs out, the system ends this process rather than the study, which has all finished
 /// measurements.
@@ -40,12 +32,11 @@ void be_ended_first() { std::ofstream("/proc/self/oom_score_adj") << 1000; }  //
 /// Returns once the threads of this process are idle. OpenMP's threads spin for some milliseconds after their
 /// work. The wait is bounded, since some driver's threads never rest.
 void come_to_rest() {
-    constexpr double interval = 1e-3, idle = 5e-5;  // seconds, and CPU seconds within them
-    constexpr int max_checks = 50;
-    double before = cpu_seconds_of_process();
-    for (int i = 0; i < max_checks; ++i) {
-        std::this_thread::sleep_for(Seconds(interval));
-        const double now = cpu_seconds_of_process();
+    constexpr std::clock_t idle = CLOCKS_PER_SEC / 20'000;  // 50 us of processor time per millisecond
+    std::clock_t before = std::clock();
+    for (int checks = 0; checks < 50; ++checks) {
+        std::this_thread::sleep_for(std::chrono::milliseconds(1));
+        const std::clock_t now = std::clock();
         if (now - before < idle) break;
         before = now;
     }
@@ -58,7 +49,7 @@ void come_to_rest() {
 /// How long to wait for a driver to release a device.
 constexpr Seconds driver_patience(10);
 
-const nlohmann::json rest_question = {{"do", "rest"}}, leave_question = {{"do", "leave"}};
+const nlohmann::json rest_question = {{"do", "rest"}};
 
 nlohmann::json answer_of(const std::function<nlohmann::json()>& action) {
     const auto refusal = [](const char* kind, const std::string& message) {
@@ -79,19 +70,12 @@ nlohmann::json answer_of(const std::function<nlohmann::json()>& action) {
 
 }  // namespace
 
-void serve_as_worker(int socket, pid_t launcher, nlohmann::json description, const Scene* scene,
+void serve_as_worker(int socket, pid_t launcher, const nlohmann::json& description, const Scene* scene,
                      const MakeAnswerer& make) {
     prctl(PR_SET_PDEATHSIG, SIGKILL);
     if (getppid() != launcher) _exit(1);  // it died before the call above
     be_ended_first();
-    std::optional<Scene> later_scene;
-    std::unique_ptr<Answerer> answerer;
-    const auto become = [&](const nlohmann::json& question) {
-        description = question.at("become");
-        if (!question.at("sends_scene").get<bool>()) return;
-        later_scene = receive_scene(socket);
-        scene = later_scene ? &*later_scene : nullptr;
-    };
+    Answerer answerer;
     const OnEvent on_event = [&](const nlohmann::json& event) { send_message(socket, {{"event", event}}); };
     // The worker ends by _exit(): exit handlers that the launcher or the program around it registered must
     // not run here.
@@ -103,16 +87,8 @@ void serve_as_worker(int socket, pid_t launcher, nlohmann::json description, con
                                  come_to_rest();
                                  return nullptr;
                              }
-                             if (question == leave_question) {
-                                 answerer.reset();
-                                 return nullptr;
-                             }
-                             if (question.contains("become")) {
-                                 become(question);
-                                 return nullptr;
-                             }
                              if (answerer == nullptr) answerer = make(description, scene);
-                             return answerer->answer(question, on_event);
+                             return answerer(question, on_event);
                          }));
         }
     } catch (const Closed&) {
@@ -125,8 +101,7 @@ void serve_as_worker(int socket, pid_t launcher, nlohmann::json description, con
 Worker::Worker(Workers& workers, const nlohmann::json& description, Seconds timeout)
     : workers_(workers),
       // The limit keeps the deadline within a clock that counts nanoseconds in 64 bits.
-      timeout_(std::min(timeout, Seconds(1e8))),
-      scene_number_(workers.scene_number_) {
+      timeout_(std::min(timeout, Seconds(1e8))) {
     if (!(timeout.count() > 0)) throw std::invalid_argument("a worker's time-out has to be positive");
     launcher_ = workers_.launcher();
     const Launcher::Child child = launcher_->start(description);
@@ -146,21 +121,6 @@ void Worker::dismiss() {
     // shutdown() instead of close(): if this program was forked meanwhile, the child has a copy of the
     // socket, and close() alone would not tell the worker.
     if (process_ >= 0) shutdown(socket_, SHUT_RDWR);
-}
-
-void Worker::begin_leaving() {
-    begin(leave_question);
-    has_left_ = true;
-}
-
-void Worker::become(const nlohmann::json& description) {
-    (void)receive("giving back what it had", std::min(driver_patience, timeout_));
-    asked_ = false;
-    const bool sends_scene = scene_number_ != workers_.scene_number_;
-    begin({{"become", description}, {"sends_scene", sends_scene}});
-    if (sends_scene) send_scene(socket_, workers_.scene_, process_);
-    scene_number_ = workers_.scene_number_;
-    finish("turning to its next work");
 }
 
 void Worker::lose(const std::string& how, const std::string& doing) {
@@ -226,7 +186,6 @@ nlohmann::json Worker::finish(const std::string& doing, const OnEvent& on_event)
         }
         asked_ = false;
         if (message.contains("answer")) return message.at("answer");
-        failed_ = true;
         const std::string text = message.at("message");
         if (message.at("threw") == "unavailable") throw Unavailable(text);
         throw DeviceError(text);

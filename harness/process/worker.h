@@ -21,19 +21,6 @@ class WorkerLost : public std::runtime_error {
     using std::runtime_error::runtime_error;
 };
 
-/// Called in a worker to report something to the study before the answer.
-using OnEvent = std::function<void(const nlohmann::json& event)>;
-
-/// Answers questions in the worker's process.
-class Answerer {
-public:
-    Answerer() = default;
-    Answerer(const Answerer&) = delete;
-    Answerer& operator=(const Answerer&) = delete;
-    virtual ~Answerer() = default;
-    virtual nlohmann::json answer(const nlohmann::json& question, const OnEvent& on_event) = 0;
-};
-
 /// A process that a launcher has forked. It ends with this object or with this process, however that ends.
 /// Numbers arrive with the same bits, NaN and infinity included.
 ///
@@ -49,18 +36,6 @@ public:
     Worker(const Worker&) = delete;
     Worker& operator=(const Worker&) = delete;
     ~Worker();
-
-    /// Whether the worker has answered every question without a failure, so that it can be used for another
-    /// description.
-    bool can_be_used_again() const { return process_ >= 0 && !asked_ && !failed_; }
-    /// Makes the worker destroy its Answerer, and does not wait for that. The only call allowed next is
-    /// become().
-    void begin_leaving();
-    /// Makes the worker answer for another description, on the current scene of its Workers. Throws as ask()
-    /// does.
-    void become(const nlohmann::json& description);
-    /// Whether the worker has answered for another description before.
-    bool has_left() const { return has_left_; }
 
     /// Makes the process end, and does not wait for that: a driver takes a while to release a device, and
     /// several workers can do so at once. The worker must not be asked again.
@@ -92,11 +67,8 @@ private:
     int socket_ = -1;
     pid_t process_ = -1;
     std::chrono::duration<double> timeout_;
-    int scene_number_;       ///< number of the scene among those of its Workers
-    bool asked_ = false;     ///< a question, and not answered yet
-    bool failed_ = false;    ///< an answer was a refusal
-    bool has_left_ = false;  ///< an earlier Answerer was destroyed
-    std::string lost_;       ///< how the process ended, if it has
+    bool asked_ = false;  ///< a question, and not answered yet
+    std::string lost_;    ///< how the process ended, if it has
 };
 
 }  // namespace voxspring

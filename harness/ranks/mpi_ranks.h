@@ -17,7 +17,6 @@
 #include <vector>
 
 #include "harness/process/case_runner.h"
-#include "harness/process/shared_memory.h"
 #include "harness/process/shared_state.h"
 #include "harness/process/worker.h"
 #include "harness/ranks/exchange.h"

@@ -124,16 +124,13 @@ std::vector<std::span<const BackendSpec>> StudyBench::groups() const {
     return groups;
 }
 
-Case StudyBench::case_of(const BackendSpec& spec, const CaseProgram& program, bool second_hand) {
-    // A used process saves time only with a driver. Without one, the earlier case's threads would only be in
-    // the way.
+Case StudyBench::case_of(const BackendSpec& spec, const CaseProgram& program) {
     return Case(spec, workers_, program,
-                JournalScope(journal_, std::to_string(number_) + " " + spec.label() + " "), options_.timeout,
-                second_hand && has_driver(spec));
+                JournalScope(journal_, std::to_string(number_) + " " + spec.label() + " "), options_.timeout);
 }
 
 std::optional<Case> StudyBench::enter(const BackendSpec& spec, const CaseProgram& program, Entering how) {
-    return entered(case_of(spec, program, how.at_once), how.limits);
+    return entered(case_of(spec, program), how.limits);
 }
 
 std::optional<Case> StudyBench::entered(Case one, bool limits) {
@@ -191,18 +188,15 @@ std::vector<Case> StudyBench::enter_all(std::span<const BackendSpec> specs, cons
     with_its_share.threads = std::max(1, omp_get_num_procs() / int(uploads_side_by_side()));
     std::vector<Case> made, cases;
     for (const BackendSpec& spec : specs)
-        made.push_back(
-            case_of(spec, how.at_once && has_driver(spec) ? with_its_share : program, how.at_once));
+        made.push_back(case_of(spec, how.at_once && has_driver(spec) ? with_its_share : program));
     if (how.at_once) {
         show("constructing " + counted(made.size(), "backend"), 0, 1);
         introduce_at_once(made);
-        workers_.end_kept();
     }
     for (Case& one : made) {
         show(one.spec().label(), 0, 1);
         if (auto can = entered(std::move(one), how.limits)) cases.push_back(*std::move(can));
     }
-    workers_.end_kept();  // processes of cases that were refused
     return cases;
 }
 

@@ -40,8 +40,8 @@ void at_once(std::size_t count, std::size_t most, Begin begin, Finish finish) {
 /// How a case is made ready.
 struct Entering {
     bool limits = false;  ///< also measure the limits of its device, once per device
-    /// Construct several cases at once, side_by_side() of them, and reuse processes of earlier cases. For
-    /// studies that do not report the time of construction.
+    /// Construct several cases at once, side_by_side() of them. For studies that do not report the time of
+    /// construction.
     bool at_once = false;
 };
 
@@ -111,7 +111,7 @@ public:
     void describe_devices();
 
 private:
-    Case case_of(const BackendSpec& spec, const CaseProgram& program, bool second_hand);
+    Case case_of(const BackendSpec& spec, const CaseProgram& program);
     /// The case; empty if it cannot run the scene.
     std::optional<Case> entered(Case one, bool limits);
     void introduce_at_once(std::vector<Case>& cases) const;
