@@ -17,8 +17,10 @@ install(FILES README.md LICENSE DESTINATION ${CMAKE_INSTALL_DOCDIR} COMPONENT ru
 install(DIRECTORY harness/scenes harness/studies DESTINATION ${data_folder}/harness COMPONENT runtime)
 install(FILES ${schemas} ${result_scripts} results/requirements.txt DESTINATION ${data_folder}/results COMPONENT runtime)
 install(DIRECTORY results/page DESTINATION ${data_folder}/results COMPONENT runtime PATTERN __pycache__ EXCLUDE)
-install(FILES cmake/completions/voxspring DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions COMPONENT runtime)
-install(FILES cmake/completions/_voxspring DESTINATION ${CMAKE_INSTALL_DATADIR}/zsh/site-functions COMPONENT runtime)
+install(FILES harness/cli/completion.bash RENAME voxspring
+    DESTINATION ${CMAKE_INSTALL_DATADIR}/bash-completion/completions COMPONENT runtime)
+install(FILES harness/cli/completion.zsh RENAME _voxspring
+    DESTINATION ${CMAKE_INSTALL_DATADIR}/zsh/site-functions COMPONENT runtime)
 
 # --- The library, as voxspring::harness ---------------------------------------------------------------
 # Headers include each other by the same paths as in the source tree.

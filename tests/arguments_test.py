@@ -10,11 +10,10 @@ import re
 import resource
 import shutil
 import subprocess
-import sys
 import threading
 import unittest
 
-from program import VOXSPRING, InTemporaryFolder, voxspring
+from program import VOXSPRING, InTemporaryFolder, json_of, succeeds, voxspring
 
 RUN = ("run", "box@4", "--backend", "cpu_reference")
 
@@ -86,13 +85,11 @@ class Words(InTemporaryFolder):
 
     def test_takes_every_value_of_a_tuning_parameter(self):
         out = self.folder / "result.json"
-        ran = voxspring("study", "smoke", "--scene", "box@4", "--backend", "cpu_parallel:rest=*", "--repetitions", 1, "--out", out)
-        self.assertEqual(ran.returncode, 0, ran.stderr)
+        succeeds("study", "smoke", "--scene", "box@4", "--backend", "cpu_parallel:rest=*", "--repetitions", 1, "--out", out)
 
     def test_time_in_the_place_of_steps(self):
-        time_step = json.loads(voxspring("info", "box@4", "--json").stdout)["time_step"]
-        exact = voxspring(*RUN, "--time", 10 * time_step)
-        self.assertEqual(exact.returncode, 0, exact.stderr)
+        time_step = json_of("info", "box@4", "--json")["time_step"]
+        exact = succeeds(*RUN, "--time", 10 * time_step)
         self.assertRegex(exact.stdout, r"^box@4: 10 steps of ")
         near = voxspring(*RUN, "--time", 10.3 * time_step)
         said, ran = near.stdout.splitlines()
@@ -113,8 +110,7 @@ class Volume(InTemporaryFolder):
         self.file.write_bytes(b"NRRD0004\ntype: uint8\ndimension: 3\nsizes: 6 5 4\nencoding: raw\nspacings: 2 2 3\n\n" + data)
 
     def info(self, *options):
-        said = voxspring("info", self.file, "--json", *options)
-        self.assertEqual(said.returncode, 0, said.stderr)
+        said = succeeds("info", self.file, "--json", *options)
         return json.loads(said.stdout)
 
     def test_labels_threshold_spacing_and_gravity(self):
@@ -146,8 +142,7 @@ class Volume(InTemporaryFolder):
         self.assertNotIn(note, said.stderr)
         study = ("study", "smoke", "--scene", self.file, "--backend", "cpu_parallel", "--repetitions", 1)
         for command in (("run", self.file, "--backend", "cpu_reference", "--steps", 2), study):
-            ran = voxspring(*command)
-            self.assertEqual(ran.returncode, 0, ran.stderr)
+            ran = succeeds(*command)
             self.assertEqual(ran.stderr.count(f"voxspring: body.nrrd: {note}\n"), 1, ran.stderr)
 
     def test_segments_by_name(self):
@@ -172,14 +167,12 @@ class Volume(InTemporaryFolder):
         run = ("--backend", "cpu_reference", "--steps", 20, "--out")
         for scene, out, options in ((self.file, "a.csv", ("--labels", "2", "--spacing", "1,2,4", "--gravity=0,0.5,-1e-3")),
                                     (self.folder / "scene.json", "b.csv", ())):
-            ran = voxspring("run", scene, *run, self.folder / out, *options)
-            self.assertEqual(ran.returncode, 0, ran.stderr)
+            succeeds("run", scene, *run, self.folder / out, *options)
         self.assertEqual((self.folder / "a.csv").read_text(), (self.folder / "b.csv").read_text())
 
     def test_a_study_takes_them_too(self):
         out = self.folder / "result.json"
-        ran = voxspring("study", "smoke", "--scene", self.file, "--labels", 7, "--backend", "cpu_*", "--repetitions", 1, "--out", out)
-        self.assertEqual(ran.returncode, 0, ran.stderr)
+        succeeds("study", "smoke", "--scene", self.file, "--labels", 7, "--backend", "cpu_*", "--repetitions", 1, "--out", out)
         self.assertEqual({row["particles"] for row in json.loads(out.read_text())["verification"]}, {30})
 
     def test_refuses_what_makes_no_volume(self):
@@ -261,8 +254,7 @@ class Output(InTemporaryFolder):
 
     def test_progress_in_a_pipe(self):
         environment = os.environ | {"VOXSPRING_PROGRESS_SECONDS": "0.02"}
-        ran = voxspring("run", "box@20", "--backend", "cpu_reference", "--steps", 400, env=environment)
-        self.assertEqual(ran.returncode, 0, ran.stderr)
+        ran = succeeds("run", "box@20", "--backend", "cpu_reference", "--steps", 400, env=environment)
         self.assertRegex(ran.stderr, r"(?m)^voxspring: box@20 on cpu_reference/\S+: step \d+ of 400, \d+ s, \d+ s left$")
         told = voxspring("info", "box@24", env=environment)
         self.assertRegex(told.stderr, r"(?m)^voxspring: computing the limit of the time step by Lanczos' iteration, \d+ s")
@@ -272,43 +264,25 @@ class Output(InTemporaryFolder):
 
 
 class Shells(InTemporaryFolder):
-    def complete(self, *words):
-        script = f"""source <({VOXSPRING} completion bash)
-            COMP_WORDS=({" ".join(f"'{word}'" for word in words)}) COMP_CWORD={len(words) - 1}
-            _voxspring; printf '%s\\n' "${{COMPREPLY[@]}}" """
-        done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, timeout=60, cwd=self.folder)
-        self.assertEqual((done.returncode, done.stderr), (0, ""))
-        return done.stdout.split()
-
     def test_bash_completes_commands_options_and_names(self):
         (self.folder / "my_heart.json").touch()
-        self.assertEqual(self.complete("voxspring", "st"), ["study"])
-        self.assertEqual(self.complete("voxspring", "run", "--st"), ["--steps"])
-        self.assertEqual(self.complete("voxspring", "run", "hea"), ["heart"])
-        self.assertEqual(self.complete("voxspring", "run", "my"), ["my_heart.json"])
-        self.assertEqual(self.complete("voxspring", "run", "box", "--backend", "cpu_r"), ["cpu_reference"])
-        self.assertEqual(self.complete("voxspring", "study", "smo"), ["smoke"])
-        self.assertEqual(self.complete("voxspring", "run", "box", "--colour", "e"), ["error"])
-        self.assertEqual(self.complete("voxspring", "study", "smoke", "--out", "my"), ["my_heart.json"])
-        if shutil.which("shellcheck"):
-            (self.folder / "voxspring.bash").write_text("#!/bin/bash\n" + voxspring("completion", "bash").stdout)
-            # SC2207: bash 4 has mapfile, but each word here is without blanks.
-            checked = subprocess.run(["shellcheck", "-e", "SC2207", self.folder / "voxspring.bash"], capture_output=True, text=True)
-            self.assertEqual(checked.returncode, 0, checked.stdout)
+        for words, expected in ((["st"], "study"), (["run", "--st"], "--steps"), (["run", "hea"], "heart"), (["run", "my"], "my_heart.json"),
+                                (["run", "box", "--backend", "cpu_r"], "cpu_reference"), (["study", "smo"], "smoke"),
+                                (["run", "box", "--colour", "e"], "error"), (["study", "smoke", "--out", "my"], "my_heart.json"),
+                                (["diff", "my"], "my_heart.json"), (["nosuch", "my"], "my_heart.json"), (["completion", "b"], "bash")):
+            script = f"""source <({VOXSPRING} completion bash)
+                COMP_WORDS=({" ".join(f"'{word}'" for word in (VOXSPRING, *words))}) COMP_CWORD={len(words)}
+                _voxspring; printf '%s\\n' "${{COMPREPLY[@]}}" """
+            done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, timeout=60, cwd=self.folder)
+            self.assertEqual((done.returncode, done.stderr, done.stdout), (0, "", f"{expected}\n"), words)
 
-    def test_zsh_takes_its_script(self):
-        said = voxspring("completion", "zsh")
-        self.assertEqual(said.returncode, 0, said.stderr)
-        self.assertTrue(said.stdout.startswith("#compdef voxspring\n"))
-        for word in ("cpu_reference", "heart", "smoke", "--resume", "advise"):
-            self.assertIn(word, said.stdout)
-        if shutil.which("zsh"):
-            script = self.folder / "_voxspring"
-            script.write_text(said.stdout)
-            read = subprocess.run(["zsh", "-n", script], capture_output=True, text=True)
-            self.assertEqual((read.returncode, read.stderr), (0, ""))
-
-    def test_refuses_another_shell(self):
+    def test_the_scripts_are_those_of_the_tree(self):
+        for shell, check in (("bash", "shellcheck"), ("zsh", "zsh")):
+            script = f"harness/cli/completion.{shell}"
+            self.assertEqual(voxspring("completion", shell).stdout, pathlib.Path(script).read_text())
+            if shutil.which(check):
+                checked = subprocess.run([check, *(["-n"] if check == "zsh" else ["-s", "bash"]), script], capture_output=True, text=True)
+                self.assertEqual(checked.returncode, 0, checked.stdout + checked.stderr)
         self.assert_refused(voxspring("completion", "fish"), "fish", "bash or zsh")
 
 

@@ -6,22 +6,19 @@ FAULTY names the program with tests/faulty_backends.cpp in it; the current direc
 import collections
 import contextlib
 import ctypes
-import fcntl
 import json
 import os
 import pathlib
-import pty
 import random
 import re
 import resource
 import signal
-import struct
 import subprocess
-import termios
 import time
 import unittest
 
 from faulty import FAULTY, PATIENCE, FaultyStudies, processes
+from terminal import on_terminal
 
 SANITIZED = os.environ["SANITIZED"] == "1"
 
@@ -354,20 +351,9 @@ class Progress(Overnight):
 
     def test_on_a_terminal_is_a_line_that_is_overwritten(self):
         self.study(**self.STUDY)
-        ours, theirs = pty.openpty()
         columns = 100
-        fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
-        ran = subprocess.Popen(self.command(), stdout=subprocess.PIPE, stderr=theirs)
-        os.close(theirs)
-        shown = b""
-        while True:
-            try:
-                shown += os.read(ours, 4096)
-            except OSError:  # how Linux says that the other side is closed
-                break
-        os.close(ours)
-        table = ran.communicate(timeout=PATIENCE)[0].decode()
-        self.assertEqual(ran.returncode, 0)
+        code, table, shown = on_terminal(self.command(), columns)
+        self.assertEqual(code, 0)
         self.assertNotIn("\x1b", table)
         self.assertNotIn(b"\n", shown)
         lines = [line.removeprefix("\x1b[K") for line in shown.decode().split("\r")]

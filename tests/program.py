@@ -1,5 +1,6 @@
 """The voxspring executable, which VOXSPRING names, for the tests that run it. The current directory is the source tree."""
 
+import json
 import os
 import pathlib
 import subprocess
@@ -11,6 +12,16 @@ VOXSPRING = os.environ["VOXSPRING"]
 
 def voxspring(*arguments, **options):
     return subprocess.run([VOXSPRING, *map(str, arguments)], capture_output=True, text=True, timeout=300, **options)
+
+
+def succeeds(*arguments, **options):
+    ran = voxspring(*arguments, **options)
+    assert ran.returncode == 0, f"{ran.returncode}: {ran.stdout}{ran.stderr}"
+    return ran
+
+
+def json_of(*arguments):
+    return json.loads(succeeds(*arguments).stdout)
 
 
 class InTemporaryFolder(unittest.TestCase):

@@ -5,20 +5,17 @@ VOXSPRING names the executable; the current directory is the source tree.
 
 import array
 import csv
-import fcntl
 import json
 import os
-import pty
 import re
 import signal
-import struct
 import subprocess
-import termios
 import time
 import unittest
 import zipfile
 
-from program import VOXSPRING, InTemporaryFolder, voxspring
+from program import VOXSPRING, InTemporaryFolder, succeeds, voxspring
+from terminal import on_terminal
 
 # The program's step batches take a fifth of a second, and then a small state is written, on a machine that also does other work.
 SOON_SECONDS = 20
@@ -64,8 +61,7 @@ class Interrupted(InTemporaryFolder):
             self.assertEqual({path.name for path in self.folder.iterdir()}, {"state.npz", "state.csv"})
         steps = reached + 30
         for arguments in (["--out", whole], ["--out", resumed, "--resume", out]):
-            ran = voxspring("run", "box@12", "--backend", "cpu_reference", "--steps", steps, *arguments)
-            self.assertEqual(ran.returncode, 0, ran.stderr)
+            ran = succeeds("run", "box@12", "--backend", "cpu_reference", "--steps", steps, *arguments)
         self.assertIn(f"box@12: 30 steps, {reached + 1} to {steps}, of 1728 particles", ran.stdout)
         self.assertEqual(state_of(resumed), state_of(whole))
 
@@ -102,24 +98,9 @@ class Interrupted(InTemporaryFolder):
         self.assertEqual(out.read_text(), "old")
 
     def test_a_terminal_has_one_line_that_goes_again(self):
-        terminal, end = pty.openpty()
-        fcntl.ioctl(end, termios.TIOCSWINSZ, struct.pack("4H", 24, 200, 0, 0))
-        program = subprocess.Popen([VOXSPRING, "run", "box@12", "--backend", "cpu_reference", "--steps", str(10**9)],
-                                   stdout=subprocess.PIPE, stderr=end, text=True)
-        self.addCleanup(program.kill)
-        os.close(end)
-        shown = b""
-        try:
-            while chunk := os.read(terminal, 1000):
-                if b" left" in chunk and b" left" not in shown:
-                    program.send_signal(signal.SIGINT)
-                shown += chunk
-        except OSError:  # the program has closed its end
-            pass
-        finally:
-            os.close(terminal)
-        program.communicate(timeout=300)
-        self.assertEqual(program.returncode, 130)
+        code, _, shown = on_terminal([VOXSPRING, "run", "box@12", "--backend", "cpu_reference", "--steps", 10**9], 200,
+                                     when=b" left", then=lambda program: program.send_signal(signal.SIGINT))
+        self.assertEqual(code, 130)
         self.assertRegex(shown, rb"\r\x1b\[Kbox@12 on cpu_reference/\S+: step \d+ of 1000000000, \d+ s, \S+ \S+( \S+ \S+)? left")
         self.assertTrue(shown.endswith(b"\r\x1b[K"), shown)
 
@@ -142,8 +123,7 @@ class Resume(InTemporaryFolder):
         whole, half, resumed = (self.folder / f"{name}_{part}.npz" for part in ("whole", "half", "resumed"))
         for count, arguments in ((steps, ["--out", whole]), (first, ["--out", half]),
                                  (steps, ["--out", resumed, "--resume", half])):
-            ran = voxspring("run", scene, "--backend", backend, "--steps", count, *arguments)
-            self.assertEqual(ran.returncode, 0, ran.stderr)
+            ran = succeeds("run", scene, "--backend", backend, "--steps", count, *arguments)
         self.said = ran.stdout
         return state_of(whole), state_of(resumed)
 
@@ -198,10 +178,8 @@ class Resume(InTemporaryFolder):
         backend = ("--backend", "cpu_reference")
         self.assertEqual(voxspring("run", edited, *backend, "--steps", 20, "--out", half).returncode, 0)
         for first, then in ((edited, plain), (both, only_later)):
-            ran = voxspring("run", first, *backend, "--steps", 50, "--out", whole)
-            self.assertEqual(ran.returncode, 0, ran.stderr)
-            ran = voxspring("run", then, *backend, "--steps", 50, "--out", resumed, "--resume", half)
-            self.assertEqual(ran.returncode, 0, ran.stderr)
+            ran = succeeds("run", first, *backend, "--steps", 50, "--out", whole)
+            ran = succeeds("run", then, *backend, "--steps", 50, "--out", resumed, "--resume", half)
             self.assertEqual(state_of(resumed), state_of(whole), then.name)
             self.assertRegex(ran.stdout, rf"half.npz: \d+ springs are not those of {then.name} after step 20; the run goes on with")
         # 25 pairs of particles on either side, their edges along and across y and z; and two sutures.
@@ -218,8 +196,7 @@ class Resume(InTemporaryFolder):
         self.assert_refused(voxspring("run", other, *run, "--steps", 30, "--resume", half), "half.npz: springs",
                             f"{edges} of {edges + 3 * 4 * 5 * 5}", "stiffness", "other.json")
         loose = self.scene("loose", pinned={"side": "z+", "slices": 1}, mass=2)
-        ran = voxspring("run", loose, *run, "--steps", 30, "--resume", half)
-        self.assertEqual(ran.returncode, 0, ran.stderr)
+        ran = succeeds("run", loose, *run, "--steps", 30, "--resume", half)
         self.assertIn("half.npz: 125 particles have another mass there and 50 are pinned otherwise; those of the scene loose", ran.stdout)
 
     def test_a_body_that_was_pulled_far_does_not_count_as_diverged(self):
@@ -227,8 +204,7 @@ class Resume(InTemporaryFolder):
         run = ("--backend", "cpu_reference")
         pulled = self.scene("pulled", initial={"displacement": {"random": 20, "seed": 1}})
         self.assertEqual(voxspring("run", pulled, *run, "--steps", 1, "--out", half).returncode, 0)
-        ran = voxspring("run", self.scene("left"), *run, "--steps", 100, "--resume", half)
-        self.assertEqual(ran.returncode, 0, ran.stderr)
+        succeeds("run", self.scene("left"), *run, "--steps", 100, "--resume", half)
 
     def test_writes_the_force_on_the_tool(self):
         (self.folder / "hand.csv").write_text("time,x,y,z\n0,0,0,0\n2,0.5,0,0.1\n8,-0.2,0.3,0\n")
@@ -240,8 +216,7 @@ class Resume(InTemporaryFolder):
             with open(force, newline="") as file:
                 return [{key: float(value) for key, value in row.items()} for row in csv.DictReader(file)]
         self.assertEqual(voxspring(*run, "--out", self.folder / "body.npz", "--every", 1).returncode, 0)
-        ran = voxspring(*run, "--tool-force", force)
-        self.assertEqual(ran.returncode, 0, ran.stderr)
+        succeeds(*run, "--tool-force", force)
         each_move = lines()
         self.assertEqual([line["step"] for line in each_move], [*range(4, 42, 4), 42])
         motion = [(0, (0, 0, 0)), (2, (0.5, 0, 0.1)), (8, (-0.2, 0.3, 0))]

@@ -2,7 +2,6 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
-#include <cctype>
 #include <iostream>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -38,17 +37,6 @@ nlohmann::json measured(const std::string& study, const std::string& scene, cons
     return result;
 }
 
-/// `word`, quoted for a shell if necessary.
-std::string quoted(const std::string& word) {
-    const auto plain = [](unsigned char c) {
-        return std::isalnum(c) != 0 || std::string("_@%+=:,./-").find(char(c)) != std::string::npos;
-    };
-    if (!word.empty() && std::all_of(word.begin(), word.end(), plain)) return word;
-    std::string text = "'";
-    for (const char c : word) text += c == '\'' ? std::string("'\\''") : std::string(1, c);
-    return text + "'";
-}
-
 std::string text_of(const VolumeOptions& volume) {
     const auto vector = [](const glm::dvec3& v) { return fmt::format("{},{},{}", v.x, v.y, v.z); };
     std::string text;
@@ -63,8 +51,8 @@ std::string text_of(const VolumeOptions& volume) {
 std::string command_of(const Candidate& candidate, const std::string& argument,
                        const AdviseOptions& options) {
     return fmt::format("voxspring run {}{} --backend {} --time-step {} --steps {} --out state.npz",
-                       quoted(argument), text_of(options.study.volume), quoted(specification(candidate)),
-                       candidate.time_step, candidate.steps);
+                       shell_word(argument), text_of(options.study.volume),
+                       shell_word(specification(candidate)), candidate.time_step, candidate.steps);
 }
 
 nlohmann::json to_json(const Candidate& candidate, const std::string& command) {
@@ -130,16 +118,15 @@ int print_advice_on_errors(const std::string& argument, const AdviseOptions& opt
     const std::string command = command_of(first, argument, options);
     const int exit_code = unfinished ? interrupted_exit_code : advice.best ? 0 : 1;
     if (options.json) {
-        nlohmann::json json = {{"scene", scene},
-                               {"error", error},
-                               {"unfinished", unfinished},
-                               {"best", nullptr},
-                               {"runners_up", nlohmann::json::array()}};
-        if (advice.best) json["best"] = to_json(*advice.best, command);
-        for (const Candidate& candidate : advice.runners_up)
-            json["runners_up"].push_back(to_json(candidate, command_of(candidate, argument, options)));
-        json["most_accurate"] =
-            to_json(advice.most_accurate, command_of(advice.most_accurate, argument, options));
+        const auto json_of = [&](const Candidate& candidate) {
+            return to_json(candidate, command_of(candidate, argument, options));
+        };
+        nlohmann::json best, runners_up = nlohmann::json::array();
+        if (advice.best) best = json_of(*advice.best);
+        for (const Candidate& candidate : advice.runners_up) runners_up.push_back(json_of(candidate));
+        const nlohmann::json json = {
+            {"scene", scene}, {"error", error},           {"unfinished", unfinished},
+            {"best", best},   {"runners_up", runners_up}, {"most_accurate", json_of(advice.most_accurate)}};
         out << json_text(json, 2) << "\n";
         return exit_code;
     }
@@ -184,11 +171,10 @@ int print_advice_on_ranks(const std::string& argument, const AdviseOptions& opti
     }
     if (unfinished) out << argument << ": interrupted; of what was measured\n";
     print_what_pays(rows, out);
-    out << "best: " << best.row.label() << " by "
-        << (best.ranks == 1
-                ? "1 rank"
-                : std::to_string(best.ranks) + " ranks, cut into " + best.cut + ", and " + best.way)
-        << ", " << si(best.seconds_per_step, "s") << " a step\n";
+    out << fmt::format(
+        "best: {} by {}, {} per step\n", best.row.label(),
+        best.ranks == 1 ? "1 rank" : fmt::format("{} ranks ({}, {})", best.ranks, best.cut, best.way),
+        si(best.seconds_per_step, "s"));
     return exit_code;
 }
 

@@ -5,27 +5,24 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <charconv>
-#include <chrono>
 #include <cstdint>
 #include <cstdlib>
-#include <functional>
 #include <iostream>
 #include <numeric>
 #include <optional>
+#include <set>
 #include <string>
-#include <string_view>
 #include <system_error>
-#include <utility>
 #include <vector>
 
 #include "backends/api.h"
 #include "backends/registry.h"
 #include "backends/suggestion.h"
+#include "completion_scripts.h"  // generated
 #include "harness/base/bad_input.h"
 #include "harness/base/interruption.h"
 #include "harness/base/text.h"
 #include "harness/cli/commands.h"
-#include "harness/cli/completion.h"
 #include "harness/cli/scripts.h"
 #include "harness/export/export.h"
 #include "harness/process/worker_main.h"
@@ -36,23 +33,18 @@ namespace voxspring {
 namespace {
 
 /// The values of the options, and the exit code of the command that ran.
-struct Asked {
+struct Values {
     bool json = false;
     std::string scene, study, shell;
     RunOptions run;
     StudyOptions of_study;
     AdviseOptions advise;
     ViewOptions view;
+    std::optional<double> timeout;
     int exit_code = 0;
 };
 
-constexpr std::int64_t max_steps = max_run_steps;
-constexpr std::int64_t last_frame = 1'000'000'000;
-constexpr std::int64_t max_repetitions = 10'000;
-constexpr std::int64_t max_steps_a_frame = 1'000'000;
-/// Bounds of --error: float64 resolves no smaller errors, and larger ones say nothing.
-constexpr double min_error = 1e-30, max_error = 1e6;
-/// A millisecond to eleven days.
+/// Bounds of a time-out in seconds: from a millisecond to eleven days.
 constexpr double min_timeout = 1e-3, max_timeout = 1e6;
 
 const char* const scene_help =
@@ -60,114 +52,93 @@ const char* const scene_help =
 
 // --- Values --------------------------------------------------------------------------------------------
 
-template <class Number>
-std::string range_text(Number low, Number high) {
-    if constexpr (std::is_integral_v<Number>) return fmt::format("{} to {}", low, high);
-    return fmt::format("{:g} to {:g}", double(low), double(high));
+[[noreturn]] void refuse(const std::string& option, const std::string& text, const std::string& accepted) {
+    throw BadInput("command line", option, text, accepted);
 }
 
-/// The number that `text` is as a whole. Refuses other text and numbers out of range, and names the range.
+/// The type of the number in a Number or std::optional<Number>.
+template <class Target>
+struct NumberIn {
+    using Type = Target;
+};
+template <class Number>
+struct NumberIn<std::optional<Number>> {
+    using Type = Number;
+};
+
+/// The number that all of `text` is. Refuses other text and numbers out of range, and names the range.
 template <class Number>
 Number number_of(const std::string& option, const std::string& text, Number low, Number high) {
     Number number{};
     const char* end = text.data() + text.size();
     const auto [stop, error] = std::from_chars(text.data(), end, number);
-    if (error != std::errc() || stop != end || !(number >= low && number <= high)) {
-        const char* kind = std::is_integral_v<Number> ? "a whole number from " : "a number from ";
-        throw BadInput("command line", option, text, kind + range_text(low, high));
+    if (error == std::errc() && stop == end && number >= low && number <= high) return number;
+    if constexpr (std::is_integral_v<Number>) {
+        refuse(option, text, fmt::format("a whole number from {} to {}", low, high));
+    } else {
+        refuse(option, text, fmt::format("a number from {:g} to {:g}", low, high));
     }
-    return number;
 }
 
-template <class Number>
-CLI::Option* add_number(CLI::App& command, const std::string& option, Number low, Number high,
-                        const std::function<void(Number)>& take, const std::string& description) {
+template <class Target, class Number = typename NumberIn<Target>::Type>
+CLI::Option* add_number(CLI::App& command, const std::string& option, Target& target, Number low, Number high,
+                        const std::string& description) {
     return command
         .add_option_function<std::string>(
-            option, [=](const std::string& text) { take(number_of<Number>(option, text, low, high)); },
+            option,
+            [=, &target](const std::string& text) { target = number_of<Number>(option, text, low, high); },
             description)
         ->type_name(std::is_integral_v<Number> ? "N" : "NUMBER");
 }
 
-std::vector<std::string> split(const std::string& text, char between) {
-    std::vector<std::string> parts(1);
-    for (const char c : text) {
-        if (c == between) {
-            parts.emplace_back();
-        } else {
-            parts.back() += c;
-        }
-    }
-    return parts;
-}
+/// The parts between commas. The comma at the end keeps CLI11 from dropping an empty last part.
+std::vector<std::string> parts_of(const std::string& text) { return CLI::detail::split(text + ",", ','); }
 
 /// The vector "0,0,-0.002". With `one`, "1.5" is accepted as well: three components of that value.
 glm::dvec3 vector_of(const std::string& option, const std::string& text, double low, double high, bool one) {
-    const std::vector<std::string> parts = split(text, ',');
-    const bool same = one && parts.size() == 1;
-    glm::dvec3 vector{0};
-    bool good = same || parts.size() == 3;
-    for (int axis = 0; good && axis < 3; ++axis) {
-        const std::string& part = parts[same ? 0 : std::size_t(axis)];
-        const auto [stop, error] = std::from_chars(part.data(), part.data() + part.size(), vector[axis]);
-        good = error == std::errc() && stop == part.data() + part.size() && vector[axis] >= low &&
-               vector[axis] <= high;
-    }
-    if (!good) {
-        throw BadInput(
-            "command line", option, text,
-            std::string(one ? "one number, or three as X,Y,Z, each" : "three numbers as X,Y,Z, each") +
-                " from " + range_text(low, high));
-    }
+    std::vector<std::string> parts = parts_of(text);
+    if (one && parts.size() == 1) parts.resize(3, text);
+    if (parts.size() != 3)
+        refuse(option, text, one ? "one number, or three as X,Y,Z" : "three numbers as X,Y,Z");
+    glm::dvec3 vector;
+    for (int axis = 0; axis < 3; ++axis)
+        vector[axis] = number_of(option, parts[std::size_t(axis)], low, high);
     return vector;
 }
 
-/// Splits at commas into numbers or names of segments. Only the volume's file can check the names.
+/// Numbers or names of segments. Only the volume's file can check the names.
 std::vector<std::string> labels_of(const std::string& text) {
-    std::vector<std::string> labels;
-    for (const std::string& label : split(text, ',')) {
-        if (label.empty())
-            throw BadInput("command line", "--labels", text, "whole numbers or names of segments: 1,2,5");
-        if (std::find(labels.begin(), labels.end(), label) != labels.end())
-            throw BadInput("command line", "--labels", text, "each label once");
-        labels.push_back(label);
-    }
+    const std::vector<std::string> labels = parts_of(text);
+    const std::set<std::string> different(labels.begin(), labels.end());
+    if (different.contains("")) refuse("--labels", text, "whole numbers or names of segments: 1,2,5");
+    if (different.size() < labels.size()) refuse("--labels", text, "each label once");
     return labels;
 }
 
 /// "4" means the first four devices; "0,2" means these two, where a number may be repeated.
 std::vector<int> devices_of(const std::string& text) {
-    const auto number = [&](const std::string& part, std::int64_t low, std::int64_t high) {
-        std::int64_t value = 0;
-        const auto [stop, error] = std::from_chars(part.data(), part.data() + part.size(), value);
-        if (error != std::errc() || stop != part.data() + part.size() || value < low || value > high)
-            throw BadInput("command line", "--devices", text,
-                           "how many devices, from 1 on, or the numbers of two or more, from 0 on: 4 or 0,1");
-        return int(value);
-    };
-    const std::vector<std::string> parts = split(text, ',');
+    const std::vector<std::string> parts = parts_of(text);
     std::vector<int> devices;
     if (parts.size() == 1) {
-        devices.resize(std::size_t(number(text, 1, max_ranks)));
+        devices.resize(std::size_t(number_of("--devices", text, 1, max_ranks)));
         std::iota(devices.begin(), devices.end(), 0);
     } else {
-        for (const std::string& part : parts) devices.push_back(number(part, 0, max_ranks - 1));
+        for (const std::string& part : parts)
+            devices.push_back(number_of("--devices", part, 0, max_ranks - 1));
     }
     return devices;
 }
 
 // --- Options that commands share -----------------------------------------------------------------------
 
-void add_scene(CLI::App& command, Asked& asked) {
-    command.add_option("SCENE", asked.scene, scene_help)->required();
+void add_scene(CLI::App& command, Values& values) {
+    command.add_option("SCENE", values.scene, scene_help)->required();
 }
 
-void add_json(CLI::App& command, Asked& asked) { command.add_flag("--json", asked.json, "Print JSON"); }
+void add_json(CLI::App& command, Values& values) { command.add_flag("--json", values.json, "Print JSON"); }
 
-void add_repetitions(CLI::App& command, StudyOptions& study, const char* description) {
-    add_number<std::int64_t>(
-        command, "--repetitions", 1, max_repetitions,
-        [&study](std::int64_t count) { study.repetitions = int(count); }, description);
+CLI::Option* add_repetitions(CLI::App& command, StudyOptions& study, const char* description) {
+    return add_number(command, "--repetitions", study.repetitions, 1, 10'000, description);
 }
 
 /// Takes effect before the command runs, and is inherited by the processes that it starts.
@@ -176,17 +147,16 @@ void add_device(CLI::App& command, const Api& api) {
     command
         .add_option_function<std::string>(
             option,
-            [&api, option](const std::string& asked) {
+            [&api, option](const std::string& wanted) {
                 const std::vector<ListedDevice> devices = api.devices();
-                if (devices_to_try(devices, asked).empty())
-                    throw BadInput("command line", option, asked,
-                                   "the number or a part of the name of one of the devices: " +
-                                       (devices.empty() ? "there are none" : names_of(devices)));
-                setenv(device_variable(api.name).c_str(), asked.c_str(), 1);
+                if (devices_to_try(devices, wanted).empty())
+                    refuse(option, wanted,
+                           "the number or a part of the name of one of the devices: " +
+                               (devices.empty() ? "there are none" : names_of(devices)));
+                setenv(device_variable(api.name).c_str(), wanted.c_str(), 1);
             },
-            "The device of " + api.title +
-                "'s backends, by number or part of its name (`voxspring list`); without it the card that "
-                "CUDA measures, or the first that will do")
+            "Device of " + api.title +
+                "'s backends, by number or part of its name; the card that CUDA measures")
         ->type_name("DEVICE");
 }
 void add_devices(CLI::App& command) {
@@ -197,186 +167,164 @@ void add_devices(CLI::App& command) {
 
 /// Options for a volume that has no scene file.
 void add_volume_options(CLI::App& command, VolumeOptions& volume) {
-    const char* group = "Of a volume without a scene file";
-    CLI::Option* threshold = add_number<double>(
-        command, "--threshold", -max_quantity, max_quantity,
-        [&volume](double value) { volume.threshold = value; }, "Voxels above it are active; 0");
-    CLI::Option* labels = command.add_option_function<std::string>(
-        "--labels", [&volume](const std::string& text) { volume.labels = labels_of(text); },
-        "Voxels with one of these values are active, 1,2,5, or in one of these segments, by name");
-    labels->type_name("LABEL,...")->excludes(threshold);
-    CLI::Option* frame = add_number<std::int64_t>(
-        command, "--frame", 0, last_frame, [&volume](std::int64_t number) { volume.frame = number; },
-        "Which of several values per voxel: a time of a 4D file, from 0 on");
-    CLI::Option* spacing = command.add_option_function<std::string>(
-        "--spacing",
-        [&volume](const std::string& text) {
-            volume.spacing = vector_of("--spacing", text, min_quantity, max_quantity, true);
-        },
-        "Distance of voxels, one or three as X,Y,Z; the file's");
-    spacing->type_name("LENGTH");
-    CLI::Option* gravity = command.add_option_function<std::string>(
-        "--gravity",
-        [&volume](const std::string& text) {
-            volume.gravity = vector_of("--gravity", text, -max_quantity, max_quantity, false);
-        },
-        "Acceleration as X,Y,Z; that of the scene heart, times the spacing");
-    gravity->type_name("X,Y,Z");
-    CLI::Option* parts = command.add_option_function<std::string>(
-        "--parts",
-        [&volume](const std::string& text) {
-            volume.parts = PartsToKeep{};
-            if (text != "largest")
-                volume.parts->least =
-                    std::size_t(number_of<std::int64_t>("--parts", text, 2, max_part_particles));
-        },
-        "Parts that hang together by springs: the largest alone, or those of N particles or more; all");
-    parts->type_name("largest|N");
-    for (CLI::Option* option : {threshold, labels, frame, spacing, gravity, parts}) option->group(group);
+    const auto add_text = [&](const std::string& name, const std::string& type, auto take,
+                              const std::string& description) {
+        return command.add_option_function<std::string>(name, take, description)->type_name(type);
+    };
+    CLI::Option* threshold = add_number(command, "--threshold", volume.threshold, -max_quantity, max_quantity,
+                                        "Voxels above it are active; 0");
+    const std::vector<CLI::Option*> options = {
+        threshold,
+        add_text(
+            "--labels", "LABEL,...", [&volume](const std::string& text) { volume.labels = labels_of(text); },
+            "Voxels with one of these values are active, 1,2,5, or in one of these segments, by name")
+            ->excludes(threshold),
+        add_number<std::optional<std::int64_t>>(
+            command, "--frame", volume.frame, 0, 1'000'000'000,
+            "Which of several values per voxel: a time of a 4D file, from 0 on"),
+        add_text(
+            "--spacing", "LENGTH",
+            [&volume](const std::string& text) {
+                volume.spacing = vector_of("--spacing", text, min_quantity, max_quantity, true);
+            },
+            "Distance of voxels, one or three as X,Y,Z; the file's"),
+        add_text(
+            "--gravity", "X,Y,Z",
+            [&volume](const std::string& text) {
+                volume.gravity = vector_of("--gravity", text, -max_quantity, max_quantity, false);
+            },
+            "Acceleration as X,Y,Z; that of the scene heart, times the spacing"),
+        add_text(
+            "--parts", "largest|N",
+            [&volume](const std::string& text) {
+                volume.parts = PartsToKeep{};
+                if (text != "largest")
+                    volume.parts->least =
+                        std::size_t(number_of<std::int64_t>("--parts", text, 2, max_part_particles));
+            },
+            "Parts that hang together by springs: the largest alone, or those of N particles or more; all")};
+    for (CLI::Option* option : options) option->group("Of a volume without a scene file");
 }
 
 // --- Commands ------------------------------------------------------------------------------------------
 
-void add_list(CLI::App& app, Asked& asked, std::ostream& out) {
-    CLI::App* list =
-        app.add_subcommand("list", "Backends (available, or why not), built-in scenes and studies");
-    add_json(*list, asked);
+void add_list(CLI::App& app, Values& values, std::ostream& out) {
+    CLI::App* list = app.add_subcommand("list", "Backends (or why not available), built-in scenes, studies");
+    add_json(*list, values);
     add_devices(*list);
-    list->callback([&] { list_everything(asked.json, out); });
+    list->callback([&] { list_everything(values.json, out); });
 }
 
-void add_limits(CLI::App& app, Asked& asked, std::ostream& out) {
+void add_limits(CLI::App& app, Values& values, std::ostream& out) {
     CLI::App* limits = app.add_subcommand("limits", "What each device can do at best, measured now");
-    add_json(*limits, asked);
+    add_json(*limits, values);
     add_devices(*limits);
-    limits->callback([&] { list_limits(asked.json, out); });
+    limits->callback([&] { list_limits(values.json, out); });
 }
 
-void add_info(CLI::App& app, Asked& asked, std::ostream& out) {
+void add_info(CLI::App& app, Values& values, std::ostream& out) {
     CLI::App* info = app.add_subcommand("info", "What a scene holds, what it needs and how stable it is");
-    add_scene(*info, asked);
-    add_json(*info, asked);
-    add_volume_options(*info, asked.run.volume);
-    info->callback([&] { describe_scene(asked.scene, asked.run.volume, asked.json, out); });
+    add_scene(*info, values);
+    add_json(*info, values);
+    add_volume_options(*info, values.run.volume);
+    info->callback([&] { describe_scene(values.scene, values.run.volume, values.json, out); });
 }
 
 void add_export_options(CLI::App& run, ExportOptions& out) {
     run.add_option(
            "--out", out.out,
-           "File for the final state; its ending is its format. May be given several times:" + list_formats())
+           "File for the final state; its ending is its format; several times if wanted:" + list_formats())
         ->allow_extra_args(false);
-    add_number<std::int64_t>(
-        run, "--every", 1, max_steps, [&out](std::int64_t steps) { out.every = int(steps); },
-        "Steps between the files of a series: --out body.vtu writes body_000100.vtu, ... and, "
-        "for ParaView, body.pvd with the times of all");
+    add_number(run, "--every", out.every, 1, max_run_steps,
+               "Steps between the files of a series: body_000100.vtu, ... and, for ParaView, body.pvd");
     run.add_option_function<std::string>(
         "--frames",
         [&out](const std::string& folder) {
-            if (folder.empty()) throw BadInput("command line", "--frames", "\"\"", "the path of a folder");
+            if (folder.empty()) refuse("--frames", "\"\"", "the path of a folder");
             out.frames = folder;
         },
-        "Folder for a series of pictures, frame_000100.png, ...: one after each --every steps, 50 without "
-        "it");
-    run.add_option(
-        "--colour", out.colour,
-        "What pictures are coloured by: displacement, or error, the distance from float64 after the "
-        "same steps");
+        "Folder for a series of pictures: one after each --every steps, without it 50");
+    run.add_option("--colour", out.colour, "What colours pictures: displacement, or error against float64");
     run.add_option("--size", out.size, "WIDTHxHEIGHT of pictures in pixels: 1280x960");
     run.add_option("--tool-force", out.tool_force,
-                   "A .csv of the force on the scene's tool: a line each --every steps, without it each time "
-                   "the tool moves");
+                   "A .csv of the force on the tool: after each --every steps, or each move of the tool");
 }
 
-void add_run(CLI::App& app, Asked& asked, std::ostream& out) {
+void add_run(CLI::App& app, Values& values, std::ostream& out) {
     CLI::App* run = app.add_subcommand("run", "One simulation on one backend");
-    RunOptions& options = asked.run;
-    add_scene(*run, asked);
-    run->add_option("--backend", options.backend,
-                    "NAME[:key=value,...], see `voxspring list`; auto[:formulation=...,precision=...]: "
-                    "the fastest for the scene on this machine")
-        ->required();
-    CLI::Option* steps = add_number<std::int64_t>(
-        *run, "--steps", 1, max_steps, [&options](std::int64_t count) { options.steps = int(count); },
-        "Time steps from the scene's start");
-    steps->default_str("100");
-    add_number<double>(
-        *run, "--time", min_quantity, max_quantity, [&options](double time) { options.time = time; },
-        "Simulated time in the scene's unit, instead of --steps: the steps that come nearest to it, one at "
-        "least")
-        ->excludes(steps);
-    add_number<double>(
-        *run, "--time-step", min_quantity, max_quantity,
-        [&options](double time_step) { options.time_step = time_step; },
-        "The same motion in steps of this size, as `voxspring advise` measures it; the scene's");
+    RunOptions& options = values.run;
+    add_scene(*run, values);
     run->add_option(
-        "--resume", options.resume,
-        "A .npz that --out or `voxspring view` wrote of this scene: go on from its step, with its "
-        "springs, up to --steps or --time");
+           "--backend", options.backend,
+           "NAME[:key=value,...] (`voxspring list`); auto[:formulation=...,precision=...]: the fastest")
+        ->required();
+    CLI::Option* steps =
+        add_number(*run, "--steps", options.steps, 1, max_run_steps, "Time steps from the scene's start")
+            ->default_str("100");
+    add_number(*run, "--time", options.time, min_quantity, max_quantity,
+               "Simulated time in the scene's unit, instead of --steps")
+        ->excludes(steps);
+    add_number(*run, "--time-step", options.time_step, min_quantity, max_quantity,
+               "The same motion in steps of this size, as `voxspring advise` measures it; the scene's");
+    run->add_option("--resume", options.resume,
+                    "A .npz that --out or `voxspring view` wrote: go on from its step, with its springs");
     add_export_options(*run, options.out);
     add_devices(*run);
     add_volume_options(*run, options.volume);
-    run->callback([&] { asked.exit_code = run_scene(asked.scene, options, out); });
+    run->callback([&] { values.exit_code = run_scene(values.scene, options, out); });
 }
 
 /// `when` says what the ranks are for, at the beginning of the help text.
 void add_ranks(CLI::App& command, StudyOptions& options, const std::string& when) {
-    add_number<std::int64_t>(
-        command, "--ranks", 1, max_ranks, [&options](std::int64_t count) { options.ranks = int(count); },
-        when + "maximum number of parts of a scene, each stepped by its own thread (default: one per core)");
+    add_number(command, "--ranks", options.ranks, 1, max_ranks,
+               when + "maximum number of parts, each on its own thread (default: one per core)");
     command
         .add_option_function<std::string>(
             "--devices", [&options](const std::string& text) { options.devices = devices_of(text); },
-            when + "a rank on each of the first so many devices of CUDA, 4, or on these, 0,1")
+            when + "a rank on each of the first N CUDA devices, or on these: 0,1")
         ->type_name("N or N,N,...");
 }
 
-void add_study(CLI::App& app, Asked& asked, std::ostream& out) {
+void add_study(CLI::App& app, Values& values, std::ostream& out) {
     CLI::App* study = app.add_subcommand("study", "Time and verify scenes on several backends");
-    StudyOptions& options = asked.of_study;
-    study->add_option("STUDY", asked.study, "Built-in study or study file")->required();
+    StudyOptions& options = values.of_study;
+    study->add_option("STUDY", values.study, "Built-in study or study file")->required();
     CLI::Option* file = study->add_option("--out", options.out, "Result as a .json file");
-    study->add_option(
-        "--backend", options.backends,
-        "Only backends that match this glob, or with ! before it those that do not; may be given "
-        "several times");
+    study->add_option("--backend", options.backends,
+                      "Only backends that match one of these globs, or with ! before it those that do not");
     study->add_option("--scene", options.scenes,
-                      "Only scenes that match this glob, or this scene; may be given several times");
+                      "Only scenes that match one of these globs, or these scenes");
     add_repetitions(*study, options, "Timed batches of each backend and scene");
     add_ranks(*study, options, "Of a scaling study: ");
     study->add_flag("--resume", options.resume, "Go on with the study of --out that was cut short")
         ->needs(file);
-    add_number<double>(
-        *study, "--timeout", min_timeout, max_timeout,
-        [&options](double seconds) { options.timeout = std::chrono::duration<double>(seconds); },
-        "Seconds for which a backend may say nothing before its row fails")
+    add_number(*study, "--timeout", values.timeout, min_timeout, max_timeout,
+               "Seconds for which a backend may say nothing before its row fails")
         ->default_str("1800");
     add_devices(*study);
     add_volume_options(*study, options.volume);
-    study->callback([&] { asked.exit_code = run_and_print_study(asked.study, options, out); });
+    study->callback([&] {
+        if (values.timeout) options.timeout = std::chrono::duration<double>(*values.timeout);
+        values.exit_code = run_and_print_study(values.study, options, out);
+    });
 }
 
-void add_advise(CLI::App& app, Asked& asked, std::ostream& out) {
+void add_advise(CLI::App& app, Values& values, std::ostream& out) {
     CLI::App* advise = app.add_subcommand("advise",
-                                          "Which backend, formulation, precision and time step reach an "
-                                          "error in the least time; with --ranks or "
-                                          "--devices whether more than one of them pays");
-    AdviseOptions& options = asked.advise;
-    add_scene(*advise, asked);
-    add_number<double>(
-        *advise, "--error", min_error, max_error, [&options](double error) { options.error = error; },
-        "Total error that will do, relative L2 of displacement");
+                                          "The fastest backend, formulation, precision and time step for an "
+                                          "error, or whether several ranks pay");
+    AdviseOptions& options = values.advise;
+    add_scene(*advise, values);
+    // float64 resolves no smaller errors, and larger ones say nothing.
+    add_number(*advise, "--error", options.error, 1e-30, 1e6,
+               "Accepted total error, relative L2 of displacement");
     add_ranks(*advise, options.study, "Instead of an error: ");
-    CLI::Option* results = advise->add_option("--results", options.results,
-                                              "Result of a pareto study, or with --ranks or --devices of a "
-                                              "scaling study (.json), to read instead of "
-                                              "measuring");
-    advise
-        ->add_option("--backend", options.study.backends,
-                     "Measure only backends that match this glob; may be given several times")
+    CLI::Option* results = advise->add_option(
+        "--results", options.results, "Result (.json) of a pareto or scaling study, instead of measuring");
+    advise->add_option("--backend", options.study.backends, "Only backends that match one of these globs")
         ->excludes(results);
-    add_repetitions(*advise, options.study, "Timed runs of each, measuring");
+    add_repetitions(*advise, options.study, "Timed runs of each, measuring")->excludes(results);
     add_devices(*advise);
-    advise->get_option("--repetitions")->excludes(results);
     CLI::Option* file = advise
                             ->add_option("--out", options.study.out,
                                          "What was measured as a .json file, which --results reads")
@@ -384,99 +332,38 @@ void add_advise(CLI::App& app, Asked& asked, std::ostream& out) {
     advise
         ->add_flag("--resume", options.study.resume, "Go on with the measurement of --out that was cut short")
         ->needs(file);
-    add_json(*advise, asked);
+    add_json(*advise, values);
     add_volume_options(*advise, options.study.volume);
     advise->callback([&] {
-        options.json = asked.json;
-        asked.exit_code = print_advice(asked.scene, options, out);
+        options.json = values.json;
+        values.exit_code = print_advice(values.scene, options, out);
     });
 }
 
-void add_view(CLI::App& app, Asked& asked, std::ostream& out, const ViewScene& view) {
+void add_view(CLI::App& app, Values& values, std::ostream& out, const ViewScene& view) {
     CLI::App* command = app.add_subcommand("view", "The live body in a window: pull it, cut it, sew it");
-    ViewOptions& options = asked.view;
-    add_scene(*command, asked);
-    command
-        ->add_option(
-            "--backend", options.backend,
-            "As of `voxspring run`; may be changed in the window. auto: the fastest that a hand can take "
-            "hold of")
+    ViewOptions& options = values.view;
+    add_scene(*command, values);
+    command->add_option("--backend", options.backend, "As of `voxspring run`; may be changed in the window")
         ->default_str("auto");
-    add_number<std::int64_t>(
-        *command, "--steps", 1, max_steps_a_frame,
-        [&options](std::int64_t count) { options.steps = int(count); }, "Steps a frame; as many as fit");
+    add_number(*command, "--steps", options.steps, 1, 1'000'000, "Steps per frame; as many as fit");
     command
         ->add_option_function<std::string>(
             "--size", [&options](const std::string& text) { options.size = parse_size(text); },
             "WIDTHxHEIGHT of the window in pixels")
         ->type_name("SIZE")
         ->default_str("1280x800");
-    add_number<double>(
-        *command, "--seconds", min_timeout, max_timeout,
-        [&options](double seconds) { options.seconds = seconds; }, "Close the window after so long");
-    command->add_option(
-        "--record", options.record,
-        "A film of the window: film.mp4, or where there is no ffmpeg the folder film of pictures");
-    command->add_option("--save", options.save,
-                        "Where the key w saves the state, for `run --resume`: a .npz; SCENE.npz");
+    add_number(*command, "--seconds", options.seconds, min_timeout, max_timeout,
+               "Close the window after so long");
+    command->add_option("--record", options.record,
+                        "Film of the window: film.mp4, or without ffmpeg the folder film");
+    command->add_option("--save", options.save, "File (.npz) to which the key w saves the state; SCENE.npz");
     add_devices(*command);
     add_volume_options(*command, options.volume);
-    command->callback([&] { asked.exit_code = view(asked.scene, options, out); });
+    command->callback([&] { values.exit_code = view(values.scene, options, out); });
 }
 
 // --- Help for shells -----------------------------------------------------------------------------------
-
-/// What kind of value this option or argument takes.
-ValueKind kind_of(const std::string& name) {
-    if (name == "SCENE" || name == "--scene") return ValueKind::scene;
-    if (name == "STUDY") return ValueKind::study;
-    if (name == "--backend") return ValueKind::backend;
-    if (name == "--colour") return ValueKind::colour;
-    if (name == "--frames") return ValueKind::folder;
-    if (name == "SHELL") return ValueKind::shell;
-    if (name == "--out" || name == "--resume" || name == "--results" || name == "--record" ||
-        name == "--save" || name == "--tool-force")
-        return ValueKind::file;
-    return ValueKind::other;
-}
-
-/// The first line of a description.
-std::string first_line(const std::string& text) { return text.substr(0, text.find('\n')); }
-
-std::vector<CommandWords> words_of(const CLI::App& app) {
-    std::vector<CommandWords> commands;
-    for (const CLI::App* command : app.get_subcommands([](const CLI::App*) { return true; })) {
-        CommandWords words{command->get_name(), first_line(command->get_description()), {}, {}};
-        for (const CLI::Option* option : command->get_options()) {
-            if (option->get_positional()) {
-                words.arguments.push_back(kind_of(option->get_name(true)));
-                continue;
-            }
-            const std::string name = "--" + option->get_lnames().front();
-            const bool takes_value = option->get_type_size() > 0;
-            // Not by name alone: `--resume` of a study is a flag.
-            words.options.push_back(
-                {name, first_line(option->get_description()), takes_value ? kind_of(name) : ValueKind::none});
-        }
-        if (is_script(words.name)) words.arguments.push_back(ValueKind::file);
-        commands.push_back(std::move(words));
-    }
-    return commands;
-}
-
-void add_completion(CLI::App& app, Asked& asked, std::ostream& out) {
-    CLI::App* completion = app.add_subcommand(
-        "completion", "A script by which a shell completes commands, options, scenes, studies and backends");
-    completion->add_option("SHELL", asked.shell, "bash or zsh")->required();
-    completion->footer(
-        "For this shell: source <(voxspring completion bash). For good: write it to\n"
-        "~/.local/share/bash-completion/completions/voxspring, or for zsh to _voxspring in a folder of "
-        "$fpath;\n"
-        "`cmake --install` does so for all users.");
-    completion->callback([&] { out << completion_script(asked.shell, words_of(app)); });
-}
-
-// --- What cannot be understood -------------------------------------------------------------------------
 
 std::vector<std::string> command_names(const CLI::App& app) {
     std::vector<std::string> names;
@@ -485,33 +372,90 @@ std::vector<std::string> command_names(const CLI::App& app) {
     return names;
 }
 
+std::vector<std::string> option_names(const CLI::App& command) {
+    std::vector<std::string> names;
+    for (const CLI::Option* option : command.get_options()) {
+        for (const std::string& name : option->get_lnames()) names.push_back("--" + name);
+    }
+    return names;
+}
+
+/// The words that this option or argument accepts; empty if they cannot be listed.
+std::vector<std::string> values_of(const std::string& name) {
+    std::vector<std::string> words;
+    if (name == "SCENE" || name == "--scene") {
+        for (const auto& scene : builtin_scenes()) words.push_back(scene.name);
+    } else if (name == "STUDY") {
+        for (const auto& study : builtin_studies()) words.push_back(study.name);
+    } else if (name == "--backend") {
+        words = {"auto"};
+        for (const auto& [backend, entry] : registry()) words.push_back(backend);
+    } else if (name == "--colour") {
+        words = {"displacement", "error"};
+    } else if (name == "SHELL") {
+        words = {"bash", "zsh"};
+    }
+    return words;
+}
+
+/// What the last of `words`, which follow the program's name, may be completed to, besides files.
+std::vector<std::string> completions_of(const CLI::App& app, const std::vector<std::string>& words) {
+    std::vector<std::string> names = command_names(app);
+    if (words.size() < 2) {
+        names.insert(names.end(), {"--help", "--version"});
+        return names;
+    }
+    if (std::find(names.begin(), names.end(), words[0]) == names.end()) return {};
+    const CLI::App& command = *app.get_subcommand(words[0]);
+    if (words.back().starts_with("-")) return option_names(command);
+    const std::string& before = words[words.size() - 2];
+    if (const CLI::Option* option = command.get_option_no_throw(before);
+        option && option->get_type_size() > 0)
+        return values_of(before);
+    for (const CLI::Option* option : command.get_options()) {
+        if (option->get_positional()) return values_of(option->get_name(true));
+    }
+    return {};
+}
+
+void add_completion(CLI::App& app, Values& values, std::ostream& out) {
+    CLI::App* completion = app.add_subcommand(
+        "completion", "A script by which a shell completes commands, options, scenes, studies and backends");
+    completion->add_option("SHELL", values.shell, "bash or zsh")->required();
+    completion->footer(
+        "For this shell: source <(voxspring completion bash). For good: write it to\n"
+        "~/.local/share/bash-completion/completions/voxspring, or for zsh to _voxspring in a folder of "
+        "$fpath;\n"
+        "`cmake --install` does so for all users.");
+    completion->callback([&] {
+        const auto script = completion_scripts.find("completion." + values.shell);
+        if (script == completion_scripts.end()) refuse("completion", values.shell, "bash or zsh");
+        out << script->second;
+    });
+}
+
+// --- What cannot be understood -------------------------------------------------------------------------
+
 /// Refuses a first word that is neither a command nor an option of the program.
 void check_command(const CLI::App& app, int argc, char** argv) {
     if (argc < 2 || argv[1][0] == '-') return;
     const std::vector<std::string> names = command_names(app);
     const std::string word = argv[1];
-    if (word == worker_word)
-        throw BadInput("command line", "command", word,
-                       std::string("one for people: ") + refusal_of_worker_by_hand);
+    if (word == worker_word) refuse("command", word, refusal_of_worker_by_hand);
     if (std::find(names.begin(), names.end(), word) == names.end())
-        throw BadInput("command line", "command", word,
-                       "one of " + joined(names) + did_you_mean(word, names));
+        refuse("command", word, "one of " + joined(names) + did_you_mean(word, names));
 }
 
 /// Refuses an unknown option. Called after `app` has failed to parse.
 void check_options(const CLI::App& app) {
     const std::vector<CLI::App*> parsed = app.get_subcommands();
     const CLI::App& command = parsed.empty() ? app : *parsed.front();
-    std::vector<std::string> names;
-    for (const CLI::Option* option : command.get_options()) {
-        for (const std::string& name : option->get_lnames()) names.push_back("--" + name);
-    }
+    const std::vector<std::string> names = option_names(command);
     for (const std::string& word : app.remaining(true)) {
-        if (!word.starts_with("-")) continue;
         const std::string name = word.substr(0, word.find('='));
-        if (std::find(names.begin(), names.end(), name) != names.end()) continue;
-        throw BadInput("command line", parsed.empty() ? "" : command.get_name(), name,
-                       "one of " + joined(names) + did_you_mean(name, names));
+        if (name.starts_with("-") && std::find(names.begin(), names.end(), name) == names.end())
+            refuse(parsed.empty() ? "" : command.get_name(), name,
+                   "one of " + joined(names) + did_you_mean(name, names));
     }
 }
 
@@ -519,29 +463,29 @@ void check_options(const CLI::App& app) {
 
 int run_command_line(int argc, char** argv, std::ostream& out, const ViewScene& view) {
     // Scripts parse their options themselves.
-    if (argc > 1 && is_script(argv[1])) return run_script(argv[1], {argv + 2, argv + argc});
-    CLI::App app{
-        "Voxspring: which GPU API and which data layout should run a mass-spring-damper model on this "
-        "machine, how fast, with what error, and up to which time step."};
+    if (argc > 1 && scripts().contains(argv[1])) return run_script(argv[1], {argv + 2, argv + argc});
+    CLI::App app{"Voxspring compares GPU APIs and data layouts for volumetric mass-spring-damper models."};
     app.name("voxspring");
     app.require_subcommand(1);
     app.set_version_flag("--version", version_text());
     app.footer(
-        "Exit codes: 0 done; 1 a backend failed, an error exceeded its tolerance, or nothing could be "
-        "measured;\n"
-        "2 bad input or usage; 130 interrupted. Progress goes to standard error: a line on a terminal, "
-        "elsewhere\n"
-        "one every ten seconds (VOXSPRING_PROGRESS_SECONDS: so many).");
-    Asked asked;
-    add_list(app, asked, out);
-    add_limits(app, asked, out);
-    add_info(app, asked, out);
-    add_run(app, asked, out);
-    add_view(app, asked, out, view);
-    add_study(app, asked, out);
-    add_advise(app, asked, out);
-    for (const auto& [name, description] : scripts()) app.add_subcommand(name, description);
-    add_completion(app, asked, out);
+        "Exit codes: 0 done; 1 a backend failed, an error exceeded its tolerance, or nothing was measured;\n"
+        "2 bad input or usage; 130 interrupted. Progress goes to standard error: one line on a terminal,\n"
+        "elsewhere one every ten seconds (VOXSPRING_PROGRESS_SECONDS).");
+    Values values;
+    add_list(app, values, out);
+    add_limits(app, values, out);
+    add_info(app, values, out);
+    add_run(app, values, out);
+    add_view(app, values, out, view);
+    add_study(app, values, out);
+    add_advise(app, values, out);
+    for (const auto& [name, script] : scripts()) app.add_subcommand(name, script.description);
+    add_completion(app, values, out);
+    if (argc > 2 && argv[1] == std::string("completion") && argv[2] == std::string("words")) {
+        for (const std::string& word : completions_of(app, {argv + 3, argv + argc})) out << word << "\n";
+        return 0;
+    }
     check_command(app, argc, argv);
     // Ctrl-C ends the program at once, unless a command catches it to finish its work.
     const CaughtInterruptions caught(true);
@@ -553,7 +497,7 @@ int run_command_line(int argc, char** argv, std::ostream& out, const ViewScene& 
         app.exit(error, out, std::cerr);
         return 2;
     }
-    return asked.exit_code;
+    return values.exit_code;
 }
 
 }  // namespace voxspring

@@ -1,11 +1,10 @@
 #include <fmt/format.h>
 
 #include <cstddef>
-#include <cstdint>
 #include <glm/vec3.hpp>
 #include <map>
 #include <nlohmann/json.hpp>
-#include <optional>
+#include <numeric>
 #include <ostream>
 #include <string>
 
@@ -20,43 +19,6 @@
 
 namespace voxspring {
 namespace {
-
-std::string bytes_text(std::uint64_t bytes) { return fmt::format("{:.1f} MiB", double(bytes) / (1 << 20)); }
-
-/// A scene and the figures computed from it.
-struct SceneFacts {
-    Scene scene;
-    SpringCounts springs;
-    BodyParts parts;
-    std::size_t pinned = 0;
-    std::map<std::string, std::uint64_t> bytes;  ///< of each backend
-    double undamped = 0;                         ///< the stable time step without damping
-    std::optional<double> limit;                 ///< the true limit of the time step
-    std::string limit_unknown;                   ///< why there is no `limit`
-};
-
-SceneFacts facts_of(const std::string& argument, const VolumeOptions& volume) {
-    Activity activity;
-    activity.begin("reading " + argument);
-    SceneFacts facts;
-    facts.scene = load_scene(argument, volume);
-    const Problem& problem = facts.scene.problem;
-    facts.springs = count_springs(problem);
-    facts.parts = parts_of(problem);
-    for (const auto p : problem.pinned) facts.pinned += p;
-    for (const auto& [name, entry] : registry())
-        facts.bytes[name] = entry.bytes(problem, BackendSpec::parse(name).options);
-    const Problem limiting = with_all_springs(facts.scene);
-    facts.undamped = stable_time_step(frequency_bound_squared(limiting), 0);
-    activity.begin("computing the limit of the time step by Lanczos' iteration");
-    const Frequency frequency = true_frequency_squared(limiting);
-    if (frequency.squared) {
-        facts.limit = stable_time_step(*frequency.squared, problem.damping);
-    } else {
-        facts.limit_unknown = frequency.reason;
-    }
-    return facts;
-}
 
 template <class Value>
 void row(std::ostream& out, const std::string& name, const Value& value) {
@@ -117,18 +79,26 @@ void print_volume(const VolumeFacts& volume, std::ostream& out) {
         row(out, "label", fmt::format("{}: {} voxel{}", name, voxels, voxels == 1 ? "" : "s"));
 }
 
-nlohmann::json to_json(const SceneFacts& facts) {
-    const Scene& scene = facts.scene;
+nlohmann::json facts_of(const Scene& scene) {
     const Problem& problem = scene.problem;
     const glm::ivec3 dims = problem.lattice.dims;
     const glm::dvec3 spacing = problem.lattice.spacing;
-    nlohmann::json limit, unknown, stable_over_limit;
-    if (facts.limit) {
-        limit = *facts.limit;
-        stable_over_limit = scene.stable_time_step / *facts.limit;
+    const SpringCounts springs = count_springs(problem);
+    const BodyParts parts = parts_of(problem);
+    const Problem limiting = with_all_springs(scene);
+    Activity activity;
+    activity.begin("computing the limit of the time step by Lanczos' iteration");
+    const Frequency frequency = true_frequency_squared(limiting);
+    nlohmann::json limit, unknown, stable_over_limit, bytes;
+    if (frequency.squared) {
+        const double seconds = stable_time_step(*frequency.squared, problem.damping);
+        limit = seconds;
+        stable_over_limit = scene.stable_time_step / seconds;
     } else {
-        unknown = facts.limit_unknown;
+        unknown = frequency.reason;
     }
+    for (const auto& [name, entry] : registry())
+        bytes[name] = entry.bytes(problem, BackendSpec::parse(name).options);
     return {
         {"scene", scene.name},
         {"description", scene.description},
@@ -136,19 +106,19 @@ nlohmann::json to_json(const SceneFacts& facts) {
         {"spacing", {spacing.x, spacing.y, spacing.z}},
         {"voxels", problem.lattice.voxel_count()},
         {"active_particles", problem.particle_count()},
-        {"pinned_particles", facts.pinned},
-        {"parts", facts.parts.sizes.size()},
-        {"largest_part_particles", facts.parts.sizes.front()},
-        {"loose_particles", facts.parts.loose().size()},
+        {"pinned_particles", std::accumulate(problem.pinned.begin(), problem.pinned.end(), std::size_t(0))},
+        {"parts", parts.sizes.size()},
+        {"largest_part_particles", parts.sizes.front()},
+        {"loose_particles", parts.loose().size()},
         {"materials", problem.materials.size()},
         {"springs",
-         {{"face", facts.springs.group[0]},
-          {"edge", facts.springs.group[1]},
-          {"corner", facts.springs.group[2]},
-          {"total", facts.springs.total()}}},
+         {{"face", springs.group[0]},
+          {"edge", springs.group[1]},
+          {"corner", springs.group[2]},
+          {"total", springs.total()}}},
         {"time_step", problem.time_step},
         {"stable_time_step", scene.stable_time_step},
-        {"stable_time_step_undamped", facts.undamped},
+        {"stable_time_step_undamped", stable_time_step(frequency_bound_squared(limiting), 0)},
         {"time_step_limit", limit},
         {"time_step_limit_unknown", unknown},
         {"stable_over_limit", stable_over_limit},
@@ -158,13 +128,13 @@ nlohmann::json to_json(const SceneFacts& facts) {
         {"held_particles", problem.tool.particles.size()},
         {"notes", scene.notes},
         {"volume", volume_json(scene)},
-        {"bytes", facts.bytes},
+        {"bytes", bytes},
     };
 }
 
-void print_body(const SceneFacts& facts, std::ostream& out) {
-    const Scene& scene = facts.scene;
+void print(const Scene& scene, const nlohmann::json& facts, std::ostream& out) {
     const Problem& problem = scene.problem;
+    const auto number = [&](const char* key) { return facts.at(key).get<double>(); };
     row(out, "scene", scene.name);
     if (!scene.description.empty()) row(out, "", scene.description);
     for (const std::string& note : scene.notes) row(out, "note", note);
@@ -173,11 +143,12 @@ void print_body(const SceneFacts& facts, std::ostream& out) {
     if (scene.volume) print_volume(*scene.volume, out);
     row(out, "voxels", problem.lattice.voxel_count());
     row(out, "active particles", problem.particle_count());
-    row(out, "pinned particles", facts.pinned);
+    row(out, "pinned particles", number("pinned_particles"));
     row(out, "materials", problem.materials.size());
-    const auto& [face, edge, corner] = facts.springs.group;
+    const auto springs = facts.at("springs").get<std::map<std::string, std::size_t>>();
     row(out, "springs",
-        fmt::format("{} (face {}, edge {}, corner {})", facts.springs.total(), face, edge, corner));
+        fmt::format("{} (face {}, edge {}, corner {})", springs.at("total"), springs.at("face"),
+                    springs.at("edge"), springs.at("corner")));
     row(out, "damping", fmt::format("{:g}", problem.damping));
     if (!scene.edits.empty()) {
         row(out, "edits",
@@ -189,38 +160,33 @@ void print_body(const SceneFacts& facts, std::ostream& out) {
                         counted(problem.tool.particles.size(), "particle"),
                         scene.tool_motion.time.back() / problem.time_step));
     }
-}
-
-void print_time_step(const SceneFacts& facts, std::ostream& out) {
-    const Scene& scene = facts.scene;
-    const double time_step = scene.problem.time_step;
     row(out, "time step",
-        fmt::format("{:g} ({} of the stable {:g})", time_step,
-                    percent_text(time_step / scene.stable_time_step), scene.stable_time_step));
-    row(out, "  undamped", fmt::format("{:g} would be stable", facts.undamped));
+        fmt::format("{:g} ({} of the stable {:g})", problem.time_step,
+                    percent_text(number("fraction_of_stable")), scene.stable_time_step));
+    row(out, "  undamped", fmt::format("{:g} would be stable", number("stable_time_step_undamped")));
     row(out, "  limit",
-        facts.limit ? fmt::format("{:g} by Lanczos' iteration, of which the stable one is {:.4g}%",
-                                  *facts.limit, 100 * scene.stable_time_step / *facts.limit)
-                    : "unknown: " + facts.limit_unknown);
-}
-
-void print_memory(const SceneFacts& facts, std::ostream& out) {
+        facts.at("time_step_limit").is_null()
+            ? "unknown: " + facts.at("time_step_limit_unknown").get<std::string>()
+            : fmt::format("{:g} by Lanczos' iteration, of which the stable one is {:.4g}%",
+                          number("time_step_limit"), 100 * number("stable_over_limit")));
     out << "memory\n";
-    for (const auto& [name, bytes] : facts.bytes)
-        out << fmt::format("  {:<26}{:>12}\n", name, bytes_text(bytes));
+    for (const auto& [name, bytes] : facts.at("bytes").items())
+        out << fmt::format("  {:<26}{:>8.1f} MiB\n", name, bytes.get<double>() / (1 << 20));
 }
 
 }  // namespace
 
 void describe_scene(const std::string& argument, const VolumeOptions& volume, bool json, std::ostream& out) {
-    const SceneFacts facts = facts_of(argument, volume);
+    Activity activity;
+    activity.begin("reading " + argument);
+    const Scene scene = load_scene(argument, volume);
+    activity.end();
+    const nlohmann::json facts = facts_of(scene);
     if (json) {
-        out << json_text(to_json(facts), 2) << "\n";
-        return;
+        out << json_text(facts, 2) << "\n";
+    } else {
+        print(scene, facts, out);
     }
-    print_body(facts, out);
-    print_time_step(facts, out);
-    print_memory(facts, out);
 }
 
 }  // namespace voxspring

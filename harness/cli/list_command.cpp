@@ -1,3 +1,6 @@
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
 #include <map>
 #include <nlohmann/json.hpp>
 #include <ostream>
@@ -75,41 +78,34 @@ nlohmann::json describe_devices(const Api& api) {
 }
 
 nlohmann::json everything() {
-    nlohmann::json all = {{"backends", nlohmann::json::array()},
-                          {"scenes", nlohmann::json::array()},
-                          {"studies", nlohmann::json::array()}};
+    nlohmann::json backends = nlohmann::json::array(), scenes = backends, studies = backends;
+    for (const auto& [name, entry] : registry()) backends.push_back(describe_backend(entry));
+    for (const auto& [name, reason] : left_out())
+        backends.push_back(
+            {{"name", name}, {"available", false}, {"reason", "not in this build: " + reason}});
+    for (const auto& [name, description] : builtin_scenes())
+        scenes.push_back({{"name", name}, {"description", description}});
+    for (const auto& [name, description] : builtin_studies())
+        studies.push_back({{"name", name}, {"description", description}});
+    nlohmann::json all = {{"backends", backends}, {"scenes", scenes}, {"studies", studies}};
     for (const auto& [name, api] : apis()) {
         if (api.devices) all[name + "_devices"] = describe_devices(api);
-    }
-    for (const auto& [name, entry] : registry()) all["backends"].push_back(describe_backend(entry));
-    for (const auto& [name, reason] : left_out()) {
-        all["backends"].push_back(
-            {{"name", name}, {"available", false}, {"reason", "not in this build: " + reason}});
-    }
-    for (const auto& scene : builtin_scenes()) {
-        all["scenes"].push_back({{"name", scene.name}, {"description", scene.description}});
-    }
-    for (const auto& study : builtin_studies()) {
-        all["studies"].push_back({{"name", study.name}, {"description", study.description}});
     }
     return all;
 }
 
+std::string text(const nlohmann::json& object, const char* key) { return object.at(key); }
+
 /// The strings of a list, joined: "a|b".
 std::string alternatives(const nlohmann::json& list) {
-    std::string text;
-    for (const auto& value : list) text += (text.empty() ? "" : "|") + value.get<std::string>();
-    return text;
+    return fmt::format("{}", fmt::join(list.get<std::vector<std::string>>(), "|"));
 }
 
-/// Prints one available backend.
 void print_backend(const nlohmann::json& backend, std::ostream& out) {
-    out << "  " << backend["name"].get<std::string>() << "\n";
-    out << "      " << backend["summary"].get<std::string>() << "\n";
-    out << "      on " << backend["api"].get<std::string>() << ", " << backend["device"].get<std::string>()
-        << "\n"
-        << "      precision=" << alternatives(backend["precisions"])
-        << " formulation=" << alternatives(backend["formulations"]);
+    out << fmt::format("  {}\n      {}\n      on {}, {}\n      precision={} formulation={}",
+                       text(backend, "name"), text(backend, "summary"), text(backend, "api"),
+                       text(backend, "device"), alternatives(backend["precisions"]),
+                       alternatives(backend["formulations"]));
     for (const auto& [key, list] : backend["tuning"].items()) out << " " << key << "=" << alternatives(list);
     out << "\n      sutures "
         << (backend["beyond_lattice"].get<bool>() ? "any two particles" : "neighbours on the lattice alone")
@@ -131,20 +127,18 @@ void print_backends(const nlohmann::json& backends, std::ostream& out) {
 }
 
 void print_devices(const Api& api, const nlohmann::json& devices, std::ostream& out) {
-    if (devices.empty()) return;
-    out << api.title << " devices, for --" << api.name << "-device\n";
+    if (!devices.empty()) out << api.title << " devices, for --" << api.name << "-device\n";
     for (const auto& device : devices) {
-        out << "  " << device["number"].get<std::size_t>() << " " << device["name"].get<std::string>() << ", "
-            << device["kind"].get<std::string>();
-        if (!device["available"].get<bool>()) out << ": " << device["reason"].get<std::string>();
-        out << "\n";
+        out << "  " << device["number"].get<int>() << " " << text(device, "name") << ", "
+            << text(device, "kind") << (device["available"].get<bool>() ? "" : ": " + text(device, "reason"))
+            << "\n";
     }
 }
 
 }  // namespace
 
 void list_everything(bool json, std::ostream& out) {
-    nlohmann::json all = everything();
+    const nlohmann::json all = everything();
     if (json) {
         out << json_text(all, 2) << "\n";
         return;
@@ -156,10 +150,8 @@ void list_everything(bool json, std::ostream& out) {
     }
     for (const auto& [heading, key] : {std::pair{"Scenes", "scenes"}, std::pair{"Studies", "studies"}}) {
         out << heading << "\n";
-        for (const auto& item : all[key]) {
-            out << "  " << item["name"].get<std::string>() << ": " << item["description"].get<std::string>()
-                << "\n";
-        }
+        for (const auto& item : all[key])
+            out << "  " << text(item, "name") << ": " << text(item, "description") << "\n";
     }
 }
 

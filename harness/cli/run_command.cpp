@@ -1,6 +1,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <glm/geometric.hpp>
 #include <memory>
@@ -45,9 +46,8 @@ Largest largest_displacement(const State& state, const std::vector<std::uint32_t
         if (is_loose) ++next;
         double& of_kind = is_loose ? largest.loose : largest.held;
         const double length = glm::length(state.displacement[i]);
-        // The negated comparison lets NaN and infinity through.
-        if (!(length <= of_kind)) of_kind = length;
-        if (!std::isfinite(of_kind)) break;
+        if (!std::isfinite(length)) return {length, length};
+        of_kind = std::max(of_kind, length);
     }
     return largest;
 }
@@ -63,36 +63,27 @@ int steps_to(double time, const Scene& scene, std::ostream& out) {
     }
     constexpr double rounding = 1e-9;
     if (std::abs(steps * time_step - time) > rounding * time)
-        out << "time " << time << " is no whole number of time steps of " << time_step << ": "
-            << counted(std::uint64_t(steps), "step") << ", to time " << steps * time_step << "\n";
+        out << fmt::format("time {:g} is no whole number of time steps of {:g}: {}, to time {:g}\n", time,
+                           time_step, counted(std::uint64_t(steps), "step"), steps * time_step);
     return int(steps);
 }
 
-/// How many steps to take between checks for an interruption and reports of progress: about a fifth of a
-/// second of steps.
+/// How many steps to take between checks for an interruption and reports of progress: as many as take about a
+/// fifth of a second, a power of two, so that CUDA needs few graphs.
 class Stride {
 public:
+    /// It begins with steps of a million particles, which take a slow machine a tenth of a second.
     explicit Stride(std::size_t particles)
-        : steps_(std::clamp(first_work / double(std::max<std::size_t>(particles, 1)), 1.0, most)) {}
+        : steps_(int(std::bit_floor(std::size_t(1'000'000) / particles | 1))) {}
 
-    int steps() const {
-        const int whole = int(steps_);
-        return whole > longest_graph ? whole - whole % longest_graph : whole;
-    }
-    void took(int taken, double seconds) {
-        if (taken < steps()) return;  // a short stride that ends where a file is due
-        const double wanted = taken * wanted_seconds / std::max(seconds, 1e-9);
-        steps_ = std::clamp(wanted, std::max(1.0, steps_ / 4), std::min(most, steps_ * 4));
+    int steps() const { return steps_; }
+    void took(double seconds) {
+        if (seconds < 0.1 && steps_ < 1'000'000) steps_ *= 4;
+        if (seconds > 0.4 && steps_ > 1) steps_ /= 2;
     }
 
 private:
-    static constexpr double first_work =
-        1e6;  ///< particle steps; a slow machine takes a tenth of a second for them
-    static constexpr double wanted_seconds = 0.2;
-    static constexpr double most = 1e6;
-    static constexpr int longest_graph = 256;  ///< in steps, of CUDA; multiples of it need no shorter graph
-
-    double steps_;
+    int steps_;
 };
 
 /// A scene, the backend that runs it and the files to write.
@@ -158,8 +149,7 @@ private:
         *scene_ = at_time_step(*scene_, time_step);
         activity_.end();
         out_ << fmt::format(
-            "{}: time step {:g} in the place of {:g}, damping {:g} per step in the place of "
-            "{:g}: the same motion\n",
+            "{}: time step {:g} in the place of {:g}, damping {:g} per step in the place of {:g}\n",
             scene_->name, time_step, before, problem.damping, damping);
     }
 
@@ -183,14 +173,12 @@ private:
         const Pictures* pictures = exports_->pictures();
         if (pictures != nullptr && pictures->colouring() == Colouring::error)
             throw BadInput("command line", "--colour", "error",
-                           fmt::format("displacement: {} springs of {} are not those of {} after step {}, so "
-                                       "that float64 does not know its way there",
+                           fmt::format("displacement: {} springs of {} are not those of {} after step {}",
                                        others, file.string(), scene_->name, first_));
         const std::size_t before = scene_->edits.size();
         take_springs(*scene_, *saved_);
         out_ << fmt::format(
-            "{}: {} springs are not those of {} after step {}; the run goes on with the "
-            "file's{}\n",
+            "{}: {} springs are not those of {} after step {}; the run goes on with the file's{}\n",
             file.string(), others, scene_->name, first_,
             before > 0 ? ", and later edits change what they still find" : "");
     }
@@ -205,8 +193,7 @@ private:
         if (kept) return;
         activity_.end();
         out_ << to_string(options.formulation) << " in " << to_string(options.precision)
-             << " has more digits than the file: the run goes on from the state rounded to float64, and does "
-                "not end at the bits of one that was not interrupted\n";
+             << " has more digits than the file: the run does not end at the bits of an uninterrupted one\n";
     }
 
     void make_backend(bool by_rules) {
@@ -228,7 +215,8 @@ private:
     std::string subject() const { return scene_->name + " on " + spec_.label(); }
 
     Snapshot snapshot_of(const State& state) const {
-        return {*scene_, runner_->problem(), state, reached_, reached_ * time_step(), spec_.label()};
+        return {*scene_,      runner_->problem(), state, reached_, reached_ * scene_->problem.time_step,
+                spec_.label()};
     }
 
     /// Makes all steps, or those until an interruption. `take` gets each state that is written to files.
@@ -249,20 +237,19 @@ private:
             while (reached_ < end && !interrupted())
                 step_on(std::min(stride.steps(), end - reached_), stride);
             if (reached_ < end || (interrupted() && reached_ < steps_)) return;
-            if (forces_ && !in_first_pass_ && reached_ == force) add_force();
+            if (forces_ && !in_first_pass_ && reached_ == force)
+                forces_->add(reached_, backend_->tool()->tool_force());
             if (reached_ < file) continue;
             const State state = checked_state();
             take(snapshot_of(state));
         }
     }
 
-    void add_force() { forces_->add(reached_, backend_->tool()->tool_force()); }
-
     void step_on(int steps, Stride& stride) {
         const Timing batch = backend_->timed([&] { runner_->run(*backend_, steps); });
         timing_.device_seconds += batch.device_seconds;
         timing_.host_seconds += batch.host_seconds;
-        stride.took(steps, batch.host_seconds);
+        if (steps == stride.steps()) stride.took(batch.host_seconds);  // else it ends where a file is due
         reached_ += steps;
         activity_.done(double(reached_ - first_) / (steps_ - first_),
                        "step " + std::to_string(reached_) + " of " + std::to_string(steps_));
@@ -280,11 +267,9 @@ private:
         }
         throw std::runtime_error(spec_.entry->name + ": " + scene_->name + " " +
                                  (divergence ? describe(*divergence, monitor_) : "is no longer finite") +
-                                 "; time step " + std::to_string(time_step()) + ", stable " +
+                                 "; time step " + std::to_string(scene_->problem.time_step) + ", stable " +
                                  std::to_string(scene_->stable_time_step));
     }
-
-    double time_step() const { return scene_->problem.time_step; }
 
     int finish() {
         if (forces_) forces_->write();
@@ -317,7 +302,7 @@ private:
         }
         const bool leaves_forces = forces_ && reached_ > first_;
         if (leaves_forces) {
-            add_force();
+            forces_->add(reached_, backend_->tool()->tool_force());
             forces_->write();
         }
         activity_.end();

@@ -7,9 +7,13 @@
 
 namespace voxspring {
 
-/// Each script's description, by the command that starts it.
-const std::map<std::string, std::string>& scripts();
-bool is_script(const std::string& command);
+/// A script's description, and the Python packages that it needs: as modules, and by Debian's names if Debian
+/// has all of them.
+struct Script {
+    std::string description, modules, packages;
+};
+/// All scripts, by the command that starts each.
+const std::map<std::string, Script>& scripts();
 
 /// Replaces this process by the script with these arguments; returns only by throwing. The script is looked
 /// for in the folders results/ and share/voxspring/results/ beside the program and above it: in the source
