@@ -25,9 +25,11 @@
 namespace voxspring::testing {
 namespace {
 
+using ::testing::AllOf;
 using ::testing::ElementsAre;
 using ::testing::EndsWith;
 using ::testing::HasSubstr;
+using ::testing::IsEmpty;
 using ::testing::StartsWith;
 using ::testing::ThrowsMessage;
 
@@ -624,8 +626,10 @@ TEST(Scene, PartsOfABodyAreNamedAndLeftOut) {
                             gravity + pinned + R"(, "spring_groups": [)" + groups + "]");
     };
     const Scene all = loaded("");
-    EXPECT_THAT(all.notes, ElementsAre("the body has 3 parts: 12, 3 and 1 particles; 4 particles are in "
-                                       "parts that nothing pins, and fall"));
+    EXPECT_THAT(all.notes, ElementsAre(AllOf(
+                               StartsWith("the body has 3 parts: 12, 3 and 1 particles; 4 particles are in "
+                                          "parts that nothing pins, and fall"),
+                               HasSubstr("--parts largest"))));
     EXPECT_THAT(parts_of(all.problem).loose(), ElementsAre(2, 5, 8, 9));
     EXPECT_THAT(parts_of(all.problem).sizes, ElementsAre(12, 3, 1));
     const Scene largest = loaded(R"(, "parts": "largest")");
@@ -719,9 +723,10 @@ TEST(Scene, AVolumeByItselfSagsByAsManyVoxelsInAnyUnit) {
     };
     const Scene unit = bar({1, 1, 1});
     EXPECT_EQ(unit.problem.gravity, load_scene("heart").problem.gravity);
-    EXPECT_EQ(unit.notes, (std::vector<std::string>{
-                              "gravity is (0.0008, 0, -0.002), chosen so that the body sags by as many "
-                              "voxels as it would with a spacing of 1; --gravity sets it"}));
+    // Pins and gravity were chosen for the user, who hears of both.
+    ASSERT_EQ(unit.notes.size(), 2u);
+    EXPECT_THAT(unit.notes[0], HasSubstr("pinned from x 0 to 3"));
+    EXPECT_THAT(unit.notes[1], StartsWith("gravity is (0.0008, 0, -0.002)"));
     const std::vector<glm::dvec3> expected = sag_in_voxels(unit);
     EXPECT_GT(glm::length(expected.back()), 0.02);
     for (const float side : {0.035F, 3.5e-5F, 2.0F, 700.0F}) {
@@ -735,7 +740,17 @@ TEST(Scene, AVolumeByItselfSagsByAsManyVoxelsInAnyUnit) {
     upwards.gravity = glm::dvec3(0, 1, 0);
     const Scene chosen = bar({0.5F, 0.5F, 2}, upwards);
     EXPECT_EQ(chosen.problem.gravity, glm::dvec3(0, 1, 0));
-    EXPECT_TRUE(chosen.notes.empty());
+    EXPECT_EQ(chosen.notes.size(), 1u);
+}
+
+TEST(Scene, ABodyThatFallsOrThatNothingMovesIsSaid) {
+    const auto notes = [](const std::string& keys) { return box_with(keys).notes; };
+    const std::string pinned = R"("pinned": {"side": "z-"})", gravity = R"("gravity": [0, 0, -1])";
+    EXPECT_THAT(notes(gravity), ElementsAre(HasSubstr("fall freely")));
+    EXPECT_THAT(notes(pinned), ElementsAre(HasSubstr("nothing moves")));
+    EXPECT_THAT(notes(pinned + ", " + gravity), IsEmpty());
+    EXPECT_THAT(notes(R"("initial": {"velocity": [0.1, 0, 0]})"), IsEmpty());
+    EXPECT_THAT(notes(R"("loads": [{"voxel": [0, 0, 0], "force": [1, 0, 0]}])"), IsEmpty());
 }
 
 TEST(Scene, WhereNothingOscillatesItIsSaidWhy) {

@@ -256,16 +256,34 @@ Region on_an_axis_with_slices(Region region, const Lattice& lattice) {
     return region;
 }
 
-void pin_regions(Problem& problem, const SceneFile& scene) {
+/// Pins the scene's regions. Adds a note if the user has not chosen them: a volume file has no scene file.
+void pin_regions(Problem& problem, const SceneFile& scene, std::vector<std::string>& notes) {
     if (scene.pinned.empty()) return;
-    // The user of a volume file without a scene file has not chosen where it is pinned.
     const bool by_itself = scene.dataset.type == DatasetType::volume && !scene.dataset.file_source;
     std::vector<std::uint8_t> pinned(problem.particle_count());
     for (const Region& region : scene.pinned) {
         const Region chosen = by_itself ? on_an_axis_with_slices(region, problem.lattice) : region;
         for (const std::size_t i : particles_in(chosen, problem.lattice)) pinned[i] = 1;
+        if (!by_itself) continue;
+        const auto [from, to] = voxels_of(chosen, problem.lattice);
+        notes.push_back(fmt::format(
+            "the body is pinned from {} {} to {}, as the scene heart is; a scene file can pin other voxels",
+            "xyz"[chosen.axis], from[chosen.axis], to[chosen.axis]));
     }
     pin(problem, std::move(pinned));
+}
+
+/// What a user may not expect of the whole body: it falls freely, or nothing moves it. Empty if neither is
+/// so.
+std::string why_it_falls_or_rests(const Scene& scene) {
+    const Problem& problem = scene.problem;
+    if (problem.has_tool()) return {};
+    const bool is_free = problem.pinned.empty();
+    if (is_free && problem.has_gravity()) return "nothing pins the body: gravity makes it fall freely";
+    const bool starts_at_rest = scene.state.displacement.empty() && scene.state.increment.empty();
+    if (starts_at_rest && !problem.has_gravity() && problem.load.empty())
+        return "nothing moves the body: it has no gravity, load or tool, and starts at rest";
+    return {};
 }
 
 /// Sets `out` to `scale` times `field` on those particles of its region that may move. A field of zeros
@@ -347,7 +365,7 @@ void keep_parts(VoxelGrid& grid, const SceneFile& scene, const std::string& file
     if (!note.empty()) notes.push_back(note);
     if (std::any_of(grid.label.begin(), grid.label.end(), [](std::uint8_t label) { return label != 0; }))
         return;
-    const std::string accepted = "at most as many particles as the largest part has";
+    const std::string accepted = "\"largest\", or at most as many particles as the largest part has";
     if (scene.dataset.parts_source) scene.dataset.parts_source->refuse(accepted);
     throw BadInput(file, "--parts", scene.dataset.parts->text(), accepted);
 }
@@ -357,8 +375,8 @@ glm::dvec3 gravity_of(const SceneFile& scene, const glm::dvec3& spacing, std::ve
     if (!scene.gravity_in_voxels) return scene.gravity;
     const glm::dvec3 gravity = scene.gravity * spacing;
     notes.push_back(fmt::format(
-        "gravity is ({:g}, {:g}, {:g}), chosen so that the body sags by as many voxels as it would with "
-        "a spacing of 1; --gravity sets it",
+        "gravity is ({:g}, {:g}, {:g}): that of the scene heart times the spacing along each axis, so that "
+        "the body sags by as many voxels as with a spacing of 1; --gravity sets it",
         gravity.x, gravity.y, gravity.z));
     return gravity;
 }
@@ -386,7 +404,7 @@ Scene build(SceneFile file_says, const std::string& file, const SceneSizeLimits&
     keep_parts(labelled.grid, file_says, file, scene.notes);
     Problem& problem = scene.problem;
     problem = make_problem(file_says, std::move(labelled));
-    pin_regions(problem, file_says);
+    pin_regions(problem, file_says, scene.notes);
     for (const PointLoad& load : file_says.loads) {
         problem.load.resize(problem.particle_count());
         for (const std::size_t i : particles_in(load.region, problem.lattice)) problem.load[i] += load.force;
@@ -394,8 +412,13 @@ Scene build(SceneFile file_says, const std::string& file, const SceneSizeLimits&
     if (file_says.tool) take_tool(scene, *file_says.tool, file, is_builtin);
     problem.gravity = gravity_of(file_says, problem.lattice.spacing, scene.notes);
     problem.damping = file_says.damping;
-    if (const std::string note = describe(parts_of(problem), problem.has_gravity()); !note.empty())
-        scene.notes.push_back(note);
+    std::string parts_note = describe(parts_of(problem), problem.has_gravity());
+    if (!parts_note.empty()) {
+        if (file_says.dataset.type == DatasetType::volume)
+            parts_note +=
+                "; --parts largest, or \"parts\" of a scene's dataset, keeps the largest part alone";
+        scene.notes.push_back(std::move(parts_note));
+    }
     if (!file_says.edits.empty()) scene.edits = schedule_edits(file_says.edits, problem, limits);
     std::optional<Problem> edited;
     if (!scene.edits.empty()) edited = with_all_springs(scene);
@@ -404,6 +427,8 @@ Scene build(SceneFile file_says, const std::string& file, const SceneSizeLimits&
     problem.time_step = choose_time_step(file_says.time_step, scene.stable_time_step, limiting, file);
     set_field(scene.state.displacement, file_says.displacement, 1, problem);
     set_field(scene.state.increment, file_says.velocity, problem.time_step, problem);
+    if (std::string note = why_it_falls_or_rests(scene); !note.empty())
+        scene.notes.push_back(std::move(note));
     return scene;
 }
 

@@ -249,8 +249,9 @@ LabelledGrid with_segments(const Volume& volume, const std::optional<std::vector
         });
     }
     for (std::size_t s = 0; s < segments.size(); ++s) {
+        if (rank[s] == 0) continue;
         result.counts.emplace_back(segments[s].name, voxels[s]);
-        if (voxels[s] > 0 || rank[s] == 0) continue;
+        if (voxels[s] > 0) continue;
         if (words) refuse_absent(volume, segments[s].name);
         result.notes.push_back("segment " + segments[s].name + " has no voxel");
     }
