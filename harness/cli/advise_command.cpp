@@ -16,7 +16,7 @@
 #include "harness/base/json.h"
 #include "harness/base/text.h"
 #include "harness/cli/commands.h"
-#include "harness/results/result.h"
+#include "harness/results/print.h"
 #include "harness/scene/scene.h"
 #include "harness/study/advise.h"
 #include "harness/study/pareto.h"
@@ -29,11 +29,11 @@ namespace {
 
 /// Measures one scene by a study. What could not be measured is reported with the advice, or on standard
 /// error if the advice is JSON.
-nlohmann::json measured(const std::string& study, const std::string& scene, const AdviseOptions& options,
-                        std::ostream& out) {
+Result measured(const std::string& study, const std::string& scene, const AdviseOptions& options,
+                std::ostream& out) {
     StudyOptions of_study = options.study;
     of_study.scenes = {scene};
-    nlohmann::json result = run_study(load_study(study), of_study);
+    Result result = run_study(load_study(study), of_study);
     print_unmeasured(result, options.json ? std::cerr : out);
     return result;
 }
@@ -106,9 +106,9 @@ Measured candidates_for(const std::string& argument, const AdviseOptions& option
     if (options.results)
         return {.scene = argument, .candidates = candidates_of(read_json(*options.results), argument)};
     const std::string scene = load_scene(argument, options.study.volume).name;
-    const nlohmann::json result = measured("pareto", argument, options, out);
+    const Result result = measured("pareto", argument, options, out);
     Measured all{.scene = scene, .candidates = {}, .unfinished = is_unfinished(result)};
-    if (!result.at("pareto").empty() || !all.unfinished)
+    if (!result.rows<ParetoRow>("pareto").empty() || !all.unfinished)
         all.candidates = candidates_of(parse_json(json_text(result), "what was measured"), scene);
     return all;
 }
@@ -162,9 +162,9 @@ int print_advice_on_ranks(const std::string& argument, const AdviseOptions& opti
     if (options.results) {
         rows = scaling_rows_of(read_json(*options.results), argument);
     } else {
-        const nlohmann::json result = measured("scaling", argument, options, out);
+        const Result result = measured("scaling", argument, options, out);
         unfinished = is_unfinished(result);
-        for (const nlohmann::json& row : result.at("scaling")) rows.push_back(scaling_row_from_json(row));
+        rows = result.rows<ScalingRow>("scaling");
     }
     if (rows.empty()) {
         (options.json ? std::cerr : out)
@@ -178,13 +178,13 @@ int print_advice_on_ranks(const std::string& argument, const AdviseOptions& opti
     const int exit_code = unfinished ? interrupted_exit_code : 0;
     if (options.json) {
         const nlohmann::json json = {
-            {"scene", argument}, {"unfinished", unfinished}, {"best", voxspring::to_json(best)}};
+            {"scene", argument}, {"unfinished", unfinished}, {"best", json_of(best)}};
         out << json_text(json, 2) << "\n";
         return exit_code;
     }
     if (unfinished) out << argument << ": interrupted; of what was measured\n";
     print_what_pays(rows, out);
-    out << "best: " << best.row.label() << " by "
+    out << "best: " << best.label() << " by "
         << (best.ranks == 1
                 ? "1 rank"
                 : std::to_string(best.ranks) + " ranks, cut into " + best.cut + ", and " + best.way)
