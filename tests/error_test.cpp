@@ -578,7 +578,7 @@ TEST(Pareto, FrontHasWhatNothingBeatsOnItsDevice) {
     for (const auto& row : {row_of("slow_and_worse", "card", 3, 1e-3), row_of("accurate", "card", 2, 1e-5),
                             row_of("fast", "card", 1, 1e-4), row_of("as_fast_and_worse", "card", 1, 2e-4),
                             row_of("alone", "cpu", 9, 1), row_of("diverged", "card", 0, 0)})
-        rows.push_back(pareto_row_from_json(row));
+        rows.push_back(row_of_json<ParetoRow>(row));
     rows.back().seconds.reset();
     rows.back().on_front = false;
     mark_fronts(rows);

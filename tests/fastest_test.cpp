@@ -17,6 +17,7 @@
 #include "harness/scene/scene_runner.h"
 #include "harness/study/auto_choice.h"
 #include "harness/study/study.h"
+#include "harness/study/study_kind.h"
 
 namespace voxspring::testing {
 namespace {
@@ -73,7 +74,7 @@ TEST(Fastest, IsTheLeastMedianOfEachDataset) {
     // Only medians count.
     rows.push_back(row_of("a", "cuda_scatter", 1));
     rows.back()["aggregate_name"] = "stddev";
-    const nlohmann::json blocks = fastest_of(result_of(rows), {});
+    const std::vector<nlohmann::json> blocks = fastest_of(read_result(result_of(rows)), {});
     ASSERT_EQ(blocks.size(), 2u);
     EXPECT_EQ(blocks[0].at("name"), "a/cuda_fast/position/float32");
     EXPECT_DOUBLE_EQ(blocks[0].at("seconds_per_step"), 30e-6);
@@ -99,7 +100,7 @@ TEST(Fastest, IsChosenByHalfOfTheRepetitionsAndReportedByTheOthers) {
     };
     std::vector<nlohmann::json> rows = case_of("cuda_lucky", {6, 12, 6, 12, 6, 12, 6, 12, 6});
     for (auto& row : case_of("cuda_steady", {9, 9, 9, 9, 9, 9, 9, 9, 9})) rows.push_back(std::move(row));
-    const nlohmann::json block = fastest_of(result_of(rows), {}).at(0);
+    const nlohmann::json block = fastest_of(read_result(result_of(rows)), {}).at(0);
     EXPECT_EQ(block.at("name"), "a/cuda_lucky/position/float32");
     EXPECT_DOUBLE_EQ(block.at("seconds_per_step"), 12e-6) << "its luck is not in its time";
     EXPECT_DOUBLE_EQ(block.at("particle_updates_per_second"),
@@ -118,7 +119,7 @@ TEST(Fastest, TargetsAreMetOrMissedByTheBackendsThatTheyAreAbout) {
     const auto judged = [&](Quantity quantity, double value, const std::string& backends,
                             const std::string& over = "") {
         Target target{"a", "position", "float32", backends, over, quantity, value};
-        return fastest_of(result, {target})[0].at("targets").at(0);
+        return fastest_of(read_result(result), {target})[0].at("targets").at(0);
     };
     auto target = judged(Quantity::seconds_per_step, 20e-6, "cuda_*");
     EXPECT_EQ(target.at("name"), "a/cuda_fast/position/float32");
@@ -141,7 +142,7 @@ TEST(Fastest, TargetsAreMetOrMissedByTheBackendsThatTheyAreAbout) {
     EXPECT_TRUE(target.at("measured").is_null());
     EXPECT_TRUE(judged(Quantity::speed_ratio, 1, "gl_*", "vulkan_*").at("met").is_null());
     const Target elsewhere{"b", "position", "float32", "*", "", Quantity::seconds_per_step, 1};
-    EXPECT_TRUE(fastest_of(result, {elsewhere})[0].at("targets").empty());
+    EXPECT_TRUE(fastest_of(read_result(result), {elsewhere})[0].at("targets").empty());
 }
 
 TEST(Fastest, StudySaysWhatItIsMadeOf) {
@@ -216,7 +217,7 @@ TEST(Auto, DescribesWorkloads) {
 
 /// The choice for rows on one scene; backends of the rules that are not in `rows` count as unknown.
 nlohmann::json choice_of(const std::vector<nlohmann::json>& rows) {
-    return choose_among(result_of(rows), rows_from_json(rows));
+    return choose_among(read_result(result_of(rows)), rows_from_json(rows));
 }
 
 TEST(Auto, ChoosesAmongWhatWasMeasured) {
@@ -270,9 +271,9 @@ TEST(Auto, PassesOverWhatTheSceneIsRefusedByAndSoftware) {
     nlohmann::json refused = row_of("a", "cuda_implicit_cached", 1, "fetch=l1");
     refused["reason"] = "too large";
     result["skipped"].push_back(refused);
-    EXPECT_EQ(choose_among(result, rows).at("name"), "a/gl_fragment_implicit/position/float32");
+    EXPECT_EQ(choose_among(read_result(result), rows).at("name"), "a/gl_fragment_implicit/position/float32");
     result["context"]["voxspring"]["backends"]["gl_fragment_implicit"]["device"] = "llvmpipe, software";
-    const auto choice = choose_among(result, rows);
+    const auto choice = choose_among(read_result(result), rows);
     EXPECT_EQ(choice.at("name"), "a/cpu_parallel/position/float32");
     EXPECT_DOUBLE_EQ(choice.at("times_fastest"), 90.0 / 80) << "the fastest of all rows, chosen or not";
 }
@@ -316,20 +317,6 @@ TEST(Auto, TakesWhatRunsTheSceneOnThisMachine) {
     EXPECT_THROW(choose_backend("auto:precision=half", scene, accepts), BadSpecification);
 }
 
-TEST(Auto, SaysWhereSeveralDevicesAreFaster) {
-    const std::vector<SeveralDevices> measured = {
-        {"cuda_march", 2, 1e6}, {"cuda_march", 4, 4e6}, {"cuda_implicit_cached", 8, 1}};
-    const auto said = [&](std::uint64_t particles, int here) {
-        return advice_on_devices(measured, "cuda_march", {.particles = particles}, here);
-    };
-    EXPECT_EQ(said(999'999, 8), "");
-    EXPECT_EQ(said(1'000'000, 1), "");
-    EXPECT_EQ(said(1'000'000, 8), "2 devices are faster, see voxspring advise SCENE --devices 2");
-    EXPECT_EQ(said(5'000'000, 3), said(1'000'000, 8));
-    EXPECT_EQ(said(5'000'000, 4), "4 devices are faster, see voxspring advise SCENE --devices 4");
-    EXPECT_EQ(advice_on_devices({}, "cuda_march", {.particles = 1'000'000'000}, 8), "");
-}
-
 TEST(Auto, LeavesSpringsBeyondTheLatticeToLists) {
     Scene scene = load_scene("box@4");
     scene.problem.springs.push_back({0, 63, 1, 5});
@@ -346,7 +333,7 @@ TEST(Auto, LeavesSpringsBeyondTheLatticeToLists) {
 std::vector<std::string> mistakes(const nlohmann::json& result) {
     constexpr double most = 1.1;
     std::vector<std::string> all;
-    for (const auto& block : fastest_of(result, {})) {
+    for (const auto& block : fastest_of(read_result(result), {})) {
         if (block.contains("noisy")) {
             std::cout << block.at("name") << " is too noisy to judge the rules by: " << block.at("noisy")
                       << "\n";
@@ -377,7 +364,7 @@ TEST(Auto, IsWithinATenthOfTheFastestInEveryCommittedResult) {
         // If their choice took a million times as long, the same rules would be wrong wherever there was
         // another row.
         int others = 0;
-        const nlohmann::json blocks = fastest_of(result, {});
+        const std::vector<nlohmann::json> blocks = fastest_of(read_result(result), {});
         for (auto& row : result["benchmarks"]) row.erase("noisy");  // otherwise some could not be judged
         for (const auto& block : blocks) {
             int rows = 0;

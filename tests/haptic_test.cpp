@@ -28,35 +28,25 @@
 #include "harness/view/live_drawing.h"
 #include "tests/required.h"
 #include "tests/volume_files.h"
+#include "tests/wrapped_backend.h"
 
 namespace voxspring::testing {
 namespace {
 
-// --- A backend that fails once it is drawn
-// ------------------------------------------------------------------
+// --- A backend that fails once it is drawn ---------------------------------------------------------------
 
 /// A cpu_reference whose state cannot be downloaded often: only drawing downloads it.
-class Withheld : public CpuBackend, public ToolFacet {
+class Withheld : public WrappedBackend, public ToolFacet {
 public:
-    Capabilities capabilities() const override { return inner_->capabilities(); }
-    std::string unsupported(const Problem&) const override { return {}; }
-    void upload(const Problem& problem, const State& state) override { inner_->upload(problem, state); }
-    void edit(const Problem& edited, const SpringEdit& edit) override { inner_->edit(edited, edit); }
     ToolFacet* tool() override { return this; }
-    void move_tool(const glm::dvec3& displacement) override { inner_->tool()->move_tool(displacement); }
-    glm::dvec3 tool_force() override { return inner_->tool()->tool_force(); }
-    void step(int count) override { inner_->step(count); }
+    void move_tool(const glm::dvec3& displacement) override { inner().tool()->move_tool(displacement); }
+    glm::dvec3 tool_force() override { return inner().tool()->tool_force(); }
     State download() override {
         if (++downloads_ > 2) throw DeviceError("the device was lost");
-        return inner_->download();
+        return WrappedBackend::download();
     }
-    StepWork step_work(const Problem& problem) const override { return inner_->limits()->step_work(problem); }
-
-protected:
-    Backend& inner() { return *inner_; }
 
 private:
-    std::unique_ptr<Backend> inner_ = BackendSpec::parse("cpu_reference").make();
     int downloads_ = 0;
 };
 
@@ -104,19 +94,9 @@ public:
     }
 };
 
-template <class Made>
-BackendEntry entry(const std::string& name) {
-    return {.name = name,
-            .api = name.substr(0, name.find('_')),
-            .summary = "A backend for this test.",
-            .precisions = {Precision::float64},
-            .formulations = {Formulation::increment},
-            .tuning = {},
-            .make = [](const Options&) { return std::make_unique<Made>(); },
-            .bytes = [](const Problem&, const Options&) { return std::uint64_t(0); }};
-}
-const Registered withheld(entry<Withheld>("withheld")), brought(entry<Brought>("brought")),
-    stopped(entry<Interrupted>("interrupted"));
+const Registered withheld = registered_for_test("withheld", [] { return std::make_unique<Withheld>(); });
+const Registered brought = registered_for_test("brought", [] { return std::make_unique<Brought>(); });
+const Registered stopped = registered_for_test("interrupted", [] { return std::make_unique<Interrupted>(); });
 
 // --- Tests -----------------------------------------------------------------------------------------------
 

@@ -16,12 +16,12 @@
 #include <thread>
 #include <vector>
 
-#include "backends/cpu/cpu_backend.h"
 #include "backends/device_choice.h"
 #include "backends/registry.h"
 #include "harness/device/card.h"
-#include "harness/results/result.h"
+#include "harness/results/print.h"
 #include "harness/study/study.h"
+#include "tests/wrapped_backend.h"
 
 namespace voxspring::testing {
 namespace {
@@ -125,47 +125,26 @@ TEST(Noise, WaitingGrowsWhereThreadsHaveNoCore) {
 }
 
 /// cpu_reference as a backend on a card.
-class OnCard : public CpuBackend, public BorderFacet {
+class OnCard : public WrappedBackend {
 public:
-    OnCard(std::string api, const std::string& family)
-        : api_(std::move(api)), family_(family), sound_(BackendSpec::parse("cpu_reference").make()) {}
+    explicit OnCard(std::string api) : api_(std::move(api)) {}
     Capabilities capabilities() const override {
-        Capabilities capabilities = sound_->capabilities();
+        Capabilities capabilities = WrappedBackend::capabilities();
         capabilities.api = api_;
-        capabilities.family = family_;
         capabilities.family = "cuda";
         capabilities.uuid = number_ == 0 ? "GPU-fake" : "GPU-fake-" + std::to_string(number_);
         return capabilities;
     }
-    void upload(const Problem& problem, const State& state) override { sound_->upload(problem, state); }
-    void edit(const Problem& edited, const SpringEdit& edit) override { sound_->edit(edited, edit); }
-    void step(int count) override { sound_->step(count); }
-    State download() override { return sound_->download(); }
-    StepWork step_work(const Problem& problem) const override { return sound_->limits()->step_work(problem); }
-    BorderFacet* borders() override { return this; }
-    std::unique_ptr<Border> border(const std::vector<std::uint32_t>& particles) override {
-        return sound_->borders()->border(particles);
-    }
 
 private:
     const int number_ = DeviceOfThread::now().number;
-    std::string api_;
-    std::string family_;
-    std::unique_ptr<Backend> sound_;
+    const std::string api_;
 };
 
-BackendEntry entry_on_card(const std::string& name, const std::string& api, const std::string& family) {
-    return {.name = name,
-            .api = name.substr(0, name.find('_')),
-            .summary = "A backend for this test.",
-            .precisions = {Precision::float64},
-            .formulations = {Formulation::increment},
-            .tuning = {},
-            .make = [=](const Options&) { return std::make_unique<OnCard>(api, family); },
-            .bytes = [](const Problem&, const Options&) { return std::uint64_t(0); }};
-}
-const Registered on_card(entry_on_card("on_card", "CUDA 13.0", "cuda"));
-const Registered drawn_on_card(entry_on_card("drawn_on_card", "OpenGL 4.6", "opengl"));
+const Registered on_card =
+    registered_for_test("on_card", [] { return std::make_unique<OnCard>("CUDA 13.0"); });
+const Registered drawn_on_card =
+    registered_for_test("drawn_on_card", [] { return std::make_unique<OnCard>("OpenGL 4.6"); });
 
 nlohmann::json result_of_study(const std::string& kind, const std::vector<std::string>& backends,
                                const nlohmann::json& settings = nlohmann::json::object(),

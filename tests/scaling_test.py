@@ -104,7 +104,7 @@ class Scaling(FaultyStudies):
         self.assertIn("rank 1 on this host", ran.stderr)
         self.assertIn("same build", ran.stderr)
         self.study(kind="timing", backends=["cpu_reference"], scenes=[{"scene": "box@4"}])
-        self.assertIn("a study of the kind scaling", self.run_study(1, code=2).stderr)
+        self.assertIn("not of the kind scaling", self.run_study(1, code=2).stderr)
 
     def test_says_why_there_is_no_open_mpi(self):
         (self.folder / "libmpi.so.40").write_text("no library")

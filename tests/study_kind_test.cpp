@@ -21,13 +21,14 @@
 #include <thread>
 #include <utility>
 
-#include "backends/cpu/cpu_backend.h"
 #include "harness/base/bad_input.h"
 #include "harness/cli/commands.h"
+#include "harness/results/print.h"
 #include "harness/study/scaling_row.h"
 #include "harness/study/study_bench.h"
 #include "harness/study/suite.h"
 #include "tests/volume_files.h"
+#include "tests/wrapped_backend.h"
 
 namespace voxspring::testing {
 namespace {
@@ -55,6 +56,12 @@ const RegisteredCaseRunner runner("upload_time", [](const BackendSpec&, const Sc
     return std::make_unique<UploadRunner>(scene, parameters);
 });
 
+struct UploadRow : Row {
+    std::string label_of_scene = {};
+
+    static void fields(auto& row, auto& of) { of.required("label", row.label_of_scene); }
+};
+
 class UploadTime final : public StudyKind {
 public:
     void read(JsonObject& study) override {
@@ -71,22 +78,28 @@ public:
         for (const BackendSpec& spec : bench.specs()) {
             auto entered = bench.enter(spec, {"upload_time", {{"times", times_}}});
             if (!entered) continue;
-            nlohmann::json row = to_json(row_of(bench.scene().name, spec));
-            row["label"] = bench.item().settings.value("label", "");
-            row["upload_seconds"] = entered->ask({{"do", "upload"}}, "uploading");
-            bench.add("uploads", std::move(row));
+            UploadRow row{row_of(bench.scene().name, spec)};
+            row.label_of_scene = bench.item().settings.value("label", "");
+            row.counters.add("upload_seconds", entered->ask({{"do", "upload"}}, "uploading"), Unit::second,
+                             Better::less);
+            row.counters.add("voxels_a_byte", std::nullopt, Unit::number, Better::more);
+            bench.add("uploads", row);
         }
     }
-    std::vector<std::string> lists() const override { return {"uploads", "slowest"}; }
-    std::string schema() const override { return "urn:example:uploads:1"; }
-    void summarise(nlohmann::json& result) const override {
-        double slowest = 0;
-        for (const auto& row : result.at("uploads"))
-            slowest = std::max(slowest, row.at("upload_seconds").get<double>());
-        result["slowest"] = nlohmann::json::array({slowest});
+    void make_lists(Result& result) const override {
+        result.rows<UploadRow>("uploads");
+        result.rows<nlohmann::json>("slowest");
     }
-    void print(const nlohmann::json& result, std::ostream& out, TableWidth) const override {
-        for (const auto& row : result.at("uploads")) out << row.at("name").get<std::string>() << "\n";
+    void summarise(Result& result) const override {
+        double slowest = 0;
+        for (const UploadRow& row : result.rows<UploadRow>("uploads"))
+            slowest = std::max(slowest, row.counters.at("upload_seconds"));
+        result.rows<nlohmann::json>("slowest") = {slowest};
+    }
+    void print(const Result& result, std::ostream& out, TableWidth width) const override {
+        print_rows<UploadRow>(result.rows<UploadRow>("uploads"),
+                              {{{"label"}, [](const UploadRow& row) { return row.label_of_scene; }}}, width,
+                              out);
     }
 
 private:
@@ -98,24 +111,17 @@ const RegisteredStudyKind registered("upload_time", [] { return std::make_unique
 // --- The kind `meeting`: suites that meet each other -----------------------------------------------------
 
 /// cpu_reference as a backend of another API.
-class Disguised : public CpuBackend {
+class Disguised : public WrappedBackend {
 public:
     explicit Disguised(std::string family) : family_(std::move(family)) {}
     Capabilities capabilities() const override {
-        Capabilities capabilities = inner_->capabilities();
+        Capabilities capabilities = WrappedBackend::capabilities();
         capabilities.family = family_;
         return capabilities;
     }
-    std::string unsupported(const Problem&) const override { return {}; }
-    void upload(const Problem& problem, const State& state) override { inner_->upload(problem, state); }
-    void edit(const Problem& edited, const SpringEdit& edit) override { inner_->edit(edited, edit); }
-    void step(int count) override { inner_->step(count); }
-    State download() override { return inner_->download(); }
-    StepWork step_work(const Problem& problem) const override { return inner_->limits()->step_work(problem); }
 
 private:
     const std::string family_;
-    std::unique_ptr<Backend> inner_ = BackendSpec::parse("cpu_reference").make();
 };
 
 /// A backend that is edited once per run: in the first run, which is not timed, with one thread, later with
@@ -135,42 +141,22 @@ private:
     int edits_ = 0;
 };
 
-Registered registered_for_test(const std::string& name, std::function<std::unique_ptr<Backend>()> make) {
-    return Registered({.name = name,
-                       .api = name.substr(0, name.find('_')),
-                       .summary = "A backend for this test.",
-                       .precisions = {Precision::float64},
-                       .formulations = {Formulation::increment},
-                       .tuning = {},
-                       .make = [make = std::move(make)](const Options&) { return make(); },
-                       .bytes = [](const Problem&, const Options&) { return std::uint64_t(0); }});
-}
 Registered disguised(const std::string& name, const std::string& family) {
     return registered_for_test(name, [family] { return std::make_unique<Disguised>(family); });
 }
 /// A cpu_reference that claims borders within steps, between devices that do not exist.
-class OnDevices final : public CpuBackend, public BorderFacet {
+class OnDevices final : public WrappedBackend {
 public:
     Capabilities capabilities() const override {
-        Capabilities capabilities = inner_->capabilities();
+        Capabilities capabilities = WrappedBackend::capabilities();
         capabilities.has_borders = false;
         capabilities.border_ways = {"stores"};
         return capabilities;
     }
-    void upload(const Problem& problem, const State& state) override { inner_->upload(problem, state); }
-    void edit(const Problem&, const SpringEdit&) override {}
-    void step(int count) override { inner_->step(count); }
-    State download() override { return inner_->download(); }
-    StepWork step_work(const Problem& problem) const override { return inner_->limits()->step_work(problem); }
-    BorderFacet* borders() override { return this; }
-    std::unique_ptr<Border> border(const std::vector<std::uint32_t>&) override { return nullptr; }
     std::shared_ptr<DeviceBorders> device_borders(const std::vector<SharedParticles>&,
                                                   const std::string&) override {
         throw Unavailable("there is no device");
     }
-
-private:
-    std::unique_ptr<Backend> inner_ = BackendSpec::parse("cpu_reference").make();
 };
 const Registered edited_with_all =
     registered_for_test("edited_with_all", [] { return std::make_unique<EditedWithAll>(); });
@@ -178,29 +164,24 @@ const Registered with_devices =
     registered_for_test("on_devices", [] { return std::make_unique<OnDevices>(); });
 
 /// A cpu_reference that displaces one layer of voxels.
-class Nudged final : public CpuBackend {
+class Nudged final : public WrappedBackend {
 public:
     explicit Nudged(double z) : z_(z) {}
-    Capabilities capabilities() const override { return inner_->capabilities(); }
     void upload(const Problem& problem, const State& state) override {
         problem_ = &problem;
-        inner_->upload(problem, state);
+        WrappedBackend::upload(problem, state);
     }
-    void edit(const Problem&, const SpringEdit&) override {}
-    void step(int count) override { inner_->step(count); }
     State download() override {
-        State state = inner_->download();
+        State state = WrappedBackend::download();
         for (std::size_t i = 0; i < state.displacement.size(); ++i) {
             if (problem_->rest_position[i].z == z_) state.displacement[i].x += 1e-3;
         }
         return state;
     }
-    StepWork step_work(const Problem& problem) const override { return inner_->limits()->step_work(problem); }
 
 private:
     const double z_;
     const Problem* problem_ = nullptr;
-    std::unique_ptr<Backend> inner_ = BackendSpec::parse("cpu_reference").make();
 };
 Registered nudged(const std::string& name, double z) {
     return registered_for_test(name, [z] { return std::make_unique<Nudged>(z); });
@@ -255,8 +236,7 @@ public:
                                .known = [&] { return found; },
                                .on_event = [&](const auto& event) { found.push_back(event.at("found")); }});
     }
-    std::vector<std::string> lists() const override { return {"meetings"}; }
-    void print(const nlohmann::json&, std::ostream&, TableWidth) const override {}
+    void print(const Result&, std::ostream&, TableWidth) const override {}
 
 private:
     std::string folder_;
@@ -287,8 +267,7 @@ class ThreadCount final : public StudyKind {
             }
         }
     }
-    std::vector<std::string> lists() const override { return {"threads"}; }
-    void print(const nlohmann::json&, std::ostream&, TableWidth) const override {}
+    void print(const Result&, std::ostream&, TableWidth) const override {}
 };
 
 const RegisteredStudyKind thread_count("thread_count", [] { return std::make_unique<ThreadCount>(); });
@@ -324,10 +303,20 @@ TEST_F(StudyKinds, OneOfOnesOwnRunsAsAnyOther) {
     ASSERT_EQ(result.at("uploads").size(), 6u) << "three backends on two scenes";
     EXPECT_EQ(result.at("uploads")[0].at("label"), "small");
     EXPECT_GT(result.at("slowest")[0].get<double>(), 0);
+    // The stand-in metric: named where it is measured, then in the rows, described once, and in the table.
+    EXPECT_GT(result.at("uploads")[0].at("upload_seconds").get<double>(), 0);
+    EXPECT_FALSE(result.at("uploads")[0].contains("counters"));
+    const nlohmann::json& described = result.at("context").at("voxspring").at("counters");
+    EXPECT_EQ(described.at("upload_seconds"), nlohmann::json({{"unit", "s"}, {"better", "less"}}));
+    EXPECT_EQ(described.at("voxels_a_byte"), nlohmann::json({{"unit", ""}, {"better", "more"}}));
+    EXPECT_TRUE(result.at("uploads")[0].at("voxels_a_byte").is_null()) << "it is not known";
+    EXPECT_EQ(nlohmann::json(read_result(result)), result) << "read as it was written";
     EXPECT_EQ(result.at("context").at("voxspring").at("study").at("kind"), "upload_time");
     std::ostringstream printed;
     EXPECT_EQ(run_and_print_study(study, {}, printed), 0);
-    expect_contains(printed.str(), "box@5/cpu_reference/increment/float64");
+    EXPECT_THAT(printed.str(),
+                ::testing::ContainsRegex("scene +backend +label +upload seconds +voxels a byte\n"
+                                         "box@4 +cpu_[a-z_0-9 ]+ small +[0-9.]+ [mun]?s +-\n"));
 }
 
 TEST_F(StudyKinds, SuitesOfDevicesGoSideBySide) {
@@ -413,15 +402,6 @@ TEST_F(StudyKinds, ReadAndCheckTheirOwnKeys) {
 
 // --- What all kinds have in common ------------------------------------------------------------------------
 
-TEST_F(StudyKinds, SayWhichListsAndSchemaTheirResultsHave) {
-    for (const std::string& name : study_kind_names()) {
-        const auto kind = make_study_kind(name);
-        EXPECT_EQ(kind->schema(), name == "upload_time" ? "urn:example:uploads:1" : "urn:voxspring:result:1");
-    }
-    EXPECT_EQ(make_study_kind("stability")->lists(),
-              (std::vector<std::string>{"stability", "stability_map"}));
-}
-
 TEST_F(StudyKinds, OverheadHandsStepsOverInTwoWays) {
     Study study;
     study.name = "test";
@@ -474,7 +454,7 @@ TEST(ScalingModel, SaysFromWhichSizeOnMoreThanOneRankPays) {
     constexpr double particle = 1e-9, latency = 1e-5;
     const auto row_of = [&](int ranks, std::uint64_t particles, const std::string& way) {
         ScalingRow row;
-        row.row.workpiece = Workpiece{.steps = 1, .particles = particles, .springs = 1};
+        row.workpiece = Workpiece{.steps = 1, .particles = particles, .springs = 1};
         row.ranks = ranks;
         row.way = way;
         row.seconds_per_step = particle * double(particles) / ranks;
@@ -528,7 +508,7 @@ TEST_F(StudyKinds, ScalingSaysWhetherMoreThanOneRankPays) {
             if (ranks == 3) row["noisy"] = {"ranks share a device"};
         }
         std::ostringstream printed;
-        print_result(result, printed);
+        print_result(read_result(result), printed);
         return printed.str();
     };
     const std::string box = "box@8 cpu_reference increment float64: more than one rank ";
@@ -544,7 +524,7 @@ TEST_F(StudyKinds, ScalingSaysWhetherMoreThanOneRankPays) {
     for (auto& row : result.at("scaling"))
         row["pays_from_particles"] = row.at("ranks") == 2 ? nlohmann::json(100) : nullptr;
     std::ostringstream contradicted;
-    print_result(result, contradicted);
+    print_result(read_result(result), contradicted);
     EXPECT_THAT(contradicted.str(),
                 ::testing::HasSubstr(
                     "0.50 times as fast as one; the model, by which they are faster from 100 particles "
@@ -559,7 +539,7 @@ TEST_F(StudyKinds, ScalingSkipsTheWaysOfOtherBackends) {
         "ranks": [1, 2], "backends": ["on_devices"], "scenes": [{"scene": "box@4"}]})");
     StudyOptions options;
     options.ranks = 2;
-    expect_contains(run_study(load_study(file), options).at("skipped").dump(),
+    expect_contains(nlohmann::json(run_study(load_study(file), options)).at("skipped").dump(),
                     "its ranks are on devices: --devices says");
     options.devices = {0, 1};
     const nlohmann::json result = run_study(load_study(file), options);
@@ -635,7 +615,7 @@ TEST_F(StudyKinds, ScalingVerifiesASampleWhereItIsAskedTo) {
                                                            layers + "}]}");
         StudyOptions options;
         options.ranks = ranks;
-        return run_study(load_study(file), options);
+        return nlohmann::json(run_study(load_study(file), options));
     };
     const nlohmann::json rows = measured(R"("cpu_parallel:formulation=position")", "2").at("scaling");
     ASSERT_EQ(rows.size(), 2u);
@@ -646,7 +626,7 @@ TEST_F(StudyKinds, ScalingVerifiesASampleWhereItIsAskedTo) {
     }
     EXPECT_EQ(rows[1].at("same_bits"), true);
     std::ostringstream out;
-    print_result(measured(R"("cpu_reference")", "2"), out);
+    print_result(read_result(measured(R"("cpu_reference")", "2")), out);
     expect_contains(out.str(), "box@6x6x24: errors and bits are those of a sample of 360 of 864 particles");
 
     const nlohmann::json wrong = measured(R"("nudged_7", "nudged_12")", "2", 1);
@@ -676,8 +656,9 @@ TEST_F(StudyKinds, ScalingPredictsTheLongerOfStepAndExchangeWhereTheyOverlap) {
     const auto predicted = [&](const std::string& way, double latency) {
         two["way"] = way;
         two["latency_seconds"] = latency;
-        make_study_kind("scaling")->summarise(result);
-        return two.at("predicted_seconds").get<double>();
+        Result again = read_result(result);
+        make_study_kind("scaling")->summarise(again);
+        return again.rows<ScalingRow>("scaling")[1].predicted_seconds.value();
     };
     EXPECT_NEAR(predicted("peer", 9e-6), 154e-6, 1e-12);
     EXPECT_NEAR(predicted("peer_overlap", 9e-6), 144e-6, 1e-12);
@@ -700,9 +681,10 @@ TEST_F(StudyKinds, ScalingHasARankADeviceAtMost) {
         "ranks": [1, 2, 3, 4], "backends": ["cpu_reference"], "scenes": [{"scene": "box@6"}]})");
     StudyOptions options;
     options.devices = {0, 0, 0};
-    EXPECT_EQ(run_study(load_study(file), options).at("scaling").size(), 3u);
+    EXPECT_EQ(run_study(load_study(file), options).lists().at("scaling")->size(), 3u);
     options.ranks = 4;
-    EXPECT_EQ(run_study(load_study(file), options).at("scaling").size(), 5u) << "four as bricks as well";
+    EXPECT_EQ(run_study(load_study(file), options).lists().at("scaling")->size(), 5u)
+        << "four as bricks as well";
 }
 
 TEST_F(StudyKinds, ScalingCutsIntoBricksWhereTheseHaveLessBorder) {
@@ -712,7 +694,7 @@ TEST_F(StudyKinds, ScalingCutsIntoBricksWhereTheseHaveLessBorder) {
                                                            keys + "}");
         StudyOptions options;
         options.ranks = 4;
-        return run_study(load_study(file), options).at("scaling");
+        return nlohmann::json(run_study(load_study(file), options)).at("scaling");
     };
     const nlohmann::json measured = rows(R"("ranks": [1, 2, 4])");
     ASSERT_EQ(measured.size(), 4u) << measured;
@@ -745,7 +727,7 @@ TEST_F(StudyKinds, TwoScenesOfOneNameAreRefusedUnlessTheyAreTheSame) {
     const std::string text = R"({"dataset": {"type": "box", "dims": [4, 4, 4]}})";
     const std::string first = write("body.json", text), same = write("other/body.json", text);
     if (const std::string why = refusal([&] { (void)load_scene(first); }); why != "accepted") FAIL() << why;
-    EXPECT_EQ(run_study(timing_of({{first, 3, {}}, {same, 3, {}}}), {}).at("verification").size(), 2u);
+    EXPECT_EQ(run_study(timing_of({{first, 3, {}}, {same, 3, {}}}), {}).rows("verification").size(), 2u);
     const std::string other = write("other/body.json", R"({"dataset": {"type": "box", "dims": [5, 4, 4]}})");
     const std::string why = refusal([&] {
         (void)run_study(timing_of({{first, 3, {}}, {other, 3, {}}}), {});
@@ -792,7 +774,7 @@ TEST_F(StudyKinds, ASlowCaseMakesFewerRepetitionsWhichIsSaid) {
     const std::map<std::string, int> expected = {{"box@2", 5}, {"box@8", 2}};
     EXPECT_EQ(repetitions, expected);
     std::ostringstream printed;
-    print_result(result, printed);
+    print_result(read_result(result), printed);
     expect_contains(printed.str(),
                     "1 of 2 times with fewer than 5 repetitions, since these took long: box@8: cpu_reference "
                     "increment float64 (2)\n");

@@ -392,7 +392,7 @@ TEST(Study, ARunThatDivergesIsNotTimed) {
     for (const auto& row : result.at("benchmarks")) EXPECT_EQ(row.at("backend"), "test_sound");
     // Fewer steps than lie between two checks: only the backend could detect it, and it did not check.
     study.scenes = {{"box@5", 4, {}}};
-    EXPECT_TRUE(run_study(study, {}).at("failed").empty());
+    EXPECT_TRUE(run_study(study, {}).rows("failed").empty());
 }
 
 // One API checks more often than another.
@@ -435,7 +435,7 @@ TEST(Study, EveryRowHasItsErrors) {
         EXPECT_LE(row.at("motion_rms"), row.at("motion_max"));
     }
     study.settings = {{"total_error", false}};
-    const auto without = run_study(study, {});
+    const nlohmann::json without = run_study(study, {});
     for (const auto& row : without.at("benchmarks")) {
         EXPECT_TRUE(row.at("total_error_relative_l2").is_null());
         EXPECT_THAT(std::string(row.at("total_error_reason")), HasSubstr("does not ask"));
@@ -558,7 +558,7 @@ TEST(Study, APatternStandsForTheBackendsThatHaveItsOptions) {
 
 TEST(Study, AStarStandsForEachValueThatTheBackendHas) {
     std::set<std::string> measured;
-    const auto result = run_study(study_of({"cpu_parallel:formulation=*,precision=*"}), {});
+    const nlohmann::json result = run_study(study_of({"cpu_parallel:formulation=*,precision=*"}), {});
     for (const auto& row : result.at("verification"))
         measured.insert(std::string(row.at("formulation")) + "/" + std::string(row.at("precision")));
     const BackendEntry& entry = registry().at("cpu_parallel");

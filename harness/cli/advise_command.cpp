@@ -15,7 +15,7 @@
 #include "harness/base/json.h"
 #include "harness/base/text.h"
 #include "harness/cli/commands.h"
-#include "harness/results/result.h"
+#include "harness/results/print.h"
 #include "harness/scene/scene.h"
 #include "harness/study/advise.h"
 #include "harness/study/pareto.h"
@@ -28,11 +28,11 @@ namespace {
 
 /// Measures one scene by a study. What could not be measured is reported with the advice, or on standard
 /// error if the advice is JSON.
-nlohmann::json measured(const std::string& study, const std::string& scene, const AdviseOptions& options,
-                        std::ostream& out) {
+Result measured(const std::string& study, const std::string& scene, const AdviseOptions& options,
+                std::ostream& out) {
     StudyOptions of_study = options.study;
     of_study.scenes = {scene};
-    nlohmann::json result = run_study(load_study(study), of_study);
+    Result result = run_study(load_study(study), of_study);
     print_unmeasured(result, options.json ? std::cerr : out);
     return result;
 }
@@ -94,9 +94,9 @@ Measured candidates_for(const std::string& argument, const AdviseOptions& option
     if (options.results)
         return {.scene = argument, .candidates = candidates_of(read_json(*options.results), argument)};
     const std::string scene = load_scene(argument, options.study.volume).name;
-    const nlohmann::json result = measured("pareto", argument, options, out);
+    const Result result = measured("pareto", argument, options, out);
     Measured all{.scene = scene, .candidates = {}, .unfinished = is_unfinished(result)};
-    if (!result.at("pareto").empty() || !all.unfinished)
+    if (!result.rows<ParetoRow>("pareto").empty() || !all.unfinished)
         all.candidates = candidates_of(parse_json(json_text(result), "what was measured"), scene);
     return all;
 }
@@ -149,9 +149,9 @@ int print_advice_on_ranks(const std::string& argument, const AdviseOptions& opti
     if (options.results) {
         rows = scaling_rows_of(read_json(*options.results), argument);
     } else {
-        const nlohmann::json result = measured("scaling", argument, options, out);
+        const Result result = measured("scaling", argument, options, out);
         unfinished = is_unfinished(result);
-        for (const nlohmann::json& row : result.at("scaling")) rows.push_back(scaling_row_from_json(row));
+        rows = result.rows<ScalingRow>("scaling");
     }
     if (rows.empty()) {
         (options.json ? std::cerr : out)
@@ -165,14 +165,14 @@ int print_advice_on_ranks(const std::string& argument, const AdviseOptions& opti
     const int exit_code = unfinished ? interrupted_exit_code : 0;
     if (options.json) {
         const nlohmann::json json = {
-            {"scene", argument}, {"unfinished", unfinished}, {"best", voxspring::to_json(best)}};
+            {"scene", argument}, {"unfinished", unfinished}, {"best", json_of(best)}};
         out << json_text(json, 2) << "\n";
         return exit_code;
     }
     if (unfinished) out << argument << ": interrupted; of what was measured\n";
     print_what_pays(rows, out);
     out << fmt::format(
-        "best: {} by {}, {} per step\n", best.row.label(),
+        "best: {} by {}, {} per step\n", best.label(),
         best.ranks == 1 ? "1 rank" : fmt::format("{} ranks ({}, {})", best.ranks, best.cut, best.way),
         si(best.seconds_per_step, "s"));
     return exit_code;

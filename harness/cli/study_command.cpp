@@ -2,7 +2,6 @@
 
 #include <iostream>
 #include <memory>
-#include <nlohmann/json.hpp>
 #include <ostream>
 #include <string>
 
@@ -28,7 +27,7 @@ int run_and_print_study(const std::string& argument, const StudyOptions& asked, 
     }
     StudyOptions options = asked;
     options.mpi = mpi.get();
-    const nlohmann::json result = run_study(load_study(argument), options);
+    const Result result = run_study(load_study(argument), options);
     print_result(result, out, &out == &std::cout ? terminal_width(STDOUT_FILENO) : 0);
     if (options.out) {
         out << "written: " << options.out->string() << "\n";
@@ -45,7 +44,7 @@ int run_and_print_study(const std::string& argument, const StudyOptions& asked, 
         out << "nothing was measured\n";
         return 1;
     }
-    return result.at("failed").empty() ? 0 : 1;
+    return result.rows("failed").empty() ? 0 : 1;
 }
 
 }  // namespace voxspring

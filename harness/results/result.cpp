@@ -1,128 +1,18 @@
 #include "harness/results/result.h"
 
-#include <fmt/format.h>
-#include <fmt/ranges.h>
 #include <sys/utsname.h>
 
-#include <algorithm>
 #include <fstream>
-#include <map>
-#include <nlohmann/json.hpp>
-#include <set>
+#include <stdexcept>
 #include <string_view>
-#include <utility>
 
 #include "backends/cpu/cpu_backend.h"
-#include "harness/base/statistics.h"
-#include "harness/base/text.h"
-#include "harness/device/limits.h"
+#include "harness/base/json.h"
+#include "harness/base/schema_versions.h"
 #include "version.h"  // generated
 
 namespace voxspring {
 namespace {
-
-/// A reason without its figure.
-std::string kind_of(const std::string& reason) { return reason.substr(0, reason.find(" (")); }
-
-/// Distinct values in the order of their first appearance.
-class Distinct {
-public:
-    void add(const std::string& value) {
-        if (seen_.insert(value).second) values_.push_back(value);
-    }
-    const std::vector<std::string>& values() const { return values_; }
-
-private:
-    std::set<std::string> seen_;
-    std::vector<std::string> values_;
-};
-
-/// The backends, cases and scenes that one reason holds for.
-struct Unmeasured {
-    Distinct backends, cases, scenes;
-};
-
-void print_skipped(const std::string& reason, const Unmeasured& of, std::ostream& out) {
-    const auto& scenes = of.scenes.values();
-    out << "skipped: " << names_in_short(of.backends.values()) << " on "
-        << (scenes.size() <= 3 ? joined(scenes) : counted(scenes.size(), "scene")) << ": " << reason << "\n";
-}
-
-void print_failed(const std::string& reason, const Unmeasured& of, std::ostream& out) {
-    out << "failed: " << reason << "\n    " << joined(of.cases.values()) << "\n    on "
-        << joined(of.scenes.values()) << "\n";
-}
-
-std::string slow_down(const Row& row) {
-    return fmt::format("{:+.1f} %", 100 * (row.step_seconds() / row.edits->seconds_per_step_without - 1));
-}
-
-std::vector<std::string> cells_of(const Row& row, const StepTimes& repetitions, const Row& fastest) {
-    const BenchmarkPart& benchmark = *row.benchmark;
-    const Errors errors = row.errors.value_or(Errors());
-    return {row.identity.scene,
-            row.label(),
-            time_text(row, row.step_seconds(), repetitions),
-            si(benchmark.particle_updates_per_second, "/s"),
-            si(benchmark.spring_updates_per_second, "/s"),
-            error_cell(errors.relative_l2),
-            error_cell(errors.max),
-            error_cell(errors.total_relative_l2),
-            fixed_text(row.step_seconds() / fastest.step_seconds(), 2),
-            percent_cell(row.limit ? row.limit->fraction : std::nullopt) + row.limit_mark()};
-}
-
-void print_edits(const std::vector<Row>& rows, std::ostream& out, TableWidth width) {
-    const std::vector<Column> columns = {{"scene", 0, true},   {"backend", 0, true}, {"edits", 2},
-                                         {"an edit (median)"}, {"(max)", 1},         {"a step without", 3},
-                                         {"slow-down"}};
-    std::vector<std::vector<std::string>> table;
-    for (const Row& row : rows) {
-        if (!row.edits) continue;
-        table.push_back({row.identity.scene, row.label(), std::to_string(row.edits->edits),
-                         si(row.edits->median_seconds, "s"), si(row.edits->max_seconds, "s"),
-                         si(row.edits->seconds_per_step_without, "s"), slow_down(row)});
-    }
-    if (table.empty()) return;
-    out << "\n";
-    print_columns(columns, table, width, out);
-}
-
-/// Prints a line about the cases that made fewer repetitions than the study asks for.
-void print_shortened(const std::vector<Row>& rows, int repetitions, std::ostream& out) {
-    std::vector<std::pair<std::string, std::vector<std::string>>> scenes;
-    std::size_t count = 0;
-    for (const Row& row : rows) {
-        if (row.benchmark->repetitions >= repetitions) continue;
-        ++count;
-        if (scenes.empty() || scenes.back().first != row.identity.scene)
-            scenes.push_back({row.identity.scene, {}});
-        scenes.back().second.push_back(row.label() + " (" + std::to_string(row.benchmark->repetitions) + ")");
-    }
-    if (count == 0) return;
-    std::vector<std::string> names;
-    for (const auto& [scene, cases] : scenes) names.push_back(scene + ": " + names_in_short(cases));
-    out << fmt::format("{} of {} with fewer than {}, since these took long: {}\n", count,
-                       counted(rows.size(), "time"), counted(std::uint64_t(repetitions), "repetition"),
-                       fmt::join(names, "; "));
-}
-
-/// The medians of a result, by scene in the order of the study, fastest first within one.
-std::vector<std::vector<Row>> medians_by_scene(std::vector<Row> rows_of_result) {
-    std::vector<std::vector<Row>> scenes;
-    std::map<std::string, std::size_t> places;
-    for (Row& row : rows_of_result) {
-        if (!row.benchmark->is_median()) continue;
-        const auto [place, added] = places.emplace(row.identity.scene, scenes.size());
-        if (added) scenes.emplace_back();
-        scenes[place->second].push_back(std::move(row));
-    }
-    for (auto& rows : scenes) {
-        std::stable_sort(rows.begin(), rows.end(),
-                         [](const Row& a, const Row& b) { return a.step_seconds() < b.step_seconds(); });
-    }
-    return scenes;
-}
 
 /// The operating system: "Debian GNU/Linux 12 (bookworm), Linux 6.1.0".
 std::string os_name() {
@@ -142,86 +32,32 @@ std::string os_name() {
 
 }  // namespace
 
-StepTimes step_times_of(const std::vector<Row>& rows) {
-    StepTimes repetitions;
-    for (const Row& row : rows) {
-        if (row.benchmark->repetition_index)
-            repetitions[row.case_name()].push_back(row.benchmark->real_microseconds);
-    }
-    return repetitions;
+Result::Result() {
+    for (const char* list : {"benchmarks", "verification", "skipped", "failed"}) rows(list);
 }
 
-std::string time_text(const Row& row, double seconds, const StepTimes& repetitions) {
-    constexpr double min_spread = 0.03;  // two runs' medians differ by this much anyway
-    std::string text = row.noise_mark() + si(seconds, "s");
-    const auto found = repetitions.find(row.case_name());
-    if (found == repetitions.end() || found->second.size() < 3) return text;
-    const double spread = relative_spread(found->second);
-    if (spread >= min_spread) text += fmt::format(" +-{:.0f}%", 100 * spread);
-    return text;
+void Result::add(const std::string& list, const nlohmann::json& row) {
+    std::unique_ptr<List>& found = lists_[list];
+    if (!found) found = std::make_unique<ListOf<nlohmann::json>>();
+    found->add(row);
 }
 
-std::string names_in_short(const std::vector<std::string>& names) {
-    if (names.size() <= 3) return joined(names);
-    const std::string prefix = names.front().substr(0, names.front().find('_') + 1);
-    const bool shared = !prefix.empty() && std::all_of(names.begin(), names.end(), [&](const auto& name) {
-        return name.starts_with(prefix);
-    });
-    return std::to_string(names.size()) + (shared ? " " + prefix + "* backends" : " backends");
-}
-
-void print_noise(const std::vector<Row>& rows, std::ostream& out) {
-    std::map<std::string, std::vector<std::pair<std::string, std::vector<std::string>>>> by_kind;
-    for (const Row& row : rows) {
-        for (const std::string& reason : row.noisy) {
-            const std::string kind = kind_of(reason);
-            auto& scenes = by_kind[kind];
-            const std::string& scene = row.identity.scene;
-            if (scenes.empty() || scenes.back().first != scene) scenes.push_back({scene, {}});
-            scenes.back().second.push_back(row.label() + reason.substr(kind.size()));
-        }
-    }
-    for (const auto& [kind, scenes] : by_kind) {
-        std::size_t count = 0;
-        std::vector<std::string> names;
-        for (const auto& [scene, cases] : scenes) {
-            count += cases.size();
-            names.push_back(scene + ": " + names_in_short(cases));
-        }
-        out << fmt::format("~ {} of {} not to be trusted, {}: {}\n", count, counted(rows.size(), "time"),
-                           kind, fmt::join(names, "; "));
-    }
-}
-
-void print_above_limit(const std::vector<Row>& rows, std::ostream& out) {
-    bool any = false;
-    for (const Row& row : rows) {
-        if (!row.above_limit()) continue;
-        if (!any) out << "! faster than its limit, so the limit is wrong:\n";
-        any = true;
-        out << "    " << row.identity.scene << " " << row.label() << " ("
-            << fixed_text(100 * *row.limit->fraction, 1) << " %)\n";
-    }
-}
-
-void print_unmeasured(const nlohmann::json& result, std::ostream& out) {
-    for (const char* list : {"skipped", "failed"}) {
-        Distinct reasons;
-        std::map<std::string, Unmeasured> by_reason;
-        for (const Row& row : rows_from_json(result.at(list))) {
-            const std::string reason = row.reason.value_or("");
-            reasons.add(reason);
-            Unmeasured& of = by_reason[reason];
-            of.backends.add(row.identity.backend);
-            of.cases.add(row.label());
-            of.scenes.add(row.identity.scene);
-        }
-        for (const std::string& reason : reasons.values()) {
-            if (std::string(list) == "skipped") {
-                print_skipped(reason, by_reason[reason], out);
-            } else {
-                print_failed(reason, by_reason[reason], out);
+void to_json(nlohmann::json& json, const Result& result) {
+    json = {{"schema_version", result_schema_version}, {"context", result.context}};
+    for (const auto& [name, list] : result.lists()) {
+        nlohmann::json& rows = json[name] = list->json();
+        for (nlohmann::json& row : rows) {
+            if (!row.is_object() || !row.contains("counters")) continue;
+            for (const auto& counter : row.at("counters")) {
+                nlohmann::json& known = json["context"]["voxspring"]["counters"][counter.at("name")];
+                const nlohmann::json described = {{"unit", counter.at("unit")},
+                                                  {"better", counter.at("better")}};
+                if (!known.is_null() && known != described)
+                    throw std::logic_error("two different counters have the name " +
+                                           json_text(counter.at("name")));
+                known = described;
             }
+            row.erase("counters");
         }
     }
 }
@@ -238,40 +74,6 @@ nlohmann::json build_context() {
             {"cuda_compiler", or_null(version_cuda_compiler)},
             {"cpu", cpu_name()},
             {"os", os_name()}};
-}
-
-void print_table(const nlohmann::json& result, std::ostream& out, TableWidth width) {
-    const std::vector<Column> columns = {{"scene", 0, true}, {"backend", 0, true},
-                                         {"time a step"},    {"particles/s", 4},
-                                         {"springs/s", 6},   {"rounding error", 2},
-                                         {"(max)", 5},       {"error against the converged solution", 7},
-                                         {"x fastest", 1},   {"% of roofline", 3}};
-    std::vector<std::vector<std::string>> table;
-    std::vector<Row> all;
-    std::set<std::string> chaotic;
-    std::vector<Row> measured = rows_from_json(result.at("benchmarks"));
-    const StepTimes repetitions = step_times_of(measured);
-    for (const std::vector<Row>& rows : medians_by_scene(std::move(measured))) {
-        const Row& fastest = rows.front();
-        for (const Row& row : rows) {
-            table.push_back(cells_of(row, repetitions, fastest));
-            if (!row.errors || !row.errors->chaotic) continue;
-            chaotic.insert(row.identity.scene + " in " + row.identity.formulation + " " +
-                           row.identity.precision + ": rounding alone carries it by " +
-                           error_cell(row.errors->spread) + " of its motion in " +
-                           counted(std::uint64_t(row.workpiece->steps), "step"));
-        }
-        all.insert(all.end(), rows.begin(), rows.end());
-    }
-    print_columns(columns, table, width, out);
-    print_shortened(all, result.at("context").at("voxspring").at("study").at("repetitions"), out);
-    print_noise(all, out);
-    print_above_limit(all, out);
-    for (const std::string& scene : chaotic)
-        out << "chaotic, judged by mass, energy and spectrum: " << scene << "\n";
-    print_edits(all, out, width);
-    print_limits(result.at("context").at("voxspring").at("limits"), out);
-    print_unmeasured(result, out);
 }
 
 }  // namespace voxspring

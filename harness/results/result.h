@@ -1,47 +1,77 @@
-// The result: Google Benchmark's schema with our fields, and the table for people.
+// The result of a study in memory. It is JSON in files only: Google Benchmark's schema with our fields.
 #pragma once
 
+#include <concepts>
 #include <map>
-#include <nlohmann/json_fwd.hpp>
-#include <ostream>
+#include <memory>
+#include <nlohmann/json.hpp>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "harness/results/row.h"
-#include "harness/results/table.h"
+#include "harness/results/row_fields.h"
 
 namespace voxspring {
+
+/// One list of a result, whatever the type of its rows.
+class List {
+public:
+    virtual ~List() = default;
+    virtual std::size_t size() const = 0;
+    virtual nlohmann::json json() const = 0;
+    virtual void add(const nlohmann::json& row) = 0;
+};
+
+template <class T>
+class ListOf final : public List {
+public:
+    std::vector<T> rows;
+
+    std::size_t size() const override { return rows.size(); }
+    nlohmann::json json() const override {
+        nlohmann::json all = nlohmann::json::array();
+        for (const T& row : rows) all.push_back(json_of(row));
+        return all;
+    }
+    void add(const nlohmann::json& row) override { rows.push_back(row_of_json<T>(row)); }
+};
+
+class Result {
+public:
+    /// A result without rows, which has the lists that every result has.
+    Result();
+
+    /// What the file has as `context`: Google Benchmark's, with `voxspring`.
+    nlohmann::json context = nlohmann::json::object();
+    nlohmann::json& own_context() { return context["voxspring"]; }
+    const nlohmann::json& own_context() const { return context.at("voxspring"); }
+
+    /// The rows of a list, which begins empty. A list has rows of one type: std::bad_cast otherwise.
+    template <class T = Row>
+    std::vector<T>& rows(const std::string& list) {
+        std::unique_ptr<List>& found = lists_[list];
+        if (!found) found = std::make_unique<ListOf<T>>();
+        return dynamic_cast<ListOf<T>&>(*found).rows;
+    }
+    /// Throws std::out_of_range if there is no such list.
+    template <class T = Row>
+    const std::vector<T>& rows(const std::string& list) const {
+        return dynamic_cast<const ListOf<T>&>(*lists_.at(list)).rows;
+    }
+    /// Reads a row that arrives as JSON, from a case's process or from a file.
+    void add(const std::string& list, const nlohmann::json& row);
+    const std::map<std::string, std::unique_ptr<List>>& lists() const { return lists_; }
+
+private:
+    std::map<std::string, std::unique_ptr<List>> lists_;
+};
+
+/// The file's JSON (results/schema.json). What the rows' counters are is said once, in the context.
+void to_json(nlohmann::json& json, const Result& result);
 
 /// `context.voxspring`: the build (commit, whether the tree was clean, compilers, their flags) and the
 /// processor that it runs on. The study adds the GPU.
 nlohmann::json build_context();
-
-/// The time of a step in each repetition, in us, by the name of the case.
-using StepTimes = std::map<std::string, std::vector<double>>;
-StepTimes step_times_of(const std::vector<Row>& rows);
-
-/// "~1.25 us +-6%": the time of a step. It begins with the mark of a row that is not to be trusted, and ends
-/// with relative_spread() of the repetitions if that is 3% or more.
-std::string time_text(const Row& row, double seconds, const StepTimes& repetitions);
-
-/// Prints one line per reason not to trust rows: how many rows, and which in a few words. The table marks
-/// each such row, and the file has its figures.
-void print_noise(const std::vector<Row>& rows, std::ostream& out);
-
-/// Prints the cases that were faster than their limit, if any. In these the limit is wrong, not the time.
-void print_above_limit(const std::vector<Row>& rows, std::ostream& out);
-
-/// Prints what was skipped and what failed. A reason for skipping takes one line: how many backends, of what
-/// kind, on how many scenes. A reason for failure names every case that it holds for.
-void print_unmeasured(const nlohmann::json& result, std::ostream& out);
-
-/// Names of backends in a few words: "cpu_parallel, cpu_reference", "10 cuda_* backends", "12 backends".
-std::string names_in_short(const std::vector<std::string>& names);
-
-/// Prints one row per case that passed, fastest first within a scene: time per step (median over the
-/// repetitions), particle and spring updates per second, errors, time as a multiple of the fastest, and the
-/// fraction of its limit that it reached. Then follow the scenes where float64 is chaotic, the limits of the
-/// devices, and what was skipped or failed, with the reasons.
-void print_table(const nlohmann::json& result, std::ostream& out, TableWidth width = 0);
 
 }  // namespace voxspring

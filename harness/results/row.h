@@ -1,5 +1,5 @@
-// A row of a result (results/schema.json) and its JSON. Every key appears once in row.cpp, for reading and
-// writing.
+// A row of a result (results/schema.json). Each part lists its keys once, for reading and writing
+// (row_fields.h).
 #pragma once
 
 #include <cstdint>
@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "backends/registry.h"
+#include "harness/results/counters.h"
 #include "harness/verification/errors.h"
 
 namespace voxspring {
@@ -18,12 +19,27 @@ namespace voxspring {
 struct Identity {
     std::string name = {};  ///< SCENE/BACKEND/FORMULATION/PRECISION[/TUNING]
     std::string scene = {}, backend = {}, formulation = {}, precision = {}, tuning = {};
+
+    static void fields(auto& part, auto& of) {
+        of.required("name", part.name);
+        of.required("scene", part.scene);
+        of.required("backend", part.backend);
+        of.required("formulation", part.formulation);
+        of.required("precision", part.precision);
+        of.required("tuning", part.tuning);
+    }
 };
 
 /// The work that was run.
 struct Workpiece {
     int steps = 0;
     std::uint64_t particles = 0, springs = 0;
+
+    static void fields(auto& part, auto& of) {
+        of.required("steps", part.steps);
+        of.required("particles", part.particles);
+        of.required("springs", part.springs);
+    }
 };
 
 /// The fields of Google Benchmark's schema 1. Times are per step.
@@ -46,6 +62,25 @@ struct BenchmarkPart {
     bool is_median() const;
     /// Whether this row is a time rather than a measure of how times spread.
     bool is_time() const;
+
+    static void fields(auto& part, auto& of) {
+        of.required("run_type", part.run_type);
+        of.required("run_name", part.run_name);
+        of.required("repetitions", part.repetitions);
+        of.optional("repetition_index", part.repetition_index);
+        of.optional("aggregate_name", part.aggregate_name);
+        of.optional("aggregate_unit", part.aggregate_unit);
+        of.required("iterations", part.iterations);
+        of.required("real_time", part.real_microseconds);
+        of.required("cpu_time", part.cpu_microseconds);
+        of.required("time_unit", part.time_unit);
+        of.required("family_index", part.family_index);
+        of.required("per_family_instance_index", part.per_family_instance_index);
+        of.required("threads", part.threads);
+        of.required("particle_updates_per_second", part.particle_updates_per_second);
+        of.required("spring_updates_per_second", part.spring_updates_per_second);
+        of.required("host_seconds_per_step", part.host_seconds_per_step);
+    }
 };
 
 /// The shortest possible time of a step on the row's device; empty if that is not known.
@@ -55,6 +90,16 @@ struct LimitPart {
     std::optional<double> fraction = {};  ///< only of a row that is a time
     /// StepWork of a step; empty if steps leave out parts of the body.
     std::optional<std::uint64_t> bytes = {}, written_bytes = {}, footprint_bytes = {}, operations = {};
+
+    static void fields(auto& part, auto& of) {
+        of.nullable("limit_seconds", part.seconds);
+        of.nullable("limited_by", part.limited_by);
+        of.nullable("fraction_of_limit", part.fraction);
+        of.nullable("step_bytes", part.bytes);
+        of.nullable("step_written_bytes", part.written_bytes);
+        of.nullable("step_footprint_bytes", part.footprint_bytes);
+        of.nullable("step_operations", part.operations);
+    }
 };
 
 /// The time from the construction of a backend to its first step.
@@ -62,12 +107,25 @@ struct StartPart {
     double construct_seconds = 0, compile_seconds = 0, upload_seconds = 0;
     double ready_seconds = 0;                       ///< sum of the three, with no compiled kernel on disk
     std::optional<double> warm_ready_seconds = {};  ///< with all compiled kernels on disk; not in older files
+
+    static void fields(auto& part, auto& of) {
+        of.required("ready_seconds", part.ready_seconds);
+        of.optional("warm_ready_seconds", part.warm_ready_seconds);
+        of.required("construct_seconds", part.construct_seconds);
+        of.required("compile_seconds", part.compile_seconds);
+        of.required("upload_seconds", part.upload_seconds);
+    }
 };
 
 /// What a backend chose for a scene and a device.
 struct ChoicePart {
     std::string chosen;            ///< Choice::tuning
     double predicted_seconds = 0;  ///< Choice::step_seconds
+
+    static void fields(auto& part, auto& of) {
+        of.required("chosen", part.chosen);
+        of.required("predicted_seconds", part.predicted_seconds);
+    }
 };
 
 /// The cost of edits between steps.
@@ -75,6 +133,13 @@ struct EditPart {
     int edits = 0;
     double median_seconds = 0, max_seconds = 0;
     double seconds_per_step_without = 0;
+
+    static void fields(auto& part, auto& of) {
+        of.required("edits", part.edits);
+        of.required("edit_seconds_median", part.median_seconds);
+        of.required("edit_seconds_max", part.max_seconds);
+        of.required("seconds_per_step_without_edits", part.seconds_per_step_without);
+    }
 };
 
 /// How the errors of a timing study were computed.
@@ -82,6 +147,12 @@ struct ReferencePart {
     std::uint64_t voxels = 0;
     int error_steps = 0;
     std::string reference;
+
+    static void fields(auto& part, auto& of) {
+        of.required("reference", part.reference);
+        of.required("voxels", part.voxels);
+        of.required("error_steps", part.error_steps);
+    }
 };
 
 /// Whether a state agrees with the reference.
@@ -91,6 +162,19 @@ struct VerdictPart {
     /// Figures of the perturbed reference; empty if none was run.
     std::optional<double> spread_max = {}, spread_rms = {}, motion_max = {}, motion_rms = {};
     std::optional<WorkCount> work = {};
+
+    static void fields(auto& part, auto& of) {
+        of.required("passed", part.passed);
+        of.required("finite", part.finite);
+        of.nullable("error_rms", part.error_rms);
+        of.nullable("tolerance", part.tolerance);
+        of.nullable("tolerance_rms", part.tolerance_rms);
+        of.nullable("spread_max", part.spread_max);
+        of.nullable("spread_rms", part.spread_rms);
+        of.nullable("motion_max", part.motion_max);
+        of.nullable("motion_rms", part.motion_rms);
+        of.optional("work", part.work);
+    }
 };
 
 /// A row of any list. It has the parts that its list asks for.
@@ -105,6 +189,7 @@ struct Row {
     std::optional<EditPart> edits = {};
     std::optional<ReferencePart> reference = {};
     std::optional<VerdictPart> verdict = {};
+    Counters counters = {};               ///< metrics that need no member
     std::vector<std::string> noisy = {};  ///< why its time is not to be trusted
     /// Range of the card's clock, which is read after each repetition.
     std::optional<unsigned> min_card_mhz = {}, max_card_mhz = {};

@@ -1,7 +1,13 @@
-// Reads and writes rows as JSON, field by field.
+// Rows as JSON. A type of row lists its keys once, in `fields`, for reading and for writing:
+//
+//     struct OverheadRow : Row {
+//         std::string handed_over = {};
+//         static void fields(auto& row, auto& of) { of.required("handed_over", row.handed_over); }
+//     };
 #pragma once
 
 #include <cmath>
+#include <concepts>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <string>
@@ -12,13 +18,11 @@
 
 namespace voxspring {
 
-/// Writes the fields that a function visits. A kind of study names the keys of its rows in one function,
-/// which is called with a RowWriter or a RowReader.
+/// Writes the fields that a function visits.
 class RowWriter {
 public:
     explicit RowWriter(nlohmann::json& json) : json_(json) {}
 
-    static constexpr bool reads = false;
     template <class T>
     void required(const char* key, const T& value) {
         json_[key] = value;
@@ -41,6 +45,20 @@ public:
     void list(const char* key, const std::vector<std::string>& values) {
         if (!values.empty()) json_[key] = values;
     }
+    /// Each counter is a key, and `counters` describes them.
+    void counters(const Counters& counters) {
+        for (const Counter& one : counters) {
+            nullable(one.name.c_str(), one.value);
+            json_["counters"].push_back(
+                {{"name", one.name}, {"unit", to_string(one.unit)}, {"better", to_string(one.better)}});
+        }
+    }
+    /// The fields that `visit` visits are those of an object.
+    template <class Visit>
+    void object(const char* key, const Visit& visit) {
+        RowWriter inner(json_[key]);
+        visit(inner);
+    }
 
 private:
     nlohmann::json& json_;
@@ -51,7 +69,6 @@ class RowReader {
 public:
     explicit RowReader(const nlohmann::json& json) : json_(json) {}
 
-    static constexpr bool reads = true;
     template <class T>
     void required(const char* key, T& value) {
         if (has(key)) value = json_.at(key).get<T>();
@@ -65,10 +82,53 @@ public:
         nullable(key, value);
     }
     void list(const char* key, std::vector<std::string>& values) { required(key, values); }
+    void counters(Counters& counters) {
+        if (!has("counters")) return;
+        for (const auto& of : json_.at("counters")) {
+            const std::string name = of.at("name");
+            std::optional<double> value;
+            nullable(name.c_str(), value);
+            counters.add(name, value, unit_of(of.at("unit")), better_of(of.at("better")));
+        }
+    }
+    template <class Visit>
+    void object(const char* key, const Visit& visit) {
+        if (!has(key)) return;
+        RowReader inner(json_.at(key));
+        visit(inner);
+    }
 
 private:
     bool has(const char* key) const { return json_.contains(key) && !json_.at(key).is_null(); }
     const nlohmann::json& json_;
 };
+
+/// A row of any type as JSON, and the reverse. A row that has no C++ type is JSON already.
+template <class T>
+nlohmann::json json_of(const T& row) {
+    if constexpr (std::same_as<T, nlohmann::json>) {
+        return row;
+    } else {
+        nlohmann::json json = to_json(static_cast<const Row&>(row));
+        if constexpr (!std::same_as<T, Row>) {
+            RowWriter writer(json);
+            T::fields(row, writer);
+        }
+        return json;
+    }
+}
+template <class T>
+T row_of_json(const nlohmann::json& json) {
+    if constexpr (std::same_as<T, nlohmann::json>) {
+        return json;
+    } else {
+        T row{row_from_json(json)};
+        if constexpr (!std::same_as<T, Row>) {
+            RowReader reader(json);
+            T::fields(row, reader);
+        }
+        return row;
+    }
+}
 
 }  // namespace voxspring

@@ -11,7 +11,7 @@
 
 #include "auto_rule_files.h"  // generated
 #include "harness/results/capabilities.h"
-#include "harness/results/row.h"
+#include "harness/results/result.h"
 
 namespace voxspring {
 namespace {
@@ -40,8 +40,6 @@ std::string reason_for(const std::string& backend) {
 }
 
 bool is_software(const nlohmann::json& backend) { return capabilities_of(backend).is_software; }
-
-nlohmann::json rule_file() { return nlohmann::json::parse(auto_rule_files.at("auto_rules.json")); }
 
 std::string count_text(std::uint64_t count) {
     if (count < 1000000) return std::to_string(count);
@@ -76,7 +74,7 @@ std::string options_of(const std::string& text) {
 const std::vector<Rule>& rules() {
     static const std::vector<Rule> list = [] {
         std::vector<Rule> all;
-        const nlohmann::json file = rule_file();
+        const nlohmann::json file = nlohmann::json::parse(auto_rule_files.at("auto_rules.json"));
         const auto bound = [](const nlohmann::json& value) {
             return value.is_null() ? any_number : value.get<double>();
         };
@@ -97,29 +95,6 @@ const std::vector<Rule>& rules() {
         return all;
     }();
     return list;
-}
-
-const std::vector<SeveralDevices>& several_devices() {
-    static const std::vector<SeveralDevices> list = [] {
-        std::vector<SeveralDevices> all;
-        for (const auto& measured : rule_file().at("several_devices"))
-            all.push_back({measured.at("backend"), measured.at("devices"), measured.at("particles")});
-        return all;
-    }();
-    return list;
-}
-
-std::string advice_on_devices(const std::vector<SeveralDevices>& measured, const std::string& backend,
-                              const Workload& workload, int here) {
-    int most = 1;
-    for (const SeveralDevices& several : measured) {
-        if (several.backend == backend && several.devices <= here &&
-            double(workload.particles) >= several.min_particles)
-            most = std::max(most, several.devices);
-    }
-    if (most == 1) return {};
-    const std::string count = std::to_string(most);
-    return count + " devices are faster, see voxspring advise SCENE --devices " + count;
 }
 
 Workload workload_of(const Scene& scene) {
@@ -159,7 +134,7 @@ void check_auto(const std::string& text) {
 bool may_be_chosen(const Capabilities& capabilities) { return !capabilities.is_software; }
 
 Chosen choose_by_rules(const std::string& text, const Scene& scene,
-                       const std::function<std::optional<Capabilities>(const BackendSpec&)>& takes) {
+                       const std::function<bool(const BackendSpec&)>& takes) {
     check_auto(text);
     const Workload workload = workload_of(scene);
     const std::string options = options_of(text);
@@ -168,13 +143,8 @@ Chosen choose_by_rules(const std::string& text, const Scene& scene,
         const std::string both = options + (options.empty() || rule.tuning.empty() ? "" : ",") + rule.tuning;
         try {
             BackendSpec spec = BackendSpec::parse(rule.backend + (both.empty() ? "" : ":" + both));
-            const std::optional<Capabilities> taken = takes(spec);
-            if (!taken) continue;
-            std::string reason = said(rule, workload);
-            const std::string advice =
-                advice_on_devices(several_devices(), rule.backend, workload, taken->devices);
-            if (!advice.empty()) reason += "; " + advice;
-            return {std::move(spec), std::move(reason)};
+            if (!takes(spec)) continue;
+            return {std::move(spec), said(rule, workload)};
         } catch (const BadSpecification&) {
             // The backend does not have this formulation or precision: try the next rule.
         } catch (const Unavailable&) {
@@ -189,13 +159,12 @@ AutoChoice choose_backend(const std::string& text, const Scene& scene,
     std::unique_ptr<Backend> backend;
     Chosen chosen = choose_by_rules(text, scene, [&](const BackendSpec& spec) {
         backend = spec.make();
-        const bool taken = may_be_chosen(backend->capabilities()) && accepts(*backend);
-        return taken ? std::optional(backend->capabilities()) : std::nullopt;
+        return may_be_chosen(backend->capabilities()) && accepts(*backend);
     });
     return {std::move(chosen), std::move(backend)};
 }
 
-nlohmann::json choose_among(const nlohmann::json& result, const std::vector<Row>& rows) {
+nlohmann::json choose_among(const Result& result, const std::vector<Row>& rows) {
     const Row& first = rows.front();
     const Identity& of = first.identity;
     const double between = first.edits ? double(first.workpiece->steps) / first.edits->edits : any_number;
@@ -203,14 +172,14 @@ nlohmann::json choose_among(const nlohmann::json& result, const std::vector<Row>
     // A backend without any row of this kind does not have the formulation or the precision.
     std::set<std::string> known, refused;
     for (const char* list : {"benchmarks", "skipped", "failed"}) {
-        for (const Row& row : rows_from_json(result.at(list))) {
+        for (const Row& row : result.rows(list)) {
             if (row.identity.formulation != of.formulation || row.identity.precision != of.precision)
                 continue;
             known.insert(row.identity.backend);
             if (row.reason && row.identity.scene == of.scene) refused.insert(row.identity.backend);
         }
     }
-    const auto& backends = result.at("context").at("voxspring").at("backends");
+    const auto& backends = result.own_context().at("backends");
     nlohmann::json choice = {{"name", nullptr}, {"reason", "no rule holds"}, {"times_fastest", nullptr}};
     for (const Rule& rule : rules()) {
         if (!holds(rule, workload) || !known.contains(rule.backend) || refused.contains(rule.backend) ||

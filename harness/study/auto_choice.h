@@ -16,6 +16,8 @@
 
 namespace voxspring {
 
+class Result;
+
 /// What the choice depends on apart from the devices.
 struct Workload {
     std::uint64_t voxels = 0, particles = 0;
@@ -43,20 +45,6 @@ struct Rule {
 const std::vector<Rule>& rules();
 bool holds(const Rule& rule, const Workload& workload);
 
-/// From how many particles on several devices step a body faster than one.
-struct SeveralDevices {
-    std::string backend;
-    int devices;
-    double min_particles;
-};
-/// The entries in auto_rules.json that come from committed results of `scaling`. Backends and numbers of
-/// devices that were not measured have no entry.
-const std::vector<SeveralDevices>& several_devices();
-/// Advice if several of the `here` devices that a backend has would be faster than one, otherwise empty: "2
-/// devices are faster, see voxspring advise SCENE --devices 2".
-std::string advice_on_devices(const std::vector<SeveralDevices>& measured, const std::string& backend,
-                              const Workload& workload, int here);
-
 /// A workload in words: "a full lattice of 134 million voxels", "29449 particles, 21% of 140760 voxels".
 std::string describe(const Workload& workload);
 
@@ -76,11 +64,10 @@ bool asks_for_auto(const std::string& text);
 /// other keys, and Unavailable if no backend of this build takes the scene.
 AutoChoice choose_backend(const std::string& text, const Scene& scene,
                           const std::function<bool(Backend&)>& accepts);
-/// choose_backend() without constructing a backend in this process. `takes` returns the capabilities of a
-/// backend that is available, may be chosen and takes the scene; it returns an empty value for other
-/// backends.
+/// choose_backend() without constructing a backend in this process. `takes` says whether a backend is
+/// available, may be chosen and takes the scene.
 Chosen choose_by_rules(const std::string& text, const Scene& scene,
-                       const std::function<std::optional<Capabilities>(const BackendSpec&)>& takes);
+                       const std::function<bool(const BackendSpec&)>& takes);
 /// Whether the rules may choose a backend: not if it is a graphics API in software.
 bool may_be_chosen(const Capabilities& capabilities);
 /// Checks the options that follow "auto". Throws BadSpecification.
@@ -90,6 +77,6 @@ void check_auto(const std::string& text);
 /// precision. The result has the `name` of the chosen row, the `reason`, and its time as a multiple of the
 /// fastest row's time (`times_fastest`). `name` and `times_fastest` are null if what the rules choose was not
 /// measured.
-nlohmann::json choose_among(const nlohmann::json& result, const std::vector<Row>& rows);
+nlohmann::json choose_among(const Result& result, const std::vector<Row>& rows);
 
 }  // namespace voxspring

@@ -14,7 +14,7 @@
 #include "harness/base/text.h"
 #include "harness/device/limits.h"
 #include "harness/device/noise.h"
-#include "harness/results/result.h"
+#include "harness/results/print.h"
 #include "harness/results/row.h"
 #include "harness/study/auto_choice.h"
 
@@ -24,17 +24,17 @@ namespace {
 /// A row whose times come from one half of its repetitions, with the median of the other half, by which it is
 /// chosen. The least of many medians is partly luck, and the times reported from the other half are free of
 /// that bias.
-struct Contender {
+struct SplitCase {
     Row row;
     double chosen_by = 0;  ///< us per step
 };
-using Contenders = std::vector<Contender>;
+using SplitCases = std::vector<SplitCase>;
 
 /// Bounds of a target's value: no time is shorter, and no rate of updates is higher.
 constexpr double min_target = 1e-12, max_target = 1e18;
 
-/// The contender of `row`. `microseconds` has the times of its repetitions, in order.
-Contender contender_of(Row row, const std::vector<double>& microseconds) {
+/// The case of `row`. `microseconds` has the times of its repetitions, in order.
+SplitCase split_case_of(Row row, const std::vector<double>& microseconds) {
     const double all = row.benchmark->real_microseconds;
     constexpr std::size_t fewest = 4;
     if (microseconds.size() < fewest) return {std::move(row), all};
@@ -50,9 +50,9 @@ Contender contender_of(Row row, const std::vector<double>& microseconds) {
 
 /// The fastest row that `wanted` accepts; null if it accepts none.
 template <class Wanted>
-const Row* fastest_row(const Contenders& contenders, Wanted wanted) {
-    const Contender* best = nullptr;
-    for (const Contender& one : contenders) {
+const Row* fastest_row(const SplitCases& cases, Wanted wanted) {
+    const SplitCase* best = nullptr;
+    for (const SplitCase& one : cases) {
         if (wanted(one.row) && (best == nullptr || one.chosen_by < best->chosen_by)) best = &one;
     }
     return best != nullptr ? &best->row : nullptr;
@@ -67,13 +67,24 @@ bool of_the_paper(const Row& row) {
     return std::find(names.begin(), names.end(), row.identity.backend) != names.end();
 }
 
-bool is_at_most(Quantity quantity) {
-    return quantity == Quantity::seconds_per_step || quantity == Quantity::ready_seconds;
-}
+/// The quantities in the order of Quantity: their names, their units as text, and whether a target is an
+/// upper bound.
+struct QuantityName {
+    const char *name, *unit;
+    bool at_most = false;
+};
+constexpr std::array quantities = {
+    QuantityName{"seconds_per_step", "s", true},
+    QuantityName{"particle_updates_per_second", "particles/s"},
+    QuantityName{"spring_updates_per_second", "springs/s"},
+    QuantityName{"fraction_of_limit", ""},
+    QuantityName{"ready_seconds", "s", true},
+    QuantityName{"speed_ratio", ""},
+};
 
 /// The target's quantity for `row`, the fastest one; a speed_ratio is relative to the fastest row of `over`.
 /// Empty if it is not known.
-std::optional<double> measured(const Target& target, const Row& row, const Contenders& rows) {
+std::optional<double> measured(const Target& target, const Row& row, const SplitCases& rows) {
     switch (target.quantity) {
         case Quantity::seconds_per_step:
             return row.step_seconds();
@@ -92,7 +103,7 @@ std::optional<double> measured(const Target& target, const Row& row, const Conte
     return base != nullptr ? std::optional(base->step_seconds() / row.step_seconds()) : std::nullopt;
 }
 
-nlohmann::json judge(const Target& target, const Contenders& rows) {
+nlohmann::json judge(const Target& target, const SplitCases& rows) {
     nlohmann::json judged = {{"quantity", to_string(target.quantity)},
                              {"value", target.value},
                              {"backends", target.backends},
@@ -106,7 +117,8 @@ nlohmann::json judge(const Target& target, const Contenders& rows) {
     judged["name"] = best->case_name();
     if (const auto value = measured(target, *best, rows); value && *value > 0) {
         judged["measured"] = *value;
-        const double reached = is_at_most(target.quantity) ? target.value / *value : *value / target.value;
+        const double reached = quantities.at(std::size_t(target.quantity)).at_most ? target.value / *value
+                                                                                   : *value / target.value;
         judged["reached"] = reached;
         judged["met"] = reached >= 1;
     }
@@ -115,7 +127,7 @@ nlohmann::json judge(const Target& target, const Contenders& rows) {
 
 Target read_target(JsonObject object) {
     Target target;
-    std::vector<std::string> formulations, quantities;
+    std::vector<std::string> formulations, names;
     for (const Formulation formulation : every_formulation) formulations.push_back(to_string(formulation));
     target.scene = object.require("scene").string();
     target.formulation = object.require("formulation").one_of(formulations);
@@ -124,15 +136,15 @@ Target read_target(JsonObject object) {
         target.precision = precision->one_of({to_string(Precision::float32), to_string(Precision::float64)});
     if (const auto backends = object.find("backends")) target.backends = backends->string();
     int given = 0;
-    for (const Quantity quantity : all_quantities()) {
-        quantities.push_back(to_string(quantity));
-        const auto value = object.find(to_string(quantity));
+    for (std::size_t n = 0; n < quantities.size(); ++n) {
+        names.emplace_back(quantities[n].name);
+        const auto value = object.find(names.back());
         if (!value) continue;
         ++given;
-        target.quantity = quantity;
+        target.quantity = Quantity(n);
         target.value = value->number(min_target, max_target);
     }
-    if (given != 1) object.value().refuse("one of " + joined(quantities));
+    if (given != 1) object.value().refuse("one of " + joined(names));
     if (target.quantity == Quantity::speed_ratio)
         target.over = object.require("over", "a glob of backends").string();
     object.finish();
@@ -141,13 +153,12 @@ Target read_target(JsonObject object) {
 
 std::string quantity_text(const nlohmann::json& target, const char* key) {
     const double value = target.at(key);
-    const std::string quantity = target.at("quantity");
-    if (quantity.ends_with("seconds") || quantity.starts_with("seconds")) return si(value, "s");
-    if (quantity == to_string(Quantity::particle_updates_per_second)) return si(value, "particles/s");
-    if (quantity == to_string(Quantity::spring_updates_per_second)) return si(value, "springs/s");
-    return fixed_text(value, 2) + (quantity == to_string(Quantity::speed_ratio)
-                                       ? " x " + target.at("over").get<std::string>()
-                                       : " of the limit");
+    const auto named = std::find_if(quantities.begin(), quantities.end(), [&](const QuantityName& one) {
+        return one.name == target.at("quantity");
+    });
+    if (const std::string unit = named->unit; !unit.empty()) return si(value, unit);
+    return fixed_text(value, 2) +
+           (target.contains("over") ? " x " + target.at("over").get<std::string>() : " of the limit");
 }
 
 std::string ratio_text(const nlohmann::json& ratio, int digits = 2) {
@@ -174,33 +185,7 @@ const std::vector<std::string>& paper_backends() {
     return names;
 }
 
-const std::vector<Quantity>& all_quantities() {
-    static const std::vector<Quantity> all = {Quantity::seconds_per_step,
-                                              Quantity::particle_updates_per_second,
-                                              Quantity::spring_updates_per_second,
-                                              Quantity::fraction_of_limit,
-                                              Quantity::ready_seconds,
-                                              Quantity::speed_ratio};
-    return all;
-}
-
-std::string to_string(Quantity quantity) {
-    switch (quantity) {
-        case Quantity::seconds_per_step:
-            return "seconds_per_step";
-        case Quantity::particle_updates_per_second:
-            return "particle_updates_per_second";
-        case Quantity::spring_updates_per_second:
-            return "spring_updates_per_second";
-        case Quantity::fraction_of_limit:
-            return "fraction_of_limit";
-        case Quantity::ready_seconds:
-            return "ready_seconds";
-        case Quantity::speed_ratio:
-            return "speed_ratio";
-    }
-    return {};
-}
+std::string to_string(Quantity quantity) { return quantities.at(std::size_t(quantity)).name; }
 
 std::vector<Target> read_targets(const JsonValue& list) {
     std::vector<Target> targets;
@@ -211,7 +196,7 @@ std::vector<Target> read_targets(const JsonValue& list) {
 namespace {
 
 /// The block for one scene, formulation and precision.
-nlohmann::json block_of(const nlohmann::json& result, const Contenders& rows) {
+nlohmann::json block_of(const Result& result, const SplitCases& rows) {
     const Row& best = *fastest_row(rows, [](const Row&) { return true; });
     nlohmann::json block = {
         {"name", best.case_name()}, {"seconds_per_step", best.step_seconds()}, {"chosen_from", rows.size()}};
@@ -226,8 +211,7 @@ nlohmann::json block_of(const nlohmann::json& result, const Contenders& rows) {
         block["ready_seconds"] = best.start->ready_seconds;
         if (const auto warm = best.start->warm_ready_seconds) block["warm_ready_seconds"] = *warm;
     }
-    block["device"] =
-        result.at("context").at("voxspring").at("backends").at(best.identity.backend).at("device");
+    block["device"] = result.own_context().at("backends").at(best.identity.backend).at("device");
     if (!best.noisy.empty()) block["noisy"] = best.noisy;
     block["paper"] = nullptr;
     if (const Row* paper = fastest_row(rows, of_the_paper)) {
@@ -236,27 +220,26 @@ nlohmann::json block_of(const nlohmann::json& result, const Contenders& rows) {
                           {"ratio", paper->step_seconds() / best.step_seconds()}};
     }
     std::vector<Row> all;
-    for (const Contender& one : rows) all.push_back(one.row);
+    for (const SplitCase& one : rows) all.push_back(one.row);
     block["auto"] = choose_among(result, all);
     return block;
 }
 
 }  // namespace
 
-nlohmann::json fastest_of(const nlohmann::json& result, const std::vector<Target>& targets) {
+std::vector<nlohmann::json> fastest_of(const Result& result, const std::vector<Target>& targets) {
     using Key = std::tuple<std::string, std::string, std::string>;
     std::vector<Key> order;
-    std::map<Key, Contenders> groups;
-    std::vector<Row> rows = rows_from_json(result.at("benchmarks"));
-    StepTimes repetitions = step_times_of(rows);
-    for (Row& row : rows) {
+    std::map<Key, SplitCases> groups;
+    StepTimes repetitions = step_times_of(result.rows("benchmarks"));
+    for (const Row& row : result.rows("benchmarks")) {
         if (!row.benchmark->is_median()) continue;
         const Key key{row.identity.scene, row.identity.formulation, row.identity.precision};
         if (!groups.contains(key)) order.push_back(key);
         const std::string name = row.case_name();
-        groups[key].push_back(contender_of(std::move(row), repetitions[name]));
+        groups[key].push_back(split_case_of(row, repetitions[name]));
     }
-    nlohmann::json blocks = nlohmann::json::array();
+    std::vector<nlohmann::json> blocks;
     for (const Key& key : order) {
         nlohmann::json block = block_of(result, groups[key]);
         block["targets"] = nlohmann::json::array();
@@ -269,17 +252,18 @@ nlohmann::json fastest_of(const nlohmann::json& result, const std::vector<Target
     return blocks;
 }
 
-void print_fastest(const nlohmann::json& result, std::ostream& out, TableWidth width) {
+void print_fastest(const Result& result, std::ostream& out, TableWidth width) {
     const std::vector<Column> columns = {{"scene", 0, true},   {"fastest", 0, true}, {"time a step"},
                                          {"particles/s", 5},   {"springs/s", 6},     {"rounding error", 3},
                                          {"% of roofline", 2}, {"x paper's", 1},     {"x auto", 1},
                                          {"cold start", 4},    {"warm start", 7}};
     std::vector<std::vector<std::string>> table;
-    std::vector<Row> rows = rows_from_json(result.at("fastest"));
-    const StepTimes repetitions = step_times_of(rows_from_json(result.at("benchmarks")));
+    const std::vector<nlohmann::json>& blocks = result.rows<nlohmann::json>("fastest");
+    const std::vector<Row> rows = rows_from_json(blocks);
+    const StepTimes repetitions = step_times_of(result.rows("benchmarks"));
     for (std::size_t i = 0; i < rows.size(); ++i) {
         const Row& row = rows[i];
-        const nlohmann::json& block = result.at("fastest")[i];
+        const nlohmann::json& block = blocks[i];
         const auto& paper = block.at("paper");
         table.push_back(
             {row.identity.scene, row.label(), time_text(row, block.at("seconds_per_step"), repetitions),
@@ -297,7 +281,7 @@ void print_fastest(const nlohmann::json& result, std::ostream& out, TableWidth w
     print_above_limit(rows, out);
     for (std::size_t i = 0; i < rows.size(); ++i) {
         const Identity& of = rows[i].identity;
-        const nlohmann::json& block = result.at("fastest")[i];
+        const nlohmann::json& block = blocks[i];
         const std::string dataset = of.scene + " " + of.formulation + " " + of.precision;
         if (!block.at("paper").is_null()) {
             const Row paper{.identity = {.name = block.at("paper").at("name"), .scene = of.scene}};
@@ -309,7 +293,7 @@ void print_fastest(const nlohmann::json& result, std::ostream& out, TableWidth w
                 << quantity_text(target, "value") << ", " << verdict(target) << "\n";
         }
     }
-    print_limits(result.at("context").at("voxspring").at("limits"), out);
+    print_limits(result.own_context().at("limits"), out);
     print_unmeasured(result, out);
 }
 

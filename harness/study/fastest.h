@@ -3,12 +3,12 @@
 #pragma once
 
 #include <cstdint>
-#include <nlohmann/json_fwd.hpp>
 #include <ostream>
 #include <string>
 #include <vector>
 
 #include "harness/base/json.h"
+#include "harness/results/result.h"
 #include "harness/results/table.h"
 
 namespace voxspring {
@@ -27,7 +27,6 @@ enum class Quantity : std::uint8_t {
     speed_ratio,  ///< time of a step of the fastest of `over`, divided by that of the fastest of `backends`
 };
 std::string to_string(Quantity quantity);
-const std::vector<Quantity>& all_quantities();
 
 /// A target of a study on one dataset.
 struct Target {
@@ -41,12 +40,12 @@ struct Target {
 /// The list `fastest` of a result (results/schema.json). It has one block for each scene, formulation and
 /// precision with a row in `benchmarks`, in that order. A block includes its targets and what `--backend
 /// auto` would choose (auto_choice.h).
-nlohmann::json fastest_of(const nlohmann::json& result, const std::vector<Target>& targets);
+std::vector<nlohmann::json> fastest_of(const Result& result, const std::vector<Target>& targets);
 
 /// The targets of a study file's list.
 std::vector<Target> read_targets(const JsonValue& list);
 
 /// Prints one line per block, then one line per target, the limits, and what was skipped and what failed.
-void print_fastest(const nlohmann::json& result, std::ostream& out, TableWidth width = 0);
+void print_fastest(const Result& result, std::ostream& out, TableWidth width = 0);
 
 }  // namespace voxspring

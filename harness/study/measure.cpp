@@ -37,8 +37,7 @@ struct MeasurementContext {
     const Batch& batch;
     const ReferenceSolution& solution;
     SharedState& state;
-    State& left;  ///< room for what a case leaves
-    std::uint64_t springs;
+    State& left;                     ///< room for what a case leaves
     int edits;                       ///< within a batch
     const Card* card;                ///< null: no card is watched
     const std::vector<Case>& cases;  ///< all cases, whether they have a process yet or not
@@ -214,7 +213,7 @@ private:
     StepLimit limit() const;
     LimitPart limit_part() const;
     Observed observed() const;
-    Row common_row() const;
+    Row common_row(const StudyBench& bench) const;
 
     Case& case_;
     const MeasurementContext& context_;
@@ -341,12 +340,10 @@ Observed TimedCase::observed() const {
     return observed;
 }
 
-Row TimedCase::common_row() const {
+Row TimedCase::common_row(const StudyBench& bench) const {
     const Scene& scene = context_.scene;
-    Row row = row_of(scene.name, case_.spec());
-    row.workpiece = Workpiece{.steps = context_.batch.steps,
-                              .particles = scene.problem.particle_count(),
-                              .springs = context_.springs};
+    Row row;
+    bench.identify(row, case_.spec(), context_.batch.steps);
     row.reference = ReferencePart{.voxels = std::uint64_t(scene.problem.lattice.voxel_count()),
                                   .error_steps = context_.solution.steps,
                                   .reference = References::name_of_backend(scene, context_.solution.steps)};
@@ -354,7 +351,7 @@ Row TimedCase::common_row() const {
 }
 
 void TimedCase::add_rows(StudyBench& bench, int number) {
-    Row row = common_row();
+    Row row = common_row(bench);
     if (failure_.empty()) {
         const Row verified = row_from_json(repetition(done_).at("verified"));
         row.errors = verified.errors;
@@ -524,15 +521,9 @@ void measure(StudyBench& bench, const Batch& batch) {
         } else {
             add_spreads(bench, specs, *solution);
         }
-        const MeasurementContext context{scene,
-                                         batch,
-                                         *solution,
-                                         state,
-                                         left,
-                                         count_springs(scene.problem).total(),
-                                         SceneRunner(scene).edits_within(batch.steps),
-                                         bench.card(),
-                                         entered};
+        const MeasurementContext context{scene,        batch,  *solution,
+                                         state,        left,   SceneRunner(scene).edits_within(batch.steps),
+                                         bench.card(), entered};
         std::vector<TimedCase> cases;
         cases.reserve(entered.size());
         for (Case& one : entered) cases.emplace_back(one, context);

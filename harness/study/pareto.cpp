@@ -10,27 +10,15 @@
 #include <utility>
 
 #include "harness/base/text.h"
-#include "harness/results/result.h"
+#include "harness/results/print.h"
 #include "harness/results/row_fields.h"
 
 namespace voxspring {
 namespace {
 
-template <class Self, class Fields>
-void pareto_fields(Self& row, Fields& fields) {
-    fields.required("device", row.device);
-    fields.required("time_step", row.time_step);
-    fields.required("fraction_of_stable", row.fraction_of_stable);
-    fields.required("end_time", row.end_time);
-    fields.nullable("seconds", row.seconds);
-    fields.optional("repetitions", row.repetitions);
-    fields.required("diverged", row.diverged);
-    fields.required("on_front", row.on_front);
-}
-
 /// The sort key of a row that has both: time, then error.
 std::pair<double, double> key_of(const ParetoRow& row) {
-    return {*row.seconds, *row.row.errors->total_relative_l2};
+    return {*row.seconds, *row.errors->total_relative_l2};
 }
 
 std::string digits(double value) { return fmt::format("{:.3g}", value); }
@@ -47,36 +35,21 @@ void print_front(std::vector<ParetoRow> rows, std::ostream& out, TableWidth widt
                                          {"steps", 3}};
     std::vector<std::vector<std::string>> table;
     for (const ParetoRow& one : rows) {
-        const Errors& errors = *one.row.errors;
-        table.push_back({"  " + one.row.label(), one.row.noise_mark() + si(*one.seconds, "s"),
+        const Errors& errors = *one.errors;
+        table.push_back({"  " + one.label(), one.noise_mark() + si(*one.seconds, "s"),
                          error_cell(errors.total_relative_l2), error_cell(errors.relative_l2),
                          digits(one.time_step), digits(one.fraction_of_stable),
-                         std::to_string(one.row.workpiece->steps)});
+                         std::to_string(one.workpiece->steps)});
     }
     print_columns(columns, table, width, out);
 }
 
 }  // namespace
 
-nlohmann::json to_json(const ParetoRow& row) {
-    nlohmann::json json = to_json(row.row);
-    RowWriter writer(json);
-    pareto_fields(row, writer);
-    return json;
-}
-
-ParetoRow pareto_row_from_json(const nlohmann::json& json) {
-    ParetoRow row{.row = row_from_json(json)};
-    RowReader reader(json);
-    pareto_fields(row, reader);
-    return row;
-}
-
 void mark_fronts(std::vector<ParetoRow>& rows) {
     std::map<std::string, std::vector<ParetoRow*>> of_device;
     for (ParetoRow& row : rows) {
-        if (row.seconds && row.row.errors && row.row.errors->total_relative_l2)
-            of_device[row.device].push_back(&row);
+        if (row.seconds && row.errors && row.errors->total_relative_l2) of_device[row.device].push_back(&row);
     }
     for (auto& [device, all] : of_device) {
         std::stable_sort(all.begin(), all.end(),
@@ -90,14 +63,13 @@ void mark_fronts(std::vector<ParetoRow>& rows) {
     }
 }
 
-void print_fronts(const nlohmann::json& result, std::ostream& out, TableWidth width) {
+void print_fronts(const Result& result, std::ostream& out, TableWidth width) {
     std::vector<std::string> order, diverged;
     std::map<std::string, std::vector<ParetoRow>> fronts;
     std::map<std::string, std::string> without_total;
     std::vector<Row> all;
-    for (const auto& json : result.at("pareto")) {
-        const ParetoRow one = pareto_row_from_json(json);
-        const Row& row = one.row;
+    for (const ParetoRow& one : result.rows<ParetoRow>("pareto")) {
+        const Row& row = one;
         all.push_back(row);
         const std::string place = row.identity.scene + " on " + one.device;
         if (one.diverged) {

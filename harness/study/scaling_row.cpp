@@ -11,34 +11,10 @@
 #include "harness/base/bad_input.h"
 #include "harness/base/schema_versions.h"
 #include "harness/base/text.h"
-#include "harness/results/result.h"
 #include "harness/results/row_fields.h"
 
 namespace voxspring {
 namespace {
-
-template <class Self, class Fields>
-void scaling_fields(Self& row, Fields& fields) {
-    fields.required("family", row.family);
-    fields.required("scaling", row.scaling);
-    fields.required("ranks", row.ranks);
-    fields.required("cut", row.cut);
-    fields.required("way", row.way);
-    fields.required("seconds_per_step", row.seconds_per_step);
-    fields.required("compute_seconds", row.compute_seconds);
-    fields.required("exchange_seconds", row.exchange_seconds);
-    fields.required("waiting_seconds", row.waiting_seconds);
-    fields.required("largest_part", row.largest_part);
-    fields.required("ghosts", row.ghosts);
-    fields.required("border_bytes", row.border_bytes);
-    fields.nullable("latency_seconds", row.latency_seconds);
-    fields.nullable("seconds_per_byte", row.seconds_per_byte);
-    fields.nullable("same_bits", row.same_bits);
-    fields.nullable("efficiency", row.efficiency);
-    fields.nullable("predicted_seconds", row.predicted_seconds);
-    fields.nullable("pays_from_particles", row.pays_from_particles);
-    fields.nullable("judged_particles", row.judged_particles);
-}
 
 /// Whether borders are stepped and sent first, so that they travel while the rest of a part is stepped.
 bool overlaps(const std::string& way) { return way.ends_with("_overlap"); }
@@ -69,23 +45,9 @@ struct ScalingModel {
 
 }  // namespace
 
-nlohmann::json to_json(const ScalingRow& row) {
-    nlohmann::json json = to_json(row.row);
-    RowWriter writer(json);
-    scaling_fields(row, writer);
-    return json;
-}
-
-ScalingRow scaling_row_from_json(const nlohmann::json& json) {
-    ScalingRow row{.row = row_from_json(json)};
-    RowReader reader(json);
-    scaling_fields(row, reader);
-    return row;
-}
-
 void compare(ScalingRow& row, const ScalingRow& one) {
-    const double particle = one.seconds_per_step / double(one.row.workpiece->particles);
-    const auto particles = double(row.row.workpiece->particles);
+    const double particle = one.seconds_per_step / double(one.workpiece->particles);
+    const auto particles = double(row.workpiece->particles);
     row.efficiency = particle * particles / (row.ranks * row.seconds_per_step);
     const double own = std::min(double(row.largest_part), std::ceil(particles / row.ranks));
     const ScalingModel model{.particle = particle,
@@ -118,12 +80,12 @@ std::vector<ScalingRow> scaling_rows_of(JsonObject result, const std::string& sc
     for (const JsonValue& item : list.array()) {
         ScalingRow row;
         try {
-            row = scaling_row_from_json(nlohmann::json::parse(item.text()));
+            row = row_of_json<ScalingRow>(nlohmann::json::parse(item.text()));
         } catch (const nlohmann::json::exception& error) {
             throw BadInput(list.file(), "scaling", error.what(), "rows as results/schema.json has them");
         }
-        scenes.insert(row.row.identity.scene);
-        if (row.row.identity.scene == scene) rows.push_back(std::move(row));
+        scenes.insert(row.identity.scene);
+        if (row.identity.scene == scene) rows.push_back(std::move(row));
     }
     if (rows.empty())
         throw BadInput(list.file(), "scaling", scene,
@@ -135,10 +97,10 @@ std::vector<ScalingRow> scaling_rows_of(JsonObject result, const std::string& sc
 void print_samples(const std::vector<ScalingRow>& rows, std::ostream& out) {
     std::set<std::string> printed;
     for (const ScalingRow& row : rows) {
-        const std::string& scene = row.row.identity.scene;
+        const std::string& scene = row.identity.scene;
         if (!row.judged_particles || !printed.insert(scene).second) continue;
         out << scene << ": errors and bits are those of a sample of " << *row.judged_particles << " of "
-            << row.row.workpiece->particles << " particles, at either end and in the middle\n";
+            << row.workpiece->particles << " particles, at either end and in the middle\n";
     }
 }
 
@@ -147,19 +109,19 @@ void print_what_pays(const std::vector<ScalingRow>& rows, std::ostream& out) {
         if (one.ranks != 1 || one.scaling != "strong") continue;
         const ScalingRow* best = nullptr;
         for (const ScalingRow& row : rows) {
-            const bool alike = row.family == one.family && row.row.label() == one.row.label();
+            const bool alike = row.family == one.family && row.label() == one.label();
             if (alike && row.ranks > 1 && (best == nullptr || row.seconds_per_step < best->seconds_per_step))
                 best = &row;
         }
         if (best == nullptr) continue;
         const double times = one.seconds_per_step / best->seconds_per_step;
-        out << one.row.identity.scene << " " << one.row.label() << ": "
+        out << one.identity.scene << " " << one.label() << ": "
             << (times > 1 ? "more than one rank pays: " : "more than one rank does not pay: ") << best->ranks
             << ", cut into " << best->cut << ", by " << best->way << " are " << fmt::format("{:.2f}", times)
             << " times as fast as one";
         if (best->pays_from_particles) {
             const std::string from = two_digits(*best->pays_from_particles) + " particles of this shape on";
-            const bool by_model = double(one.row.workpiece->particles) >= *best->pays_from_particles;
+            const bool by_model = double(one.workpiece->particles) >= *best->pays_from_particles;
             if (by_model != (times > 1)) {
                 out << "; the model, by which they are faster from " << from << ", does not hold here";
             } else {
@@ -167,7 +129,7 @@ void print_what_pays(const std::vector<ScalingRow>& rows, std::ostream& out) {
                     << from;
             }
         }
-        for (const std::string& reason : best->row.noisy) out << " (" << reason << ")";
+        for (const std::string& reason : best->noisy) out << " (" << reason << ")";
         out << "\n";
     }
 }

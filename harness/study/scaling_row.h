@@ -2,7 +2,6 @@
 #pragma once
 
 #include <cstdint>
-#include <nlohmann/json_fwd.hpp>
 #include <optional>
 #include <ostream>
 #include <string>
@@ -14,8 +13,7 @@
 namespace voxspring {
 
 /// The times of one or several ranks.
-struct ScalingRow {
-    Row row;
+struct ScalingRow : Row {
     std::string family = {};   ///< whose rows are compared: a scene, or scenes that grow with the ranks
     std::string scaling = {};  ///< "strong", "weak"
     int ranks = 1;
@@ -31,10 +29,29 @@ struct ScalingRow {
     std::optional<double> efficiency = {}, predicted_seconds = {};
     std::optional<std::uint64_t> judged_particles = {};  ///< in a sample; empty: all particles are judged
     std::optional<double> pays_from_particles = {};      ///< by the model, for bodies of this shape
-};
 
-nlohmann::json to_json(const ScalingRow& row);
-ScalingRow scaling_row_from_json(const nlohmann::json& json);
+    static void fields(auto& row, auto& of) {
+        of.required("family", row.family);
+        of.required("scaling", row.scaling);
+        of.required("ranks", row.ranks);
+        of.required("cut", row.cut);
+        of.required("way", row.way);
+        of.required("seconds_per_step", row.seconds_per_step);
+        of.required("compute_seconds", row.compute_seconds);
+        of.required("exchange_seconds", row.exchange_seconds);
+        of.required("waiting_seconds", row.waiting_seconds);
+        of.required("largest_part", row.largest_part);
+        of.required("ghosts", row.ghosts);
+        of.required("border_bytes", row.border_bytes);
+        of.nullable("latency_seconds", row.latency_seconds);
+        of.nullable("seconds_per_byte", row.seconds_per_byte);
+        of.nullable("same_bits", row.same_bits);
+        of.nullable("efficiency", row.efficiency);
+        of.nullable("predicted_seconds", row.predicted_seconds);
+        of.nullable("pays_from_particles", row.pays_from_particles);
+        of.nullable("judged_particles", row.judged_particles);
+    }
+};
 
 /// Compares a row with `one`, the row of the same family with one rank. The model: each particle of the
 /// largest part takes as long as in `one`; then follows an exchange of the largest number of bytes. If the

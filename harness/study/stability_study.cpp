@@ -200,25 +200,25 @@ Rows StabilityStudy::search(const BackendSpec& spec, Backend& backend, Search& s
     }
     const double measured = search.measured_limit(backend);
     const double ratio = measured / search.theory;
-    StabilityRow row{.row = row_of(scene_, spec),
-                     .damping = search.damping,
-                     .start = search.stretch > 0 ? "stretched" : "random",
-                     .amplitude = search.relative_amplitude,
-                     .stretch = search.stretch,
-                     .theory_time_step = search.theory,
-                     .measured_time_step = measured,
-                     .ratio = ratio,
-                     .steps = search.steps,
-                     .tolerance = search.exact ? std::optional(tolerance) : std::nullopt,
-                     .passed = !search.exact || std::abs(ratio - 1) <= tolerance};
+    StabilityRow row{row_of(scene_, spec)};
+    row.damping = search.damping;
+    row.start_kind = search.stretch > 0 ? "stretched" : "random";
+    row.amplitude = search.relative_amplitude;
+    row.stretch = search.stretch;
+    row.theory_time_step = search.theory;
+    row.measured_time_step = measured;
+    row.ratio = ratio;
+    row.steps = search.steps;
+    if (search.exact) row.tolerance = tolerance;
+    row.passed = !search.exact || std::abs(ratio - 1) <= tolerance;
     Rows rows;
     if (!row.passed) {
-        Row failed = row.row;
+        Row failed = row;
         failed.reason = "is stable up to " + fixed_text(ratio, 4) + " of the limit at damping " +
                         fixed_text(search.damping, 1) + ", not within 0.2% of it";
         rows["failed"].push_back(to_json(failed));
     }
-    rows["stability"].push_back(to_json(row));
+    rows["stability"].push_back(json_of(row));
     return rows;
 }
 
@@ -238,24 +238,6 @@ void StabilityStudy::run(const BackendSpec& spec, Backend& backend, bool map, co
 
 namespace {
 
-template <class Self, class Fields>
-void stability_fields(Self& row, Fields& fields) {
-    fields.required("damping", row.damping);
-    fields.required("theory_time_step", row.theory_time_step);
-    fields.required("measured_time_step", row.measured_time_step);
-    fields.required("ratio", row.ratio);
-    fields.required("steps", row.steps);
-    fields.nullable("tolerance", row.tolerance);
-    fields.required("passed", row.passed);
-}
-
-template <class Self, class Fields>
-void start_fields(Self& row, Fields& fields) {
-    fields.required("kind", row.start);
-    fields.required("amplitude", row.amplitude);
-    fields.required("stretch", row.stretch);
-}
-
 void print_map(const nlohmann::json& map, std::ostream& out) {
     out << "\n" << map.at("name").get<std::string>() << ": b bounded, h heating, D diverged\n";
     std::vector<Column> columns = {{"damping", 0, true}};
@@ -271,30 +253,13 @@ void print_map(const nlohmann::json& map, std::ostream& out) {
 
 }  // namespace
 
-nlohmann::json to_json(const StabilityRow& row) {
-    nlohmann::json json = to_json(row.row);
-    RowWriter writer(json), start(json["start"]);
-    stability_fields(row, writer);
-    start_fields(row, start);
-    return json;
-}
-
-StabilityRow stability_row_from_json(const nlohmann::json& json) {
-    StabilityRow row{.row = row_from_json(json)};
-    RowReader reader(json), start(json.at("start"));
-    stability_fields(row, reader);
-    start_fields(row, start);
-    return row;
-}
-
-void print_stability(const nlohmann::json& result, std::ostream& out, TableWidth width) {
+void print_stability(const Result& result, std::ostream& out, TableWidth width) {
     // One line per scene, start and damping, since the results of the cases differ by a few 1e-4 only.
     using Key = std::array<std::string, 4>;
     std::vector<Key> lines;
     std::map<Key, std::vector<StabilityRow>> rows;
-    for (const auto& json : result.at("stability")) {
-        const StabilityRow row = stability_row_from_json(json);
-        const Key key = {row.row.identity.scene, row.start + " " + fixed_text(row.amplitude, 3),
+    for (const StabilityRow& row : result.rows<StabilityRow>("stability")) {
+        const Key key = {row.identity.scene, row.start_kind + " " + fixed_text(row.amplitude, 3),
                          fixed_text(row.damping, 2), fixed_text(row.theory_time_step, 6)};
         if (!rows.contains(key)) lines.push_back(key);
         rows[key].push_back(row);
@@ -315,11 +280,11 @@ void print_stability(const nlohmann::json& result, std::ostream& out, TableWidth
             std::minmax_element(rows[key].begin(), rows[key].end(),
                                 [](const auto& a, const auto& b) { return a.ratio < b.ratio; });
         table.push_back({key[0], key[1], key[2], key[3], std::to_string(rows[key].size()),
-                         std::to_string(min->steps), fixed_text(min->ratio, 4), min->row.label(),
-                         fixed_text(max->ratio, 4), max->row.label()});
+                         std::to_string(min->steps), fixed_text(min->ratio, 4), min->label(),
+                         fixed_text(max->ratio, 4), max->label()});
     }
     print_columns(columns, table, width, out);
-    for (const auto& map : result.at("stability_map")) print_map(map, out);
+    for (const auto& map : result.rows<nlohmann::json>("stability_map")) print_map(map, out);
 }
 
 }  // namespace voxspring

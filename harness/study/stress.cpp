@@ -64,18 +64,19 @@ State unpacked(const std::vector<std::uint8_t>& bytes) {
 }
 
 /// One run of the suite.
-class Suite {
+class StressSuite {
 public:
-    Suite(const BackendSpec& spec, Backend& backend, StressLengths lengths, StressReferences& references,
-          const Once& once)
+    StressSuite(const BackendSpec& spec, Backend& backend, StressLengths lengths,
+                StressReferences& references, const Once& once)
         : spec_(spec), backend_(backend), lengths_(lengths), references_(references), once_(once) {}
 
     void run() {
-        using Part = void (Suite::*)();
+        using Part = void (StressSuite::*)();
         for (const Part part :
-             {&Suite::rest, &Suite::limit, &Suite::large_start, &Suite::larger_start, &Suite::degenerate,
-              &Suite::stray_nan, &Suite::rope, &Suite::free_particle, &Suite::stiffness_ratio,
-              &Suite::skipping, &Suite::accuracy, &Suite::equilibrium, &Suite::momentum_of_a_long_run}) {
+             {&StressSuite::rest, &StressSuite::limit, &StressSuite::large_start, &StressSuite::larger_start,
+              &StressSuite::degenerate, &StressSuite::stray_nan, &StressSuite::rope,
+              &StressSuite::free_particle, &StressSuite::stiffness_ratio, &StressSuite::skipping,
+              &StressSuite::accuracy, &StressSuite::equilibrium, &StressSuite::momentum_of_a_long_run}) {
             (this->*part)();
         }
     }
@@ -117,15 +118,15 @@ private:
     }
     template <class Measure>
     Rows rows_of(const Subject& subject, const Problem& problem, const Measure& measure) {
-        StressRow row{.row = row_of(subject.scene, spec_),
-                      .part = subject.part,
-                      .measurement = subject.name,
-                      .unit = subject.unit,
-                      .detail = subject.detail,
-                      .steps = subject.steps};
+        StressRow row{row_of(subject.scene, spec_)};
+        row.part = subject.part;
+        row.measurement = subject.name;
+        row.unit = subject.unit;
+        row.detail = subject.detail;
+        row.steps = subject.steps;
         Rows rows;
         const auto put = [&](const char* list, const std::string& reason) {
-            Row unmeasured = row.row;
+            Row unmeasured = row;
             unmeasured.reason = subject.name + ": " + reason;
             rows[list].push_back(to_json(unmeasured));
         };
@@ -147,7 +148,7 @@ private:
         if (!row.passed)
             put("failed", error_text(measured) + " is not " + row.threshold_is + " " +
                               error_text(subject.threshold.value));
-        rows["stress"].push_back(to_json(row));
+        rows["stress"].push_back(json_of(row));
         return rows;
     }
 
@@ -489,53 +490,21 @@ void StressReferences::take_all(const nlohmann::json& known) {
 
 void run_stress(const BackendSpec& spec, Backend& backend, StressLengths lengths,
                 StressReferences& references, const Once& once) {
-    Suite(spec, backend, lengths, references, once).run();
+    StressSuite(spec, backend, lengths, references, once).run();
 }
 
-namespace {
-
-template <class Self, class Fields>
-void stress_fields(Self& row, Fields& fields) {
-    fields.required("part", row.part);
-    fields.required("measurement", row.measurement);
-    fields.required("steps", row.steps);
-    fields.nullable("measured", row.measured);
-    fields.nullable("gate", row.threshold);
-    fields.required("gate_is", row.threshold_is);
-    fields.required("passed", row.passed);
-    fields.required("unit", row.unit);
-    fields.required("detail", row.detail);
-}
-
-}  // namespace
-
-nlohmann::json to_json(const StressRow& row) {
-    nlohmann::json json = to_json(row.row);
-    RowWriter writer(json);
-    stress_fields(row, writer);
-    return json;
-}
-
-StressRow stress_row_from_json(const nlohmann::json& json) {
-    StressRow row{.row = row_from_json(json)};
-    RowReader reader(json);
-    stress_fields(row, reader);
-    return row;
-}
-
-void print_stress(const nlohmann::json& result, std::ostream& out, TableWidth width) {
+void print_stress(const Result& result, std::ostream& out, TableWidth width) {
     // A line has the figures of all formulations, with "!" after those outside their threshold.
     std::vector<std::vector<std::string>> lines;
     std::map<std::vector<std::string>, std::map<std::string, std::string>> figures;
-    for (const auto& json : result.at("stress")) {
-        const StressRow row = stress_row_from_json(json);
+    for (const StressRow& row : result.rows<StressRow>("stress")) {
         const std::string name = row.measurement + (row.detail.empty() ? "" : ", " + row.detail);
         const std::vector<std::string> line = {
             std::to_string(row.part),  name,
-            row.row.identity.scene,    row.row.identity.backend + " " + row.row.identity.precision,
+            row.identity.scene,        row.identity.backend + " " + row.identity.precision,
             std::to_string(row.steps), row.unit};
         if (!figures.contains(line)) lines.push_back(line);
-        figures[line][row.row.identity.formulation] = error_cell(row.measured) + (row.passed ? " " : "!");
+        figures[line][row.identity.formulation] = error_cell(row.measured) + (row.passed ? " " : "!");
     }
     std::stable_sort(lines.begin(), lines.end(), [](const auto& a, const auto& b) { return a[0] < b[0]; });
     std::vector<Column> columns = {{"part", 3, true},  {"measurement", 0, true},

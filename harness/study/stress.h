@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "harness/results/result.h"
 #include "harness/results/row.h"
 #include "harness/results/table.h"
 #include "harness/study/suite.h"
@@ -63,8 +64,7 @@ void run_stress(const BackendSpec& spec, Backend& backend, StressLengths lengths
                 StressReferences& references, const Once& once);
 
 /// A row of the list `stress`.
-struct StressRow {
-    Row row;
+struct StressRow : Row {
     int part = 0;
     std::string measurement = {}, unit = {}, detail = {};
     int steps = 0;
@@ -72,11 +72,21 @@ struct StressRow {
     std::optional<double> threshold = {};  ///< empty: only recorded
     std::string threshold_is = {};         ///< "at most" or "at least"
     bool passed = false;
+
+    static void fields(auto& row, auto& of) {
+        of.required("part", row.part);
+        of.required("measurement", row.measurement);
+        of.required("steps", row.steps);
+        of.nullable("measured", row.measured);
+        of.nullable("gate", row.threshold);
+        of.required("gate_is", row.threshold_is);
+        of.required("passed", row.passed);
+        of.required("unit", row.unit);
+        of.required("detail", row.detail);
+    }
 };
-nlohmann::json to_json(const StressRow& row);
-StressRow stress_row_from_json(const nlohmann::json& json);
 
 /// Prints one line per measurement, scene and backend, with the figures of all formulations.
-void print_stress(const nlohmann::json& result, std::ostream& out, TableWidth width = 0);
+void print_stress(const Result& result, std::ostream& out, TableWidth width = 0);
 
 }  // namespace voxspring

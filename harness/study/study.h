@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "harness/results/result.h"
 #include "harness/scene/scene.h"
 
 namespace voxspring {
@@ -89,7 +90,7 @@ struct StudyOptions {
     std::filesystem::path worker;
 };
 
-/// Runs the study and returns the result (results/schema.json). With `out` every finished measurement is
+/// Runs the study and returns the result. With `out` every finished measurement is
 /// written at once to a journal beside it (journal.h), and the file is replaced after every scene; the
 /// journal is removed when the study is finished. The first SIGINT or SIGTERM stops the study after the work
 /// in flight; the result is then `unfinished`. A scene named by the study itself is skipped if this machine
@@ -102,12 +103,12 @@ struct StudyOptions {
 ///
 /// Throws std::logic_error, before anything else, if there is no such program; BadInput before anything has
 /// run, and for a worker of another build; Unwritten or std::system_error if the disk is full.
-nlohmann::json run_study(Study study, const StudyOptions& options);
+Result run_study(Study study, const StudyOptions& options);
 
 /// Whether a result comes from a study that was interrupted.
-bool is_unfinished(const nlohmann::json& result);
+bool is_unfinished(const Result& result);
 
 /// Whether anything was measured: a list other than those of skipped, failed and chosen cases has a row.
-bool has_measured(const nlohmann::json& result);
+bool has_measured(const Result& result);
 
 }  // namespace voxspring

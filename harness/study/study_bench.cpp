@@ -55,11 +55,12 @@ std::vector<BackendSpec> known_specs(const Study& study, const StudyScene& item)
 }
 
 StudyBench::StudyBench(const Study& study, const StudyOptions& options, Journal& journal, Progress& progress,
-                       nlohmann::json& result)
+                       const StudyKind& kind, Result& result)
     : study_(study),
       options_(options),
       journal_(journal),
       progress_(progress),
+      kind_(kind),
       result_(result),
       workers_(options.worker),
       references_(DiskCache{}, [this](int done, int steps) {
@@ -129,7 +130,7 @@ Case StudyBench::case_of(const BackendSpec& spec, const CaseProgram& program) {
                 JournalScope(journal_, std::to_string(number_) + " " + spec.label() + " "), options_.timeout);
 }
 
-std::optional<Case> StudyBench::enter(const BackendSpec& spec, const CaseProgram& program, Entering how) {
+std::optional<Case> StudyBench::enter(const BackendSpec& spec, const CaseProgram& program, EnterOptions how) {
     return entered(case_of(spec, program), how.limits);
 }
 
@@ -182,7 +183,7 @@ void StudyBench::introduce_at_once(std::vector<Case>& cases) const {
 }
 
 std::vector<Case> StudyBench::enter_all(std::span<const BackendSpec> specs, const CaseProgram& program,
-                                        Entering how) {
+                                        EnterOptions how) {
     CaseProgram with_its_share = program;
     // Counts the processors that this process may use, which under taskset or in a container are not all.
     with_its_share.threads = std::max(1, omp_get_num_procs() / int(uploads_side_by_side()));
@@ -200,11 +201,12 @@ std::vector<Case> StudyBench::enter_all(std::span<const BackendSpec> specs, cons
     return cases;
 }
 
-void StudyBench::add(const std::string& list, nlohmann::json row) { result_[list].push_back(std::move(row)); }
-
-void StudyBench::add(const std::string& list, const Row& row) { add(list, to_json(row)); }
-
-nlohmann::json& StudyBench::context() { return result_["context"]["voxspring"]; }
+void StudyBench::identify(Row& row, const BackendSpec& spec, int steps) const {
+    row.identity = row_of(scene_->name, spec).identity;
+    row.workpiece = Workpiece{.steps = steps,
+                              .particles = scene_->problem.particle_count(),
+                              .springs = count_springs(scene_->problem).total()};
+}
 
 void StudyBench::put(const char* list, const BackendSpec& spec, const std::string& reason) {
     Row row = row_of(scene_->name, spec);
@@ -227,17 +229,15 @@ void StudyBench::add_failure(Case& benchmark_case) {
 /// `patterns`, in which "auto" is replaced by what the rules choose for the scene. Each choice is a row of
 /// the list `auto`.
 std::vector<std::string> StudyBench::with_choices(std::vector<std::string> patterns) {
-    const std::unique_ptr<StudyKind> kind = make_study_kind(study_.kind);
     for (std::string& pattern : patterns) {
         if (!asks_for_auto(pattern)) continue;
         const Chosen choice = choose_by_rules(pattern, *scene_, [&](const BackendSpec& spec) {
-            std::optional<Capabilities> taken;
+            bool taken = false;
             (void)failure_of([&] {
                 const nlohmann::json introduction = introduce(spec, workers_, options_.timeout);
                 const Capabilities capabilities = capabilities_of(introduction.at("capabilities"));
-                if (may_be_chosen(capabilities) && kind->takes(capabilities) &&
-                    introduction.at("unsupported") == "")
-                    taken = capabilities;
+                taken = may_be_chosen(capabilities) && kind_.takes(capabilities) &&
+                        introduction.at("unsupported") == "";
             });
             return taken;
         });

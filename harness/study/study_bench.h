@@ -2,6 +2,7 @@
 // and the lists that rows are added to.
 #pragma once
 
+#include <concepts>
 #include <map>
 #include <memory>
 #include <nlohmann/json_fwd.hpp>
@@ -20,12 +21,15 @@
 #include "harness/process/case_runner.h"
 #include "harness/process/journal.h"
 #include "harness/process/launcher.h"
+#include "harness/results/result.h"
 #include "harness/results/row.h"
 #include "harness/scene/scene.h"
 #include "harness/study/study.h"
 #include "harness/verification/reference.h"
 
 namespace voxspring {
+
+class StudyKind;
 
 /// Calls begin(n) and, later, finish(n) for each n below `count`, in order. At most `most` are begun and not
 /// yet finished at any time.
@@ -38,7 +42,7 @@ void at_once(std::size_t count, std::size_t most, Begin begin, Finish finish) {
 }
 
 /// How a case is made ready.
-struct Entering {
+struct EnterOptions {
     bool limits = false;  ///< also measure the limits of its device, once per device
     /// Construct several cases at once, side_by_side() of them. For studies that do not report the time of
     /// construction.
@@ -50,7 +54,7 @@ class StudyBench {
 public:
     /// All arguments must outlive this object. Results are collected in `result`.
     StudyBench(const Study& study, const StudyOptions& options, Journal& journal, Progress& progress,
-               nlohmann::json& result);
+               const StudyKind& kind, Result& result);
     StudyBench(const StudyBench&) = delete;
     StudyBench& operator=(const StudyBench&) = delete;
 
@@ -74,19 +78,25 @@ public:
 
     /// The case of a backend, ready to be asked. Empty if it cannot run the scene; the result then has the
     /// reason.
-    std::optional<Case> enter(const BackendSpec& spec, const CaseProgram& program, Entering how = {});
+    std::optional<Case> enter(const BackendSpec& spec, const CaseProgram& program, EnterOptions how = {});
     /// The cases of `specs` that can run the scene. If they construct at once, each has a share of the
     /// processors from then on, except for backends that step on the processor.
-    std::vector<Case> enter_all(std::span<const BackendSpec> specs, const CaseProgram& program, Entering how);
+    std::vector<Case> enter_all(std::span<const BackendSpec> specs, const CaseProgram& program,
+                                EnterOptions how);
     /// How many cases do at once what is not timed.
     std::size_t side_by_side() const;
     /// How many cases upload at once. For a heavy scene there are just enough that one computes while others
     /// compile or wait for their device.
     std::size_t uploads_side_by_side() const;
 
-    /// Adds a row to a list of the result.
-    void add(const std::string& list, nlohmann::json row);
-    void add(const std::string& list, const Row& row);
+    /// Adds a row to a list of the result. A row that a case's process has made arrives as JSON.
+    template <std::derived_from<Row> T>
+    void add(const std::string& list, T row) {
+        result_.rows<T>(list).push_back(std::move(row));
+    }
+    void add(const std::string& list, const nlohmann::json& row) { result_.add(list, row); }
+    /// Gives a row its identity, that of a backend on the scene, and its workpiece of `steps` steps.
+    void identify(Row& row, const BackendSpec& spec, int steps) const;
     /// How many of specs() run the scene, as far as is known by now.
     int expected_cases() const;
 
@@ -122,13 +132,14 @@ private:
     std::string refusal_of(Case& benchmark_case);
     void watch_card(const std::string& uuid);
     void measure_limits(Case& benchmark_case);
-    nlohmann::json& context();
+    nlohmann::json& context() { return result_.own_context(); }
 
     const Study& study_;
     const StudyOptions& options_;
     Journal& journal_;
     Progress& progress_;
-    nlohmann::json& result_;
+    const StudyKind& kind_;
+    Result& result_;
     const StudyScene* item_ = nullptr;
     std::shared_ptr<const Scene> scene_;
     Workers workers_;

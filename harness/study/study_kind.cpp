@@ -32,8 +32,6 @@ double StudyKind::steps_of_case(const Study& study, const StudyScene& item) cons
     return double(item.steps) * study.repetitions;
 }
 
-void StudyKind::summarise(nlohmann::json&) const {}
-
 RegisteredStudyKind::RegisteredStudyKind(const std::string& name,
                                          std::function<std::unique_ptr<StudyKind>()> make) {
     factories().emplace(name, std::move(make));
@@ -60,8 +58,29 @@ std::unique_ptr<StudyKind> kind_of(const Study& study) {
     return kind;
 }
 
-void print_result(const nlohmann::json& result, std::ostream& out, TableWidth width) {
-    make_study_kind(result.at("context").at("voxspring").at("study").at("kind"))->print(result, out, width);
+void print_result(const Result& result, std::ostream& out, TableWidth width) {
+    make_study_kind(result.own_context().at("study").at("kind"))->print(result, out, width);
+}
+
+Result read_result(const nlohmann::json& file) {
+    Result result;
+    result.context = file.at("context");
+    const nlohmann::json study = result.own_context().value("study", nlohmann::json::object());
+    make_study_kind(study.value("kind", "timing"))->make_lists(result);
+    const nlohmann::json counters = result.own_context().value("counters", nlohmann::json::object());
+    result.own_context().erase("counters");
+    for (const auto& [list, rows] : file.items()) {
+        if (!rows.is_array()) continue;
+        for (nlohmann::json row : rows) {
+            for (const auto& [name, of] : counters.items()) {
+                if (!row.contains(name)) continue;
+                row["counters"].push_back(of);
+                row["counters"].back()["name"] = name;
+            }
+            result.add(list, row);
+        }
+    }
+    return result;
 }
 
 }  // namespace voxspring

@@ -4,13 +4,13 @@
 
 #include <functional>
 #include <memory>
-#include <nlohmann/json_fwd.hpp>
 #include <ostream>
 #include <string>
 #include <vector>
 
 #include "backends/backend.h"
 #include "harness/base/json.h"
+#include "harness/results/result.h"
 #include "harness/results/table.h"
 #include "harness/scene/scene.h"
 #include "harness/study/study.h"
@@ -51,15 +51,12 @@ public:
     /// Measures one scene and adds rows to the bench.
     virtual void run(StudyBench& bench) = 0;
 
-    /// Names of the lists that the kind's results have in addition to `benchmarks`, `verification`, `skipped`
-    /// and `failed`.
-    virtual std::vector<std::string> lists() const { return {}; }
-    /// The schema that describes these lists.
-    virtual std::string schema() const { return "urn:voxspring:result:1"; }
+    /// Makes the kind's lists, with their types of rows, by Result::rows().
+    virtual void make_lists(Result&) const {}
     /// Adds what follows from all rows so far. Called whenever the result is written.
-    virtual void summarise(nlohmann::json& result) const;
+    virtual void summarise(Result&) const {}
     /// Prints the result for people.
-    virtual void print(const nlohmann::json& result, std::ostream& out, TableWidth width) const = 0;
+    virtual void print(const Result& result, std::ostream& out, TableWidth width) const = 0;
 };
 
 /// Registers a kind, in the kind's file:
@@ -75,6 +72,9 @@ std::unique_ptr<StudyKind> make_study_kind(const std::string& name);
 std::unique_ptr<StudyKind> kind_of(const Study& study);
 
 /// Prints a result by its kind.
-void print_result(const nlohmann::json& result, std::ostream& out, TableWidth width = 0);
+void print_result(const Result& result, std::ostream& out, TableWidth width = 0);
+
+/// The result in a file's JSON, whose `study` has a registered kind.
+Result read_result(const nlohmann::json& file);
 
 }  // namespace voxspring

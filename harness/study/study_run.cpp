@@ -20,7 +20,6 @@
 #include "harness/base/interruption.h"
 #include "harness/base/json.h"
 #include "harness/base/progress.h"
-#include "harness/base/schema_versions.h"
 #include "harness/process/case.h"
 #include "harness/process/journal.h"
 #include "harness/results/capabilities.h"
@@ -40,8 +39,8 @@
 namespace voxspring {
 namespace {
 
-/// The lists that every result has.
-constexpr std::array common_lists = {"benchmarks", "verification", "skipped", "failed"};
+/// Whether a list of a result has measurements.
+bool is_measured(const std::string& list) { return list != "skipped" && list != "failed" && list != "auto"; }
 
 /// The backend of a label NAME/FORMULATION/PRECISION[/TUNING].
 BackendSpec spec_of_label(const std::string& label) {
@@ -68,7 +67,7 @@ bool is_finished(const std::filesystem::path& file) {
     std::ifstream text(file);
     const nlohmann::json result = nlohmann::json::parse(text, nullptr, false);
     return result.is_object() && result.contains("context") && result.at("context").is_object() &&
-           !is_unfinished(result);
+           !result.at("context").value("voxspring", nlohmann::json::object()).contains("unfinished");
 }
 
 /// The study after the command line's options have been applied.
@@ -103,7 +102,7 @@ void check_options(const StudyOptions& options) {
 class StudyRun {
 public:
     StudyRun(Study study, const StudyOptions& options);
-    nlohmann::json run();
+    Result run();
 
 private:
     void check(const StudyScene& item);
@@ -116,7 +115,7 @@ private:
     void run_scene(const StudyScene& item, std::size_t number);
     std::size_t row_count() const;
     void publish();
-    nlohmann::json& context() { return result_["context"]["voxspring"]; }
+    nlohmann::json& context() { return result_.own_context(); }
 
     const Study study_;
     const StudyOptions& options_;
@@ -124,7 +123,7 @@ private:
     StudyScenes scenes_;
     std::map<std::string, std::string> too_large_;  ///< reason by scene
     std::map<std::string, double> particles_;       ///< by scene, if it fits into memory
-    nlohmann::json result_;
+    Result result_;
     std::unique_ptr<Journal> journal_ = std::make_unique<Journal>();
     std::unique_ptr<Progress> progress_;
     std::unique_ptr<StudyBench> bench_;
@@ -142,14 +141,14 @@ StudyRun::StudyRun(Study study, const StudyOptions& options)
     if (options.volume.any() && std::none_of(study_.scenes.begin(), study_.scenes.end(), is_volume))
         throw BadInput("command line", "--labels, --threshold, --frame, --parts, --spacing or --gravity",
                        study_.name, "a study with a volume file among its scenes: --scene FILE adds one");
-    if (options.mpi != nullptr && study_.kind != "scaling")
-        throw BadInput("command line", "mpirun", "study " + study_.name, "a study of the kind scaling");
-    if (options.ranks && study_.kind != "scaling")
-        throw BadInput("command line", "--ranks", std::to_string(*options.ranks),
-                       "none: study " + study_.name + " is not of the kind scaling");
-    if (!options.devices.empty() && study_.kind != "scaling")
-        throw BadInput("command line", "--devices", fmt::format("{}", fmt::join(options.devices, ",")),
-                       "none: study " + study_.name + " is not of the kind scaling");
+    const auto only_scaling = [&](bool given, const char* name, const std::string& value) {
+        if (given && study_.kind != "scaling")
+            throw BadInput("command line", name, value,
+                           "none: study " + study_.name + " is not of the kind scaling");
+    };
+    only_scaling(options.mpi != nullptr, "mpirun", "several ranks");
+    only_scaling(options.ranks.has_value(), "--ranks", std::to_string(options.ranks.value_or(0)));
+    only_scaling(!options.devices.empty(), "--devices", fmt::format("{}", fmt::join(options.devices, ",")));
     if (options.out) check_writable(*options.out, "--out", ".json");
     Activity reading;
     for (const StudyScene& item : study_.scenes) {
@@ -162,7 +161,7 @@ StudyRun::StudyRun(Study study, const StudyOptions& options)
     std::vector<Progress::Scene> costs;
     for (const StudyScene& item : study_.scenes) costs.push_back(cost_of(item));
     progress_ = std::make_unique<Progress>(std::move(costs));
-    bench_ = std::make_unique<StudyBench>(study_, options_, *journal_, *progress_, result_);
+    bench_ = std::make_unique<StudyBench>(study_, options_, *journal_, *progress_, *kind_, result_);
 }
 
 /// Every scene is loaded before the first one is timed, so that a mistake in the last one shows at once and
@@ -217,11 +216,9 @@ Progress::Scene StudyRun::cost_of(const StudyScene& item) const {
 }
 
 void StudyRun::begin_result() {
-    result_["schema_version"] = result_schema_version;
     const nlohmann::json machine = google_benchmark_context();
-    result_["context"] = {{"date", machine.at("date")}, {"num_cpus", machine.at("num_cpus")}};
-    for (const char* list : common_lists) result_[list] = nlohmann::json::array();
-    for (const std::string& list : kind_->lists()) result_[list] = nlohmann::json::array();
+    result_.context = {{"date", machine.at("date")}, {"num_cpus", machine.at("num_cpus")}};
+    kind_->make_lists(result_);
     context() = build_context();
     context()["gpu"] = context()["driver"] = context()["gl_renderer"] = nullptr;
     context()["study"] = {{"name", study_.name}, {"kind", study_.kind}, {"repetitions", study_.repetitions}};
@@ -292,7 +289,7 @@ void StudyRun::check_devices() {
     });
 }
 
-nlohmann::json StudyRun::run() {
+Result StudyRun::run() {
     const CaughtInterruptions caught;
     Activity looking;
     looking.begin("looking for devices");
@@ -333,17 +330,19 @@ void StudyRun::run_scene(const StudyScene& item, std::size_t number) {
 
 /// The number of rows with measurements.
 std::size_t StudyRun::row_count() const {
-    std::size_t count = result_.at("verification").size();
-    for (const std::string& list : kind_->lists()) count += result_.at(list).size();
+    std::size_t count = 0;
+    for (const auto& [name, list] : result_.lists()) {
+        if (is_measured(name) && name != "benchmarks") count += list->size();
+    }
     return count;
 }
 
 void StudyRun::publish() {
     bench_->describe_devices();
-    if (!result_.at("benchmarks").empty() && !result_["context"].contains("caches")) {
+    if (!result_.rows("benchmarks").empty() && !result_.context.contains("caches")) {
         nlohmann::json machine = google_benchmark_context();
-        machine.update(result_["context"]);  // keeps the date of the beginning
-        result_["context"] = std::move(machine);
+        machine.update(result_.context);  // keeps the date of the beginning
+        result_.context = std::move(machine);
     }
     kind_->summarise(result_);
     if (options_.out) write_atomically(*options_.out, json_text(result_, 2) + "\n");
@@ -351,20 +350,15 @@ void StudyRun::publish() {
 
 }  // namespace
 
-bool is_unfinished(const nlohmann::json& result) {
-    return result.at("context").value("voxspring", nlohmann::json::object()).contains("unfinished");
+bool is_unfinished(const Result& result) { return result.own_context().contains("unfinished"); }
+
+bool has_measured(const Result& result) {
+    return std::any_of(result.lists().begin(), result.lists().end(),
+                       [](const auto& list) { return is_measured(list.first) && list.second->size() > 0; });
 }
 
-bool has_measured(const nlohmann::json& result) {
-    const std::set<std::string> unmeasured = {"skipped", "failed", "auto"};
-    for (const auto& [list, rows] : result.items()) {
-        if (rows.is_array() && !unmeasured.contains(list) && !rows.empty()) return true;
-    }
-    return false;
-}
-
-nlohmann::json run_study(Study study, const StudyOptions& options) {
-    const Workers refused_where_there_can_be_none(options.worker);
+Result run_study(Study study, const StudyOptions& options) {
+    const Workers checks_that_workers_can_start(options.worker);
     check_options(options);
     return StudyRun(std::move(study), options).run();
 }

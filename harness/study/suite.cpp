@@ -98,7 +98,7 @@ nlohmann::json SuiteRunner::answer(Backend& backend, const nlohmann::json& quest
     return nullptr;
 }
 
-void measure_suites(StudyBench& bench, const Suites& suites) {
+void measure_suites(StudyBench& bench, const SuiteHooks& suites) {
     std::deque<std::unique_ptr<SuiteCase>> working;
     int done = 0;
     const auto finish_until = [&](std::size_t left) {

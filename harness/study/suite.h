@@ -1,4 +1,4 @@
-// Suites: series of measurements that a case makes in its process.
+// SuiteHooks: series of measurements that a case makes in its process.
 #pragma once
 
 #include <functional>
@@ -26,14 +26,14 @@ public:
     nlohmann::json answer(Backend& backend, const nlohmann::json& question, const OnEvent& on_event) final;
 
 private:
-    /// `known` is the value of Suites::known in the study's process, and `on_event` sends events to
-    /// Suites::on_event there.
+    /// `known` is the value of SuiteHooks::known in the study's process, and `on_event` sends events to
+    /// SuiteHooks::on_event there.
     virtual void run(Backend& backend, const nlohmann::json& known, const Once& once,
                      const OnEvent& on_event) = 0;
 };
 
 /// What measure_suites() needs for the cases of a scene.
-struct Suites {
+struct SuiteHooks {
     /// Makes the case of a backend, whose runner is a SuiteRunner. Empty if the case cannot run; its row then
     /// has been added.
     std::function<std::optional<Case>(const BackendSpec&)> enter;
@@ -48,6 +48,6 @@ struct Suites {
 ///
 /// A suite is not timed, so StudyOptions::side_by_side of them run at once. Exceptions are the first one,
 /// whose findings the others need, and those on the processor, which take all of its cores.
-void measure_suites(StudyBench& bench, const Suites& suites);
+void measure_suites(StudyBench& bench, const SuiteHooks& suites);
 
 }  // namespace voxspring

@@ -3,13 +3,12 @@
 #include <exception>
 #include <iostream>
 #include <memory>
-#include <nlohmann/json.hpp>
 #include <utility>
 #include <vector>
 
 #include "backends/physics/neighbours.h"
 #include "harness/process/worker_main.h"
-#include "harness/results/result.h"
+#include "harness/results/print.h"
 #include "harness/scene/scene.h"
 #include "harness/study/study.h"
 
@@ -60,9 +59,9 @@ int main(int argc, char** argv) {
         study.scenes = {{.scene = ball->name, .steps = 50, .backends = {}, .built = ball}};
         StudyOptions options;
         options.out = argv[1];
-        const nlohmann::json result = run_study(study, options);
+        const Result result = run_study(study, options);
         print_table(result, std::cout);
-        return result.at("failed").empty() ? 0 : 1;
+        return result.rows("failed").empty() ? 0 : 1;
     } catch (const std::exception& error) {
         std::cerr << "example: " << error.what() << "\n";
         return 2;

@@ -12,7 +12,7 @@
 #include "harness/base/interruption.h"
 #include "harness/base/text.h"
 #include "harness/results/capabilities.h"
-#include "harness/results/result.h"
+#include "harness/results/print.h"
 #include "harness/results/row_fields.h"
 #include "harness/scene/scene_runner.h"
 #include "harness/study/study_bench.h"
@@ -27,46 +27,21 @@ constexpr double lead_seconds = 2;
 /// How long an idle card is watched.
 constexpr double idle_seconds = 3;
 
-struct EnergyRow {
-    Row row;
+struct EnergyRow : Row {
     std::string meter = {};
-    double seconds = 0, seconds_per_step = 0;
-    double watts = 0, idle_watts = 0;
-    std::optional<double> sampled_watts = {};
-    double joules_per_step = 0, springs_per_joule = 0, particles_per_joule = 0;
     std::optional<unsigned> min_mhz = {}, max_mhz = {};
     std::vector<std::string> throttled = {};
+
+    static void fields(auto& row, auto& of) {
+        of.required("meter", row.meter);
+        of.nullable("min_mhz", row.min_mhz);
+        of.nullable("max_mhz", row.max_mhz);
+        of.list("throttled", row.throttled);
+    }
+    std::string clock() const {
+        return (max_mhz ? std::to_string(*max_mhz) + " MHz" : "-") + (throttled.empty() ? "" : ", held down");
+    }
 };
-
-template <class Self, class Fields>
-void energy_fields(Self& row, Fields& fields) {
-    fields.required("meter", row.meter);
-    fields.required("seconds", row.seconds);
-    fields.required("seconds_per_step", row.seconds_per_step);
-    fields.required("watts", row.watts);
-    fields.required("idle_watts", row.idle_watts);
-    fields.nullable("sampled_watts", row.sampled_watts);
-    fields.required("joules_per_step", row.joules_per_step);
-    fields.required("springs_per_joule", row.springs_per_joule);
-    fields.required("particles_per_joule", row.particles_per_joule);
-    fields.nullable("min_mhz", row.min_mhz);
-    fields.nullable("max_mhz", row.max_mhz);
-    fields.list("throttled", row.throttled);
-}
-
-nlohmann::json to_json(const EnergyRow& row) {
-    nlohmann::json json = to_json(row.row);
-    RowWriter writer(json);
-    energy_fields(row, writer);
-    return json;
-}
-
-EnergyRow energy_row_from_json(const nlohmann::json& json) {
-    EnergyRow row{.row = row_from_json(json)};
-    RowReader reader(json);
-    energy_fields(row, reader);
-    return row;
-}
 
 // --- In the process of a case ---------------------------------------------------------------------------
 
@@ -99,16 +74,17 @@ public:
                                      ", the samples of power " + si(*use.sampled_watts, "W"));
         EnergyRow row;
         row.meter = meter->name();
-        row.seconds = use.seconds;
-        row.seconds_per_step = all / (double(batches_) * steps_);
-        row.watts = use.watts;
-        row.idle_watts = idle.watts;
-        row.sampled_watts = use.sampled_watts;
-        row.joules_per_step = use.watts * row.seconds_per_step;
+        const double step_seconds = all / (double(batches_) * steps_);
+        row.counters.add("joules_per_step", use.watts * step_seconds, Unit::joule, Better::less);
+        row.counters.add("watts", use.watts, Unit::watt, Better::neither);
+        row.counters.add("idle_watts", idle.watts, Unit::watt, Better::neither);
+        row.counters.add("seconds_per_step", step_seconds, Unit::second, Better::less);
+        row.counters.add("sampled_watts", use.sampled_watts, Unit::watt, Better::neither);
+        row.counters.add("seconds", use.seconds, Unit::second, Better::neither);
         row.min_mhz = use.min_mhz;
         row.max_mhz = use.max_mhz;
         row.throttled = use.throttled;
-        return to_json(row);
+        return json_of(row);
     }
 
 private:
@@ -149,8 +125,8 @@ public:
     int rows_of_case(const Study&, const StudyScene&) const override { return 1; }
     double steps_of_case(const Study&, const StudyScene& item) const override { return item.steps; }
     void run(StudyBench& bench) override;
-    std::vector<std::string> lists() const override { return {"energy"}; }
-    void print(const nlohmann::json& result, std::ostream& out, TableWidth width) const override;
+    void make_lists(Result& result) const override { result.rows<EnergyRow>("energy"); }
+    void print(const Result& result, std::ostream& out, TableWidth width) const override;
 
 private:
     // The counter leaps at least every tenth of a second, which is 1% of ten seconds.
@@ -159,8 +135,6 @@ private:
 };
 
 void EnergyStudy::run(StudyBench& bench) {
-    const Scene& scene = bench.scene();
-    const std::uint64_t springs = count_springs(scene.problem).total();
     int done = 0;
     // One case after another: a card that two processes hold draws more power while it idles.
     for (const BackendSpec& spec : bench.specs()) {
@@ -185,30 +159,20 @@ void EnergyStudy::run(StudyBench& bench) {
         bench.add_failure(*entered);
         const nlohmann::json* measured = scope.find("energy");
         if (measured == nullptr) continue;
-        EnergyRow row = energy_row_from_json(*measured);
-        row.row = row_of(scene.name, spec);
-        row.row.workpiece = Workpiece{
-            .steps = bench.item().steps, .particles = scene.problem.particle_count(), .springs = springs};
-        row.springs_per_joule = double(springs) / row.joules_per_step;
-        row.particles_per_joule = double(scene.problem.particle_count()) / row.joules_per_step;
-        bench.add("energy", to_json(row));
+        auto row = row_of_json<EnergyRow>(*measured);
+        bench.identify(row, spec, bench.item().steps);
+        const double joules = row.counters.at("joules_per_step");
+        row.counters.add("springs_per_joule", double(row.workpiece->springs) / joules, Unit::per_joule,
+                         Better::more);
+        row.counters.add("particles_per_joule", double(row.workpiece->particles) / joules, Unit::per_joule,
+                         Better::more);
+        bench.add("energy", row);
     }
 }
 
-void EnergyStudy::print(const nlohmann::json& result, std::ostream& out, TableWidth width) const {
-    const std::vector<Column> columns = {
-        {"scene", 0, true}, {"backend", 0, true}, {"energy per step"}, {"springs per joule"},
-        {"power"},          {"idle", 1},          {"a step", 2},       {"clock", 3}};
-    std::vector<std::vector<std::string>> table;
-    for (const auto& json : result.at("energy")) {
-        const EnergyRow row = energy_row_from_json(json);
-        std::string clock = row.max_mhz ? std::to_string(*row.max_mhz) + " MHz" : "-";
-        if (!row.throttled.empty()) clock += ", held down";
-        table.push_back({row.row.identity.scene, row.row.label(), si(row.joules_per_step, "J"),
-                         si(row.springs_per_joule, "/J"), si(row.watts, "W"), si(row.idle_watts, "W"),
-                         si(row.seconds_per_step, "s"), clock});
-    }
-    print_columns(columns, table, width, out);
+void EnergyStudy::print(const Result& result, std::ostream& out, TableWidth width) const {
+    print_rows<EnergyRow>(result.rows<EnergyRow>("energy"),
+                          {{{"clock", 7}, [](const auto& row) { return row.clock(); }}}, width, out);
     print_unmeasured(result, out);
 }
 

@@ -20,7 +20,7 @@
 #include "harness/base/interruption.h"
 #include "harness/base/statistics.h"
 #include "harness/base/text.h"
-#include "harness/results/result.h"
+#include "harness/results/print.h"
 #include "harness/results/row_fields.h"
 #include "harness/scene/scene_runner.h"
 #include "harness/study/study_bench.h"
@@ -49,8 +49,7 @@ struct Playing {
     }
 };
 
-struct HapticRow {
-    Row row = {};
+struct HapticRow : Row {
     Playing playing = {};
     int ticks = 0;
     double median_seconds = 0, p99_seconds = 0, p999_seconds = 0, worst_seconds = 0;
@@ -62,45 +61,30 @@ struct HapticRow {
     Histogram pauses = {};
     std::optional<double> pictures_per_second = {}, hand_over_seconds = {}, picture_seconds = {};
     std::optional<std::string> displacements_by = {}, renderer = {};
+
+    static void fields(auto& row, auto& of) {
+        of.required("hertz", row.playing.hertz);
+        of.required("edited", row.playing.edited);
+        of.required("drawn", row.playing.drawn);
+        of.required("ticks", row.ticks);
+        of.required("median_seconds", row.median_seconds);
+        of.required("p99_seconds", row.p99_seconds);
+        of.required("p999_seconds", row.p999_seconds);
+        of.required("worst_seconds", row.worst_seconds);
+        of.required("missed", row.missed);
+        of.required("steps_that_fit", row.steps_that_fit);
+        of.nullable("force_error", row.force_error);
+        of.required("real_time", row.real_time);
+        of.required("histogram", row.histogram);
+        of.required("waited_seconds", row.waited_seconds);
+        of.required("pauses", row.pauses);
+        of.nullable("pictures_per_second", row.pictures_per_second);
+        of.nullable("hand_over_seconds", row.hand_over_seconds);
+        of.nullable("picture_seconds", row.picture_seconds);
+        of.nullable("displacements_by", row.displacements_by);
+        of.nullable("renderer", row.renderer);
+    }
 };
-
-template <class Self, class Fields>
-void haptic_fields(Self& row, Fields& fields) {
-    fields.required("hertz", row.playing.hertz);
-    fields.required("edited", row.playing.edited);
-    fields.required("drawn", row.playing.drawn);
-    fields.required("ticks", row.ticks);
-    fields.required("median_seconds", row.median_seconds);
-    fields.required("p99_seconds", row.p99_seconds);
-    fields.required("p999_seconds", row.p999_seconds);
-    fields.required("worst_seconds", row.worst_seconds);
-    fields.required("missed", row.missed);
-    fields.required("steps_that_fit", row.steps_that_fit);
-    fields.nullable("force_error", row.force_error);
-    fields.required("real_time", row.real_time);
-    fields.required("histogram", row.histogram);
-    fields.required("waited_seconds", row.waited_seconds);
-    fields.required("pauses", row.pauses);
-    fields.nullable("pictures_per_second", row.pictures_per_second);
-    fields.nullable("hand_over_seconds", row.hand_over_seconds);
-    fields.nullable("picture_seconds", row.picture_seconds);
-    fields.nullable("displacements_by", row.displacements_by);
-    fields.nullable("renderer", row.renderer);
-}
-
-nlohmann::json to_json(const HapticRow& row) {
-    nlohmann::json json = to_json(row.row);
-    RowWriter writer(json);
-    haptic_fields(row, writer);
-    return json;
-}
-
-HapticRow haptic_row_from_json(const nlohmann::json& json) {
-    HapticRow row{.row = row_from_json(json)};
-    RowReader reader(json);
-    haptic_fields(row, reader);
-    return row;
-}
 
 /// The forces on the tool at even intervals of a run through the scene.
 std::vector<glm::dvec3> forces_of(SceneRunner& runner, Backend& backend, int steps) {
@@ -218,7 +202,7 @@ public:
             if (is_new) fit->second = steps_that_fit(backend, 1 / playing.hertz);
             row.steps_that_fit = fit->second;
             drawing_.reset();
-            return to_json(row);
+            return json_of(row);
         }
         nlohmann::json forces = nlohmann::json::array();
         for (const glm::dvec3& f : forces_of(runner_, backend, steps_)) forces.push_back({f.x, f.y, f.z});
@@ -244,7 +228,8 @@ private:
     /// is sent, one step is made, and the force is read. Ticks whose time has passed before they can begin
     /// are left out.
     HapticRow play(Backend& backend, const Playing& playing) {
-        HapticRow row{.playing = playing};
+        HapticRow row;
+        row.playing = playing;
         const double hertz = playing.hertz;
         const int ticks = std::max(1, int(std::lround(playing.seconds * hertz)));
         const int ticks_an_edit = std::max(1, int(std::lround(edit_seconds * hertz)));
@@ -440,8 +425,8 @@ public:
     }
     double steps_of_case(const Study&, const StudyScene& item) const override { return item.steps; }
     void run(StudyBench& bench) override;
-    std::vector<std::string> lists() const override { return {"haptic"}; }
-    void print(const nlohmann::json& result, std::ostream& out, TableWidth width) const override;
+    void make_lists(Result& result) const override { result.rows<HapticRow>("haptic"); }
+    void print(const Result& result, std::ostream& out, TableWidth width) const override;
 
 private:
     Motions motions_of(const StudyScene& item) const;
@@ -527,42 +512,45 @@ bool HapticStudy::measure(StudyBench& bench, const BackendSpec& spec,
 
 void HapticStudy::add_rows(StudyBench& bench, const BackendSpec& spec, const JournalScope& scope,
                            std::optional<double> force_error) const {
-    const Scene& scene = bench.scene();
     for (const Playing& playing : motions_of(bench.item()).playings()) {
         const nlohmann::json* measured = scope.find(playing.key());
         if (measured == nullptr) continue;
-        HapticRow row = haptic_row_from_json(*measured);
-        row.row = row_of(scene.name, spec);
-        row.row.workpiece = Workpiece{.steps = bench.item().steps,
-                                      .particles = scene.problem.particle_count(),
-                                      .springs = count_springs(scene.problem).total()};
+        auto row = row_of_json<HapticRow>(*measured);
+        bench.identify(row, spec, bench.item().steps);
         row.force_error = force_error;
-        bench.add("haptic", to_json(row));
+        bench.add("haptic", row);
     }
 }
 
-void HapticStudy::print(const nlohmann::json& result, std::ostream& out, TableWidth width) const {
-    const std::vector<Column> columns = {
-        {"scene", 0, true}, {"backend", 0, true}, {"rate"},      {"edits", 3},
-        {"pictures/s", 2},  {"median"},           {"p99", 1},    {"p99.9"},
-        {"worst", 1},       {"missed"},           {"steps fit"}, {"force error", 2}};
-    std::vector<std::vector<std::string>> table;
+void HapticStudy::print(const Result& result, std::ostream& out, TableWidth width) const {
+    const auto& rows = result.rows<HapticRow>("haptic");
     bool real_time = true;
     std::vector<double> hand_overs, pictures;
-    for (const auto& json : result.at("haptic")) {
-        const HapticRow row = haptic_row_from_json(json);
+    for (const HapticRow& row : rows) {
         real_time = real_time && row.real_time;
         if (row.hand_over_seconds) hand_overs.push_back(*row.hand_over_seconds);
         if (row.picture_seconds) pictures.push_back(*row.picture_seconds);
-        table.push_back({row.row.identity.scene, row.row.label(), si(row.playing.hertz, "Hz"),
-                         row.playing.edited ? "yes" : "no",
-                         row.pictures_per_second ? fixed_text(*row.pictures_per_second, 0) : "-",
-                         si(row.median_seconds, "s"), si(row.p99_seconds, "s"), si(row.p999_seconds, "s"),
-                         si(row.worst_seconds, "s"), std::to_string(row.missed),
-                         std::to_string(row.steps_that_fit), error_cell(row.force_error)});
     }
-    print_columns(columns, table, width, out);
-    if (!table.empty())
+    const auto seconds = [](double HapticRow::*figure) {
+        return [figure](const HapticRow& row) { return si(row.*figure, "s"); };
+    };
+    print_rows<HapticRow>(
+        rows,
+        {{{"rate"}, [](const auto& row) { return si(row.playing.hertz, "Hz"); }},
+         {{"edits", 3}, [](const auto& row) { return row.playing.edited ? "yes" : "no"; }},
+         {{"pictures/s", 2},
+          [](const auto& row) {
+              return row.pictures_per_second ? fixed_text(*row.pictures_per_second, 0) : "-";
+          }},
+         {{"median"}, seconds(&HapticRow::median_seconds)},
+         {{"p99", 1}, seconds(&HapticRow::p99_seconds)},
+         {{"p99.9"}, seconds(&HapticRow::p999_seconds)},
+         {{"worst", 1}, seconds(&HapticRow::worst_seconds)},
+         {{"missed"}, [](const auto& row) { return std::to_string(row.missed); }},
+         {{"steps fit"}, [](const auto& row) { return std::to_string(row.steps_that_fit); }},
+         {{"force error", 2}, [](const auto& row) { return error_cell(row.force_error); }}},
+        width, out);
+    if (!rows.empty())
         out << "The host's thread was " << (real_time ? "" : "not ")
             << "real-time (SCHED_FIFO). Missed: ticks that began before the force of the one before was "
                "there. Pictures/s: of the body, drawn meanwhile on the same card.\n";

@@ -10,7 +10,7 @@
 #include "harness/base/bad_input.h"
 #include "harness/base/interruption.h"
 #include "harness/base/text.h"
-#include "harness/results/result.h"
+#include "harness/results/print.h"
 #include "harness/results/row_fields.h"
 #include "harness/scene/scene_runner.h"
 #include "harness/study/study_bench.h"
@@ -24,33 +24,11 @@ namespace {
 constexpr int unhindered_one_by_one = 50;
 constexpr int unhindered_at_once = 500;
 
-struct OverheadRow {
-    Row row;
+struct OverheadRow : Row {
     std::string handed_over = {};  ///< "one by one", "at once"
-    double seconds_per_step = 0;   ///< from the first call to the end of the last step
-    double host_seconds_per_step = 0;
+
+    static void fields(auto& row, auto& of) { of.required("handed_over", row.handed_over); }
 };
-
-template <class Self, class Fields>
-void overhead_fields(Self& row, Fields& fields) {
-    fields.required("handed_over", row.handed_over);
-    fields.required("seconds_per_step", row.seconds_per_step);
-    fields.required("host_seconds_per_step", row.host_seconds_per_step);
-}
-
-nlohmann::json to_json(const OverheadRow& row) {
-    nlohmann::json json = to_json(row.row);
-    RowWriter writer(json);
-    overhead_fields(row, writer);
-    return json;
-}
-
-OverheadRow overhead_row_from_json(const nlohmann::json& json) {
-    OverheadRow row{.row = row_from_json(json)};
-    RowReader reader(json);
-    overhead_fields(row, reader);
-    return row;
-}
 
 // --- In the process of a case ---------------------------------------------------------------------------
 
@@ -68,10 +46,13 @@ public:
         const bool at_once = question.at("handed_over") == "at once";
         OverheadRow row;
         row.handed_over = question.at("handed_over");
-        row.seconds_per_step = shortest(backend, steps_, at_once).second;
-        row.host_seconds_per_step =
-            shortest(backend, at_once ? unhindered_at_once : unhindered_one_by_one, at_once).first;
-        return to_json(row);
+        // From the first call to the end of the last step.
+        row.counters.add("seconds_per_step", shortest(backend, steps_, at_once).second, Unit::second,
+                         Better::less);
+        const int unhindered = at_once ? unhindered_at_once : unhindered_one_by_one;
+        row.counters.add("host_seconds_per_step", shortest(backend, unhindered, at_once).first, Unit::second,
+                         Better::less);
+        return json_of(row);
     }
 
 private:
@@ -126,13 +107,11 @@ public:
         return 2.0 * item.steps * (study.repetitions + 1);
     }
     void run(StudyBench& bench) override;
-    std::vector<std::string> lists() const override { return {"overhead"}; }
-    void print(const nlohmann::json& result, std::ostream& out, TableWidth width) const override;
+    void make_lists(Result& result) const override { result.rows<OverheadRow>("overhead"); }
+    void print(const Result& result, std::ostream& out, TableWidth width) const override;
 };
 
 void OverheadStudy::run(StudyBench& bench) {
-    const Scene& scene = bench.scene();
-    const std::uint64_t springs = count_springs(scene.problem).total();
     int done = 0;
     // One case after another: nothing else may use the host or the device meanwhile.
     for (const BackendSpec& spec : bench.specs()) {
@@ -153,27 +132,20 @@ void OverheadStudy::run(StudyBench& bench) {
             }
             const nlohmann::json* measured = scope.find(handed_over);
             if (measured == nullptr) continue;
-            OverheadRow row = overhead_row_from_json(*measured);
-            row.row = row_of(scene.name, spec);
-            row.row.workpiece = Workpiece{
-                .steps = bench.item().steps, .particles = scene.problem.particle_count(), .springs = springs};
-            bench.add("overhead", to_json(row));
+            auto row = row_of_json<OverheadRow>(*measured);
+            bench.identify(row, spec, bench.item().steps);
+            bench.add("overhead", row);
         }
         bench.add_failure(*entered);
     }
 }
 
-void OverheadStudy::print(const nlohmann::json& result, std::ostream& out, TableWidth width) const {
-    const std::vector<Column> columns = {{"scene", 0, true}, {"backend", 0, true}, {"particles", 1},
-                                         {"handed over"},    {"a step"},           {"of the host's time"}};
-    std::vector<std::vector<std::string>> table;
-    for (const auto& json : result.at("overhead")) {
-        const OverheadRow row = overhead_row_from_json(json);
-        table.push_back({row.row.identity.scene, row.row.label(),
-                         std::to_string(row.row.workpiece->particles), row.handed_over,
-                         si(row.seconds_per_step, "s"), si(row.host_seconds_per_step, "s")});
-    }
-    print_columns(columns, table, width, out);
+void OverheadStudy::print(const Result& result, std::ostream& out, TableWidth width) const {
+    print_rows<OverheadRow>(
+        result.rows<OverheadRow>("overhead"),
+        {{{"particles", 1}, [](const auto& row) { return std::to_string(row.workpiece->particles); }},
+         {{"handed over"}, [](const auto& row) { return row.handed_over; }}},
+        width, out);
     print_unmeasured(result, out);
 }
 

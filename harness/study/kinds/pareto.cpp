@@ -19,7 +19,7 @@
 #include "harness/device/limits.h"
 #include "harness/device/noise.h"
 #include "harness/results/capabilities.h"
-#include "harness/results/result.h"
+#include "harness/results/print.h"
 #include "harness/scene/scene_runner.h"
 #include "harness/study/measure.h"
 #include "harness/study/study_kind.h"
@@ -164,7 +164,8 @@ void compile_all(StudyBench& bench, std::vector<Case>& cases, int steps, int tot
 
 /// Measures one row. Throws what the case throws, and std::runtime_error if it does not agree with the
 /// reference.
-ParetoRow run_step(Case& benchmark_case, const Step& step, const std::string& device) {
+ParetoRow run_step(const StudyBench& bench, Case& benchmark_case, const Step& step,
+                   const std::string& device) {
     const Scene& scene = step.scene;
     const int steps = step.solution.steps;
     const nlohmann::json timed = benchmark_case.ask({{"do", "run"}, {"steps", steps}},
@@ -172,43 +173,41 @@ ParetoRow run_step(Case& benchmark_case, const Step& step, const std::string& de
     State last;
     step.state.take(timed.at("state"), last);
     const Comparison comparison = judge(step.solution, last, benchmark_case.spec());
-    ParetoRow one{.row = row_of(scene.name, benchmark_case.spec()),
-                  .device = device,
-                  .time_step = step.stepped.problem.time_step,
-                  .fraction_of_stable = step.stepped.problem.time_step / scene.stable_time_step,
-                  .end_time = step.end_time,
-                  .seconds = {},
-                  .diverged = timed.contains("diverged")};
+    ParetoRow one;
+    bench.identify(one, benchmark_case.spec(), steps);
+    one.device = device;
+    one.time_step = step.stepped.problem.time_step;
+    one.fraction_of_stable = one.time_step / scene.stable_time_step;
+    one.end_time = step.end_time;
+    one.diverged = timed.contains("diverged");
     if (!one.diverged && !comparison.passed())
         throw std::runtime_error("does not agree with cpu_reference: " + comparison.reason + " (in " +
                                  counted(std::uint64_t(steps), "step") + ")");
-    one.row.workpiece = Workpiece{.steps = steps,
-                                  .particles = scene.problem.particle_count(),
-                                  .springs = count_springs(scene.problem).total()};
     if (one.diverged) {
-        one.row.reason = timed.at("diverged").get<std::string>();
-        one.row.errors = no_errors(step.solution, benchmark_case.spec());
+        one.reason = timed.at("diverged").get<std::string>();
+        one.errors = no_errors(step.solution, benchmark_case.spec());
     } else {
         const std::vector<double> seconds = timed.at("seconds");
         one.seconds = median(seconds);
         one.repetitions = int(seconds.size());
-        one.row.noisy = reasons_of_noise({.seconds = seconds});
-        one.row.errors = errors_of(step.solution, last, comparison, benchmark_case.spec());
+        one.noisy = reasons_of_noise({.seconds = seconds});
+        one.errors = errors_of(step.solution, last, comparison, benchmark_case.spec());
     }
     return one;
 }
 
 /// run_step() with the journal, which may already have the row. Empty if the case failed.
-std::optional<ParetoRow> row_of_case(Case& benchmark_case, const Step& step, const std::string& device) {
+std::optional<ParetoRow> row_of_case(const StudyBench& bench, Case& benchmark_case, const Step& step,
+                                     const std::string& device) {
     const std::string name = name_of_row(step.solution.steps);
     JournalScope& scope = benchmark_case.scope();
     if (scope.find(name) == nullptr && scope.find("failed") == nullptr) {
         const auto failure =
-            failure_of([&] { scope.keep(name, to_json(run_step(benchmark_case, step, device))); });
+            failure_of([&] { scope.keep(name, json_of(run_step(bench, benchmark_case, step, device))); });
         if (failure) scope.keep("failed", *failure);
     }
     const nlohmann::json* row = scope.find(name);
-    return row != nullptr ? std::optional(pareto_row_from_json(*row)) : std::nullopt;
+    return row != nullptr ? std::optional(row_of_json<ParetoRow>(*row)) : std::nullopt;
 }
 
 /// Computes the spreads that a backend is judged by, which happens at the largest time step only. At smaller
@@ -235,10 +234,10 @@ public:
         return steps * study.repetitions;
     }
     void run(StudyBench& bench) override;
-    std::vector<std::string> lists() const override { return {"pareto"}; }
-    void print(const nlohmann::json& result, std::ostream& out, TableWidth width) const override {
+    void make_lists(Result& result) const override { result.rows<ParetoRow>("pareto"); }
+    void print(const Result& result, std::ostream& out, TableWidth width) const override {
         print_fronts(result, out, width);
-        print_limits(result.at("context").at("voxspring").at("limits"), out);
+        print_limits(result.own_context().at("limits"), out);
         print_unmeasured(result, out);
     }
 
@@ -289,7 +288,7 @@ void ParetoStudy::run(StudyBench& bench) {
     std::vector<ParetoRow> rows;
     for (const int steps : counts) rows.insert(rows.end(), rows_of[steps].begin(), rows_of[steps].end());
     mark_fronts(rows);
-    for (const ParetoRow& row : rows) bench.add("pareto", to_json(row));
+    for (const ParetoRow& row : rows) bench.add("pareto", row);
 }
 
 void ParetoStudy::measure(StudyBench& bench, const std::vector<int>& counts, RowsOfSteps& rows_of) const {
@@ -324,7 +323,7 @@ void ParetoStudy::measure(StudyBench& bench, const std::vector<int>& counts, Row
             for (Case& one : cases) {
                 bench.show(one.spec().label(), begun++, total());
                 const auto row =
-                    row_of_case(one, step, device_of(capabilities_of(one.capabilities()), by_uuid));
+                    row_of_case(bench, one, step, device_of(capabilities_of(one.capabilities()), by_uuid));
                 if (row) rows_of[steps].push_back(*row);
             }
         }

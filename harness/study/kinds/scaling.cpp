@@ -22,7 +22,7 @@
 #include "harness/ranks/rank_run.h"
 #include "harness/ranks/sample.h"
 #include "harness/results/capabilities.h"
-#include "harness/results/result.h"
+#include "harness/results/print.h"
 #include "harness/scene/scene_runner.h"
 #include "harness/study/measure.h"
 #include "harness/study/scaling_row.h"
@@ -84,7 +84,7 @@ void take_times(const std::vector<RankReport>& reports, int steps, ScalingRow& r
         for (const RankReport& report : reports) longest = std::max(longest, report.batches[b].total);
         totals.push_back(longest);
     }
-    row.row.noisy = reasons_of_noise({.seconds = totals});
+    row.noisy = reasons_of_noise({.seconds = totals});
     // Takes the upper one of two in the middle: their mean would be no batch.
     std::vector<double> sorted = totals;
     std::sort(sorted.begin(), sorted.end());
@@ -112,12 +112,12 @@ void take_cards(const std::vector<RankReport>& reports, bool processes, ScalingR
         const auto beside = unsigned(std::count_if(reports.begin(), reports.end(), is_beside) - 1);
         for (unsigned& users : seen.other_users) users -= std::min(users, processes ? beside : 0);
         for (const unsigned mhz : seen.card_mhz) {
-            row.row.min_card_mhz = std::min(row.row.min_card_mhz.value_or(mhz), mhz);
-            row.row.max_card_mhz = std::max(row.row.max_card_mhz.value_or(mhz), mhz);
+            row.min_card_mhz = std::min(row.min_card_mhz.value_or(mhz), mhz);
+            row.max_card_mhz = std::max(row.max_card_mhz.value_or(mhz), mhz);
         }
         for (std::string reason : reasons_of_noise(seen)) {
             reason.insert(reason.size() - 1, ", rank " + std::to_string(&report - reports.data()));
-            row.row.noisy.push_back(reason);
+            row.noisy.push_back(reason);
         }
     }
 }
@@ -194,9 +194,9 @@ public:
         return double(counts_of(item).size()) * item.steps * (study.repetitions + 1);
     }
     void run(StudyBench& bench) override;
-    std::vector<std::string> lists() const override { return {"scaling"}; }
-    void summarise(nlohmann::json& result) const override;
-    void print(const nlohmann::json& result, std::ostream& out, TableWidth width) const override;
+    void make_lists(Result& result) const override { result.rows<ScalingRow>("scaling"); }
+    void summarise(Result& result) const override;
+    void print(const Result& result, std::ostream& out, TableWidth width) const override;
 
 private:
     static std::vector<int> read_counts(const JsonValue& list) {
@@ -296,9 +296,9 @@ struct Judgement {
 };
 
 /// One backend on one scene, with all numbers of ranks.
-class Contender {
+class RankedCase {
 public:
-    Contender(StudyBench& bench, BackendSpec spec) : bench_(bench), spec_(std::move(spec)) {
+    RankedCase(StudyBench& bench, BackendSpec spec) : bench_(bench), spec_(std::move(spec)) {
         if (const nlohmann::json& settings = bench.item().settings; settings.contains(sample_key))
             sampled_ = Sample::bricks(bench.scene(), settings.at(sample_key));
     }
@@ -335,7 +335,7 @@ private:
     std::string bits_of_one_ = {};  ///< hash of one rank's state; empty: not known
 };
 
-void Contender::make_judgements() {
+void RankedCase::make_judgements() {
     if (!judgements_.empty()) return;
     const Scene& scene = bench_.scene();
     const int steps = bench_.item().steps;
@@ -368,13 +368,11 @@ void Contender::make_judgements() {
     }
 }
 
-ScalingRow Contender::row_from(const std::vector<RankReport>& reports, const std::string& way) const {
+ScalingRow RankedCase::row_from(const std::vector<RankReport>& reports, const std::string& way) const {
     const Scene& scene = bench_.scene();
     const nlohmann::json& settings = bench_.item().settings;
-    ScalingRow row{.row = row_of(scene.name, spec_)};
-    row.row.workpiece = Workpiece{.steps = bench_.item().steps,
-                                  .particles = scene.problem.particle_count(),
-                                  .springs = count_springs(scene.problem).total()};
+    ScalingRow row;
+    bench_.identify(row, spec_, bench_.item().steps);
     row.family = settings.value("weak", scene.name);
     row.scaling = settings.contains("weak") ? "weak" : "strong";
     row.ranks = int(reports.size());
@@ -389,16 +387,16 @@ ScalingRow Contender::row_from(const std::vector<RankReport>& reports, const std
     const int here = way == "mpi" ? std::min(row.ranks, bench_.options().mpi->ranks_here()) : row.ranks;
     const int most = ranks_of_a_device(reports);
     if (most > 1)
-        row.row.noisy.push_back("ranks share a device (" + std::to_string(most) + " of " +
-                                std::to_string(row.ranks) + " ranks on one)");
+        row.noisy.push_back("ranks share a device (" + std::to_string(most) + " of " +
+                            std::to_string(row.ranks) + " ranks on one)");
     if (here * busy > omp_get_num_procs())
-        row.row.noisy.push_back("ranks share processors (" + std::to_string(here) + " ranks of " +
-                                counted(std::uint64_t(busy), "thread") + " on " +
-                                std::to_string(omp_get_num_procs()) + ")");
+        row.noisy.push_back("ranks share processors (" + std::to_string(here) + " ranks of " +
+                            counted(std::uint64_t(busy), "thread") + " on " +
+                            std::to_string(omp_get_num_procs()) + ")");
     return row;
 }
 
-Found Contender::run_as_threads(Case& entered, const SharedState& shared) const {
+Found RankedCase::run_as_threads(Case& entered, const SharedState& shared) const {
     const nlohmann::json answer = entered.ask({{"do", "run"}}, "stepping its parts");
     Found found;
     for (const auto& report : answer.at("reports")) found.reports.push_back(rank_report_of(report));
@@ -406,8 +404,8 @@ Found Contender::run_as_threads(Case& entered, const SharedState& shared) const 
     return found;
 }
 
-Found Contender::run_by_mpi(Case& entered, const RankTask& task, const SharedMemory& mailroom,
-                            const SharedState& shared) const {
+Found RankedCase::run_by_mpi(Case& entered, const RankTask& task, const SharedMemory& mailroom,
+                             const SharedState& shared) const {
     const Problem& problem = bench_.scene().problem;
     entered.ask({{"do", "prepare"}}, "preparing its rank");
     Found found{.state = room_for_state(problem, task.plan)};
@@ -434,8 +432,8 @@ Found Contender::run_by_mpi(Case& entered, const RankTask& task, const SharedMem
 }
 
 /// The journal's entry: the row and the hash of the state's bits.
-nlohmann::json Contender::judged(const Found& found, const RankPlan& plan, const std::string& way,
-                                 bool keeps_bits) {
+nlohmann::json RankedCase::judged(const Found& found, const RankPlan& plan, const std::string& way,
+                                  bool keeps_bits) {
     if (const std::string reason = different_devices(found.reports); !reason.empty())
         throw Unavailable(reason);
     ScalingRow row = row_from(found.reports, way);
@@ -448,20 +446,20 @@ nlohmann::json Contender::judged(const Found& found, const RankPlan& plan, const
         if (!comparison.passed())
             throw std::runtime_error("does not agree with " + one->reference + ": " + comparison.reason);
         Errors errors = errors_of(*one->solution, state, comparison, spec_);
-        if (row.row.errors && row.row.errors->relative_l2 >= errors.relative_l2) continue;
+        if (row.errors && row.errors->relative_l2 >= errors.relative_l2) continue;
         if (errors.worst_particle && !one->particle.empty())
             errors.worst_particle = one->particle[*errors.worst_particle];
-        row.row.errors = std::move(errors);
+        row.errors = std::move(errors);
     }
     if (!sampled_.empty()) row.judged_particles = judged_particles_;
     const std::string bits = hash_of_state(found.state);
     if (!bits_of_one_.empty()) row.same_bits = bits == bits_of_one_;
     if (row.same_bits == false && keeps_bits)
         throw std::runtime_error("its state has other bits than that of one rank");
-    return {{"row", to_json(row)}, {"bits", bits}};
+    return {{"row", json_of(row)}, {"bits", bits}};
 }
 
-RankTask Contender::task(glm::ivec3 cut) const {
+RankTask RankedCase::task(glm::ivec3 cut) const {
     return {.scene = bench_.item().scene,
             .fingerprint = fingerprint_of(bench_.scene()),
             .backend = spec_.text(),
@@ -469,7 +467,7 @@ RankTask Contender::task(glm::ivec3 cut) const {
             .routes = routes_of(Decomposition(bench_.scene().problem, cut))};
 }
 
-void Contender::measure(glm::ivec3 cut, const std::string& way) {
+void RankedCase::measure(glm::ivec3 cut, const std::string& way) {
     const bool by_mpi = way == "mpi";
     const RankPlan plan = this->plan(cut, way);
     const int ranks = plan.ranks();
@@ -555,7 +553,7 @@ void ScalingStudy::run_backend(StudyBench& bench, const BackendSpec& spec, int t
         bench.refuse(of_rank, "it cannot step a part of a body: it gives no borders");
         return;
     }
-    Contender contender(bench, of_rank);
+    RankedCase ranked(bench, of_rank);
     for (const int ranks : counts_of(bench.item())) {
         if (interrupted()) return;
         if (ranks > limit_of(bench)) continue;
@@ -568,7 +566,7 @@ void ScalingStudy::run_backend(StudyBench& bench, const BackendSpec& spec, int t
                 bench.skip(of_rank, fmt::format("as {} ranks: {}", ranks, reason));
                 continue;
             }
-            for (const std::string& way : ways) contender.measure(cut, way);
+            for (const std::string& way : ways) ranked.measure(cut, way);
         }
     }
 }
@@ -582,49 +580,45 @@ void ScalingStudy::run(StudyBench& bench) {
     for (const BackendSpec& spec : bench.specs()) run_backend(bench, spec, threads);
 }
 
-void ScalingStudy::summarise(nlohmann::json& result) const {
+void ScalingStudy::summarise(Result& result) const {
     using Family = std::tuple<std::string, std::string>;
     std::map<Family, ScalingRow> of_one;
     const auto family = [](const ScalingRow& row) {
-        return Family(row.family, row.row.identity.name.substr(row.row.identity.scene.size()));
+        return Family(row.family, row.identity.name.substr(row.identity.scene.size()));
     };
-    for (const auto& json : result.at("scaling")) {
-        ScalingRow row = scaling_row_from_json(json);
-        if (row.ranks == 1) of_one.emplace(family(row), std::move(row));
+    auto& rows = result.rows<ScalingRow>("scaling");
+    for (const ScalingRow& row : rows) {
+        if (row.ranks == 1) of_one.emplace(family(row), row);
     }
-    for (auto& json : result.at("scaling")) {
-        ScalingRow row = scaling_row_from_json(json);
+    for (ScalingRow& row : rows) {
         const auto one = of_one.find(family(row));
-        if (one == of_one.end()) continue;
-        compare(row, one->second);
-        json["efficiency"] = *row.efficiency;
-        json["predicted_seconds"] = *row.predicted_seconds;
-        if (row.pays_from_particles) json["pays_from_particles"] = *row.pays_from_particles;
+        if (one != of_one.end()) compare(row, one->second);
     }
 }
 
-void ScalingStudy::print(const nlohmann::json& result, std::ostream& out, TableWidth width) const {
-    const std::vector<Column> columns = {
-        {"scene", 0, true}, {"backend", 0, true}, {"ranks"},       {"cut"},        {"way"},
-        {"a step"},         {"compute", 2},       {"exchange", 2}, {"waiting", 2}, {"efficiency"},
-        {"predicted", 1},   {"error", 3}};
-    std::vector<std::vector<std::string>> table;
-    std::vector<Row> rows;
-    std::vector<ScalingRow> scaled;
-    for (const auto& json : result.at("scaling")) {
-        const ScalingRow& row = scaled.emplace_back(scaling_row_from_json(json));
-        rows.push_back(row.row);
-        table.push_back({row.row.identity.scene, row.row.label(), std::to_string(row.ranks), row.cut, row.way,
-                         row.row.noise_mark() + si(row.seconds_per_step, "s"), si(row.compute_seconds, "s"),
-                         si(row.exchange_seconds, "s"), si(row.waiting_seconds, "s"),
-                         percent_cell(row.efficiency),
-                         row.predicted_seconds ? si(*row.predicted_seconds, "s") : "-",
-                         error_cell(row.row.errors ? row.row.errors->max : std::nullopt)});
-    }
-    print_columns(columns, table, width, out);
-    print_samples(scaled, out);
-    print_what_pays(scaled, out);
-    print_noise(rows, out);
+void ScalingStudy::print(const Result& result, std::ostream& out, TableWidth width) const {
+    const auto& rows = result.rows<ScalingRow>("scaling");
+    const auto seconds = [](double ScalingRow::*figure) {
+        return [figure](const ScalingRow& row) { return si(row.*figure, "s"); };
+    };
+    print_rows<ScalingRow>(
+        rows,
+        {{{"ranks"}, [](const auto& row) { return std::to_string(row.ranks); }},
+         {{"cut"}, [](const auto& row) { return row.cut; }},
+         {{"way"}, [](const auto& row) { return row.way; }},
+         {{"a step"}, [](const auto& row) { return row.noise_mark() + si(row.seconds_per_step, "s"); }},
+         {{"compute", 2}, seconds(&ScalingRow::compute_seconds)},
+         {{"exchange", 2}, seconds(&ScalingRow::exchange_seconds)},
+         {{"waiting", 2}, seconds(&ScalingRow::waiting_seconds)},
+         {{"efficiency"}, [](const auto& row) { return percent_cell(row.efficiency); }},
+         {{"predicted", 1},
+          [](const auto& row) { return row.predicted_seconds ? si(*row.predicted_seconds, "s") : "-"; }},
+         {{"error", 3},
+          [](const auto& row) { return error_cell(row.errors ? row.errors->max : std::nullopt); }}},
+        width, out);
+    print_samples(rows, out);
+    print_what_pays(rows, out);
+    print_noise({rows.begin(), rows.end()}, out);
     print_unmeasured(result, out);
 }
 

@@ -4,7 +4,7 @@
 #include <nlohmann/json.hpp>
 #include <utility>
 
-#include "harness/results/result.h"
+#include "harness/results/print.h"
 #include "harness/study/stability_study.h"
 #include "harness/study/study_kind.h"
 
@@ -63,8 +63,11 @@ public:
         };
         measure_suites(bench, {.enter = enter});
     }
-    std::vector<std::string> lists() const override { return {"stability", "stability_map"}; }
-    void print(const nlohmann::json& result, std::ostream& out, TableWidth width) const override {
+    void make_lists(Result& result) const override {
+        result.rows<StabilityRow>("stability");
+        result.rows<nlohmann::json>("stability_map");
+    }
+    void print(const Result& result, std::ostream& out, TableWidth width) const override {
         print_stability(result, out, width);
         print_unmeasured(result, out);
     }

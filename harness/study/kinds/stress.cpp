@@ -6,7 +6,7 @@
 #include <nlohmann/json.hpp>
 #include <utility>
 
-#include "harness/results/result.h"
+#include "harness/results/print.h"
 #include "harness/study/study_kind.h"
 
 namespace voxspring {
@@ -65,8 +65,8 @@ public:
                     .known = [&] { return references_.known(); },
                     .on_event = [&](const nlohmann::json& event) { references_.take(event); }});
     }
-    std::vector<std::string> lists() const override { return {"stress"}; }
-    void print(const nlohmann::json& result, std::ostream& out, TableWidth width) const override {
+    void make_lists(Result& result) const override { result.rows<StressRow>("stress"); }
+    void print(const Result& result, std::ostream& out, TableWidth width) const override {
         print_stress(result, out, width);
         print_unmeasured(result, out);
     }

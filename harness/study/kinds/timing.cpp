@@ -1,21 +1,23 @@
-// The kind of study `timing`: the time of a step, with its errors.
+// The kinds of study `timing`, the time of a step with its errors, and `fastest`, which also says for each
+// dataset which strategy is the fastest, and compares it with targets.
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <nlohmann/json.hpp>
 
-#include "harness/results/result.h"
+#include "harness/results/print.h"
+#include "harness/study/fastest.h"
 #include "harness/study/measure.h"
 #include "harness/study/study_kind.h"
 
 namespace voxspring {
 namespace {
 
-class TimingStudy final : public StudyKind {
+class TimingStudy : public StudyKind {
 public:
     void read(JsonObject& study) override {
+        read_start_times(study);
         if (const auto total = study.find("total_error")) total_error_ = total->boolean();
-        if (const auto times = study.find("start_times")) start_times_ = times->boolean();
         if (const auto most = study.find("most_particle_steps"))
             most_particle_steps_ = most->integer(1, max_particle_steps);
         if (const auto most = study.find("most_case_seconds")) most_case_seconds_ = most->number(1e-3, 1e6);
@@ -36,11 +38,14 @@ public:
     void run(StudyBench& bench) override {
         measure(bench, batch_of(bench.study(), bench.item(), bench.scene()));
     }
-    void print(const nlohmann::json& result, std::ostream& out, TableWidth width) const override {
+    void print(const Result& result, std::ostream& out, TableWidth width) const override {
         print_table(result, out, width);
     }
 
-private:
+protected:
+    void read_start_times(JsonObject& study) {
+        if (const auto times = study.find("start_times")) start_times_ = times->boolean();
+    }
     /// The batch for a scene. A scene with edits always makes all of its steps, since edits belong to certain
     /// steps.
     Batch batch_of(const Study& study, const StudyScene& item, const Scene& scene) const {
@@ -50,17 +55,45 @@ private:
                 .repetitions = study.repetitions,
                 .total_error = total_error_,
                 .start_times = item.settings.value("start_times", start_times_),
+                .rewind = item.settings.value("rewind", true),
                 .most_seconds = most_case_seconds_};
     }
 
+    bool total_error_ = true;
+
+private:
     static constexpr std::int64_t max_particle_steps = 1'000'000'000'000;
 
-    bool total_error_ = true, start_times_ = true;
+    bool start_times_ = true;
     std::int64_t most_particle_steps_ = max_particle_steps;
     double most_case_seconds_ = Batch().most_seconds;
 };
 
+class FastestStudy final : public TimingStudy {
+public:
+    FastestStudy() { total_error_ = false; }
+    void read(JsonObject& study) override {
+        read_start_times(study);
+        if (const auto targets = study.find("targets")) targets_ = read_targets(*targets);
+    }
+    std::string read_scene(JsonObject& item) const override {
+        if (const auto rewind = item.find("rewind")) (void)rewind->boolean();
+        return TimingStudy::read_scene(item);
+    }
+    void make_lists(Result& result) const override { result.rows<nlohmann::json>("fastest"); }
+    void summarise(Result& result) const override {
+        result.rows<nlohmann::json>("fastest") = fastest_of(result, targets_);
+    }
+    void print(const Result& result, std::ostream& out, TableWidth width) const override {
+        print_fastest(result, out, width);
+    }
+
+private:
+    std::vector<Target> targets_;
+};
+
 const RegisteredStudyKind timing_kind("timing", [] { return std::make_unique<TimingStudy>(); });
+const RegisteredStudyKind fastest_kind("fastest", [] { return std::make_unique<FastestStudy>(); });
 
 }  // namespace
 }  // namespace voxspring

@@ -1,0 +1,48 @@
+// Metrics of a row. The code that measures one adds it to Row::counters; files, tables and scripts then have
+// it without further code.
+#pragma once
+
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace voxspring {
+
+enum class Unit : std::uint8_t { number, second, byte, joule, watt, hertz, per_second, per_joule };
+/// "s", "B", ...; empty for a number without a unit.
+std::string to_string(Unit unit);
+Unit unit_of(const std::string& text);
+
+/// Whether a smaller or a larger value is the better one.
+enum class Better : std::uint8_t { less, more, neither };
+std::string to_string(Better better);
+Better better_of(const std::string& text);
+
+struct Counter {
+    std::string name;             ///< the row's key in the file: "ghost_bytes"
+    std::optional<double> value;  ///< empty: not known
+    Unit unit = Unit::number;
+    Better better = Better::neither;
+
+    /// The value for people: "1.25 MB", or "-".
+    std::string text() const;
+};
+
+/// The counters of a row, in the order in which they were added.
+class Counters {
+public:
+    void add(std::string name, std::optional<double> value, Unit unit, Better better);
+    /// Null if there is no counter of this name.
+    const Counter* find(const std::string& name) const;
+    /// The value of a counter. Throws std::out_of_range if there is none, or if it is not known.
+    double at(const std::string& name) const;
+
+    auto begin() const { return counters_.begin(); }
+    auto end() const { return counters_.end(); }
+
+private:
+    std::vector<Counter> counters_;
+};
+
+}  // namespace voxspring

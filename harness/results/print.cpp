@@ -1,0 +1,252 @@
+#include "harness/results/print.h"
+
+#include <fmt/format.h>
+#include <fmt/ranges.h>
+
+#include <algorithm>
+#include <map>
+#include <nlohmann/json.hpp>
+#include <set>
+#include <utility>
+
+#include "harness/base/statistics.h"
+#include "harness/base/text.h"
+#include "harness/device/limits.h"
+
+namespace voxspring {
+namespace {
+
+/// A reason without its figure.
+std::string kind_of(const std::string& reason) { return reason.substr(0, reason.find(" (")); }
+
+/// Distinct values in the order of their first appearance.
+class Distinct {
+public:
+    void add(const std::string& value) {
+        if (seen_.insert(value).second) values_.push_back(value);
+    }
+    const std::vector<std::string>& values() const { return values_; }
+
+private:
+    std::set<std::string> seen_;
+    std::vector<std::string> values_;
+};
+
+/// The backends, cases and scenes that one reason holds for.
+struct Unmeasured {
+    Distinct backends, cases, scenes;
+};
+
+void print_skipped(const std::string& reason, const Unmeasured& of, std::ostream& out) {
+    const auto& scenes = of.scenes.values();
+    out << "skipped: " << names_in_short(of.backends.values()) << " on "
+        << (scenes.size() <= 3 ? joined(scenes) : counted(scenes.size(), "scene")) << ": " << reason << "\n";
+}
+
+void print_failed(const std::string& reason, const Unmeasured& of, std::ostream& out) {
+    out << "failed: " << reason << "\n    " << joined(of.cases.values()) << "\n    on "
+        << joined(of.scenes.values()) << "\n";
+}
+
+std::string slow_down(const Row& row) {
+    return fmt::format("{:+.1f} %", 100 * (row.step_seconds() / row.edits->seconds_per_step_without - 1));
+}
+
+void print_edits(const std::vector<Row>& rows, std::ostream& out, TableWidth width) {
+    std::vector<Row> edited;
+    std::copy_if(rows.begin(), rows.end(), std::back_inserter(edited),
+                 [](const Row& row) { return row.edits.has_value(); });
+    if (edited.empty()) return;
+    out << "\n";
+    for (Row& row : edited) row.counters = {};  // they are in the first table
+    print_rows<Row>(
+        edited,
+        {{{"edits", 2}, [](const Row& row) { return std::to_string(row.edits->edits); }},
+         {{"an edit (median)"}, [](const Row& row) { return si(row.edits->median_seconds, "s"); }},
+         {{"(max)", 1}, [](const Row& row) { return si(row.edits->max_seconds, "s"); }},
+         {{"a step without", 3}, [](const Row& row) { return si(row.edits->seconds_per_step_without, "s"); }},
+         {{"slow-down"}, slow_down}},
+        width, out);
+}
+
+/// Prints a line about the cases that made fewer repetitions than the study asks for.
+void print_shortened(const std::vector<Row>& rows, int repetitions, std::ostream& out) {
+    std::vector<std::pair<std::string, std::vector<std::string>>> scenes;
+    std::size_t count = 0;
+    for (const Row& row : rows) {
+        if (row.benchmark->repetitions >= repetitions) continue;
+        ++count;
+        if (scenes.empty() || scenes.back().first != row.identity.scene)
+            scenes.push_back({row.identity.scene, {}});
+        scenes.back().second.push_back(row.label() + " (" + std::to_string(row.benchmark->repetitions) + ")");
+    }
+    if (count == 0) return;
+    std::vector<std::string> names;
+    for (const auto& [scene, cases] : scenes) names.push_back(scene + ": " + names_in_short(cases));
+    out << fmt::format("{} of {} with fewer than {}, since these took long: {}\n", count,
+                       counted(rows.size(), "time"), counted(std::uint64_t(repetitions), "repetition"),
+                       fmt::join(names, "; "));
+}
+
+/// The medians of a result, by scene in the order of the study, fastest first within one.
+std::vector<std::vector<Row>> medians_by_scene(const std::vector<Row>& rows_of_result) {
+    std::vector<std::vector<Row>> scenes;
+    std::map<std::string, std::size_t> places;
+    for (const Row& row : rows_of_result) {
+        if (!row.benchmark->is_median()) continue;
+        const auto [place, added] = places.emplace(row.identity.scene, scenes.size());
+        if (added) scenes.emplace_back();
+        scenes[place->second].push_back(row);
+    }
+    for (auto& rows : scenes) {
+        std::stable_sort(rows.begin(), rows.end(),
+                         [](const Row& a, const Row& b) { return a.step_seconds() < b.step_seconds(); });
+    }
+    return scenes;
+}
+
+}  // namespace
+
+std::vector<std::string> counter_names(const std::vector<const Row*>& rows) {
+    Distinct names;
+    for (const Row* row : rows) {
+        for (const Counter& counter : row->counters) names.add(counter.name);
+    }
+    return names.values();
+}
+
+std::string counter_cell(const Row& row, const std::string& name) {
+    const Counter* const counter = row.counters.find(name);
+    return counter != nullptr ? counter->text() : "-";
+}
+
+StepTimes step_times_of(const std::vector<Row>& rows) {
+    StepTimes repetitions;
+    for (const Row& row : rows) {
+        if (row.benchmark->repetition_index)
+            repetitions[row.case_name()].push_back(row.benchmark->real_microseconds);
+    }
+    return repetitions;
+}
+
+std::string time_text(const Row& row, double seconds, const StepTimes& repetitions) {
+    constexpr double min_spread = 0.03;  // two runs' medians differ by this much anyway
+    std::string text = row.noise_mark() + si(seconds, "s");
+    const auto found = repetitions.find(row.case_name());
+    if (found == repetitions.end() || found->second.size() < 3) return text;
+    const double spread = relative_spread(found->second);
+    if (spread >= min_spread) text += fmt::format(" +-{:.0f}%", 100 * spread);
+    return text;
+}
+
+std::string names_in_short(const std::vector<std::string>& names) {
+    if (names.size() <= 3) return joined(names);
+    const std::string prefix = names.front().substr(0, names.front().find('_') + 1);
+    const bool shared = !prefix.empty() && std::all_of(names.begin(), names.end(), [&](const auto& name) {
+        return name.starts_with(prefix);
+    });
+    return std::to_string(names.size()) + (shared ? " " + prefix + "* backends" : " backends");
+}
+
+void print_noise(const std::vector<Row>& rows, std::ostream& out) {
+    std::map<std::string, std::vector<std::pair<std::string, std::vector<std::string>>>> by_kind;
+    for (const Row& row : rows) {
+        for (const std::string& reason : row.noisy) {
+            const std::string kind = kind_of(reason);
+            auto& scenes = by_kind[kind];
+            const std::string& scene = row.identity.scene;
+            if (scenes.empty() || scenes.back().first != scene) scenes.push_back({scene, {}});
+            scenes.back().second.push_back(row.label() + reason.substr(kind.size()));
+        }
+    }
+    for (const auto& [kind, scenes] : by_kind) {
+        std::size_t count = 0;
+        std::vector<std::string> names;
+        for (const auto& [scene, cases] : scenes) {
+            count += cases.size();
+            names.push_back(scene + ": " + names_in_short(cases));
+        }
+        out << fmt::format("~ {} of {} not to be trusted, {}: {}\n", count, counted(rows.size(), "time"),
+                           kind, fmt::join(names, "; "));
+    }
+}
+
+void print_above_limit(const std::vector<Row>& rows, std::ostream& out) {
+    bool any = false;
+    for (const Row& row : rows) {
+        if (!row.above_limit()) continue;
+        if (!any) out << "! faster than its limit, so the limit is wrong:\n";
+        any = true;
+        out << "    " << row.identity.scene << " " << row.label() << " ("
+            << fixed_text(100 * *row.limit->fraction, 1) << " %)\n";
+    }
+}
+
+void print_unmeasured(const Result& result, std::ostream& out) {
+    for (const char* list : {"skipped", "failed"}) {
+        Distinct reasons;
+        std::map<std::string, Unmeasured> by_reason;
+        for (const Row& row : result.rows(list)) {
+            const std::string reason = row.reason.value_or("");
+            reasons.add(reason);
+            Unmeasured& of = by_reason[reason];
+            of.backends.add(row.identity.backend);
+            of.cases.add(row.label());
+            of.scenes.add(row.identity.scene);
+        }
+        for (const std::string& reason : reasons.values()) {
+            if (std::string(list) == "skipped") {
+                print_skipped(reason, by_reason[reason], out);
+            } else {
+                print_failed(reason, by_reason[reason], out);
+            }
+        }
+    }
+}
+
+void print_table(const Result& result, std::ostream& out, TableWidth width) {
+    const std::vector<Row>& measured = result.rows("benchmarks");
+    const StepTimes repetitions = step_times_of(measured);
+    std::vector<Row> all;
+    std::map<std::string, double> fastest;  ///< seconds, by scene
+    std::set<std::string> chaotic;
+    for (const std::vector<Row>& rows : medians_by_scene(measured)) {
+        fastest[rows.front().identity.scene] = rows.front().step_seconds();
+        all.insert(all.end(), rows.begin(), rows.end());
+    }
+    const auto errors_of = [](const Row& row) { return row.errors.value_or(Errors()); };
+    print_rows<Row>(
+        all,
+        {{{"time a step"}, [&](const Row& row) { return time_text(row, row.step_seconds(), repetitions); }},
+         {{"particles/s", 4},
+          [](const Row& row) { return si(row.benchmark->particle_updates_per_second, "/s"); }},
+         {{"springs/s", 6},
+          [](const Row& row) { return si(row.benchmark->spring_updates_per_second, "/s"); }},
+         {{"rounding error", 2}, [&](const Row& row) { return error_cell(errors_of(row).relative_l2); }},
+         {{"(max)", 5}, [&](const Row& row) { return error_cell(errors_of(row).max); }},
+         {{"error against the converged solution", 7},
+          [&](const Row& row) { return error_cell(errors_of(row).total_relative_l2); }},
+         {{"x fastest", 1},
+          [&](const Row& row) { return fixed_text(row.step_seconds() / fastest[row.identity.scene], 2); }},
+         {{"% of roofline", 3},
+          [](const Row& row) {
+              return percent_cell(row.limit ? row.limit->fraction : std::nullopt) + row.limit_mark();
+          }}},
+        width, out);
+    for (const Row& row : all) {
+        if (!row.errors || !row.errors->chaotic) continue;
+        chaotic.insert(row.identity.scene + " in " + row.identity.formulation + " " + row.identity.precision +
+                       ": rounding alone carries it by " + error_cell(row.errors->spread) +
+                       " of its motion in " + counted(std::uint64_t(row.workpiece->steps), "step"));
+    }
+    print_shortened(all, result.own_context().at("study").at("repetitions"), out);
+    print_noise(all, out);
+    print_above_limit(all, out);
+    for (const std::string& scene : chaotic)
+        out << "chaotic, judged by mass, energy and spectrum: " << scene << "\n";
+    print_edits(all, out, width);
+    print_limits(result.own_context().at("limits"), out);
+    print_unmeasured(result, out);
+}
+
+}  // namespace voxspring

@@ -1,0 +1,190 @@
+// Whether a study reports the times that there were: its backends have a simulated clock, so the time of
+// every repetition is known.
+#include <gmock/gmock.h>
+#include <gtest/gtest.h>
+
+#include <algorithm>
+#include <cmath>
+#include <memory>
+#include <numeric>
+#include <random>
+#include <sstream>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "harness/results/print.h"
+#include "harness/study/study.h"
+#include "tests/wrapped_backend.h"
+
+namespace voxspring::testing {
+namespace {
+
+constexpr int repetitions = 9, steps = 4;
+
+/// Nine times of a step in us, in the order of the repetitions, and what must be reported of them.
+struct Truth {
+    std::string name;
+    std::vector<double> microseconds;
+    double median;           ///< in us, known without sorting
+    std::string text;        ///< of the table: the median, marked if it is noisy, with the interval
+    std::string noise = {};  ///< empty: the time is to be trusted
+};
+
+/// `values` in a random order, which is the same in the study's process and in the cases'.
+std::vector<double> shuffled(std::vector<double> values) {
+    std::shuffle(values.begin(), values.end(), std::mt19937(1));
+    return values;
+}
+
+const std::vector<Truth>& truths() {
+    static const std::vector<Truth> all = {
+        {"truth_steady", shuffled({99.6, 99.7, 99.8, 99.9, 100, 100.1, 100.2, 100.3, 100.4}), 100, "100 us"},
+        // The middle half is 96 to 104 us: half of that is 4% of the median.
+        {"truth_spread", shuffled({92, 94, 96, 98, 100, 102, 104, 106, 108}), 100, "100 us +-4%"},
+        {"truth_outliers", shuffled({100, 100, 100, 100, 100, 100, 100, 900, 2000}), 100, "100 us"},
+        {"truth_two_kinds", shuffled({100, 100, 100, 100, 100, 108, 108, 108, 108}), 100, "~100 us +-4%",
+         "its repetitions are of two kinds (8% apart)"},
+        // Drifts by 1% and by 4% of the first time per repetition. The middle half spreads by 4 us and 16 us.
+        {"truth_slow_drift", {100, 101, 102, 103, 104, 105, 106, 107, 108}, 104, "104 us"},
+        {"truth_drift",
+         {100, 104, 108, 112, 116, 120, 124, 128, 132},
+         116,
+         "~116 us +-7%",
+         "the middle half of the repetitions spreads (over 14% of their median)"}};
+    return all;
+}
+
+/// cpu_reference with a clock that only steps advance. The n-th batch that is timed takes the n-th of the
+/// times; warm-ups, uploads and readings take none.
+class Simulated final : public WrappedBackend {
+public:
+    explicit Simulated(const Truth& truth) : truth_(truth) {}
+    Capabilities capabilities() const override {
+        Capabilities capabilities = WrappedBackend::capabilities();
+        // The noise of this processor says nothing about a device.
+        capabilities.family = "opengl";
+        capabilities.uuid = "GPU-simulated";
+        return capabilities;
+    }
+    void step(int count) override {
+        WrappedBackend::step(count);
+        if (timed_) seconds_ += count * 1e-6 * truth_.microseconds.at(batch_);
+    }
+    DeviceLimits measure_limits() override { throw Unavailable("a simulated clock has no limits"); }
+
+private:
+    void mark(Mark which) override {
+        timed_ = which == Mark::begin;
+        if (timed_) seconds_ = 0;
+        if (!timed_) ++batch_;
+    }
+    double seconds_between_marks() const override { return seconds_; }
+
+    const Truth& truth_;
+    bool timed_ = false;
+    std::size_t batch_ = 0;
+    double seconds_ = 0;
+};
+
+const std::vector<Registered> registered = [] {
+    std::vector<Registered> all;
+    for (const Truth& truth : truths())
+        all.push_back(registered_for_test(truth.name, [&] { return std::make_unique<Simulated>(truth); }));
+    return all;
+}();
+
+class TimingTruth : public ::testing::Test {
+protected:
+    static const Result& result() {
+        static const Result measured = [] {
+            Study study;
+            study.name = "truth";
+            study.repetitions = repetitions;
+            study.settings = {{"total_error", false}};
+            study.backends = {"truth_*"};
+            study.scenes = {{"box@4", steps, {}}};
+            return run_study(study, {});
+        }();
+        return measured;
+    }
+    /// The rows of a backend: its repetitions in order, and the aggregate of that name.
+    static std::vector<Row> rows_of(const Truth& truth, const std::string& aggregate = "") {
+        std::vector<Row> rows;
+        for (const Row& row : result().rows("benchmarks")) {
+            if (row.identity.backend == truth.name && row.benchmark->aggregate_name.value_or("") == aggregate)
+                rows.push_back(row);
+        }
+        return rows;
+    }
+    static Row row_of(const Truth& truth, const std::string& aggregate) {
+        const std::vector<Row> rows = rows_of(truth, aggregate);
+        return rows.size() == 1 ? rows.front() : Row();
+    }
+};
+
+constexpr double rounding = 1e-9;  // relative, of a few sums and divisions
+
+// Catches times that include a warm-up, an upload or another batch, batches that are not divided by their
+// steps, and repetitions that are lost or change places.
+TEST_F(TimingTruth, EveryRepetitionIsWhatTheClockSaid) {
+    ASSERT_TRUE(result().rows("failed").empty()) << nlohmann::json(result()).at("failed");
+    for (const Truth& truth : truths()) {
+        const std::vector<Row> rows = rows_of(truth);
+        ASSERT_EQ(rows.size(), std::size_t(repetitions)) << truth.name;
+        for (std::size_t n = 0; n < rows.size(); ++n) {
+            EXPECT_EQ(rows[n].benchmark->repetition_index, int(n));
+            EXPECT_NEAR(rows[n].benchmark->real_microseconds, truth.microseconds[n], rounding * 1e3)
+                << truth.name << " " << n;
+        }
+    }
+}
+
+// Catches a mean or a minimum in the median's place, which outliers and drift tell apart; a median of rates
+// whose work is not that of a step; and the standard deviation of a population.
+TEST_F(TimingTruth, AggregatesAreThoseOfTheKnownTimes) {
+    for (const Truth& truth : truths()) {
+        const BenchmarkPart median = *row_of(truth, "median").benchmark;
+        EXPECT_NEAR(median.real_microseconds, truth.median, rounding * truth.median) << truth.name;
+        const double particles = 4 * 4 * 4, rate = particles / (1e-6 * truth.median);
+        EXPECT_NEAR(median.particle_updates_per_second, rate, rounding * rate) << truth.name;
+        const std::vector<double>& times = truth.microseconds;
+        const double mean = std::accumulate(times.begin(), times.end(), 0.0) / repetitions;
+        EXPECT_NEAR(row_of(truth, "mean").benchmark->real_microseconds, mean, rounding * mean) << truth.name;
+        double squares = 0;
+        for (const double time : times) squares += (time - mean) * (time - mean);
+        const double deviation = std::sqrt(squares / (repetitions - 1));
+        EXPECT_NEAR(row_of(truth, "stddev").benchmark->real_microseconds, deviation, rounding * mean);
+        EXPECT_NEAR(row_of(truth, "cv").benchmark->real_microseconds, deviation / mean, rounding);
+    }
+}
+
+// Catches an interval of half or twice its width, and one from outliers: the table says half of the middle
+// half from 3% on.
+TEST_F(TimingTruth, TheTableHasTheKnownInterval) {
+    const StepTimes times = step_times_of(result().rows("benchmarks"));
+    for (const Truth& truth : truths()) {
+        const Row median = row_of(truth, "median");
+        EXPECT_EQ(time_text(median, median.step_seconds(), times), truth.text) << truth.name;
+    }
+}
+
+// Catches a drift, or times of two kinds, that passes as quiet; outliers or a slow drift that do not; and a
+// verdict that looks at the order of the repetitions, or does not reach every row of the case.
+TEST_F(TimingTruth, VerdictsOfNoiseAreThoseOfTheKnownTimes) {
+    for (const Truth& truth : truths()) {
+        std::vector<std::string> expected;
+        if (!truth.noise.empty()) expected = {truth.noise};
+        for (const char* aggregate : {"", "mean", "median", "stddev", "cv"}) {
+            for (const Row& row : rows_of(truth, aggregate)) EXPECT_EQ(row.noisy, expected) << truth.name;
+        }
+    }
+    std::ostringstream printed;
+    print_table(result(), printed);
+    EXPECT_THAT(printed.str(),
+                ::testing::HasSubstr("~ 1 of 6 times not to be trusted, its repetitions are of two "
+                                     "kinds: box@4: truth_two_kinds increment float64 (8% apart)"));
+}
+
+}  // namespace
+}  // namespace voxspring::testing
