@@ -22,7 +22,6 @@
 #include "harness/verification/error_threshold.h"
 #include "harness/verification/errors.h"
 #include "harness/verification/reference.h"
-#include "harness/verification/statistics.h"
 #include "tests/support.h"
 
 namespace voxspring::testing {
