@@ -25,7 +25,7 @@
 #include "harness/base/statistics.h"
 #include "harness/base/text.h"
 #include "harness/study/study.h"
-#include "harness/view/live_drawing.h"
+#include "harness/drawing/live_drawing.h"
 #include "tests/required.h"
 #include "tests/volume_files.h"
 

@@ -11,8 +11,8 @@
 #include "harness/export/saved_state.h"
 #include "harness/scene/scene_runner.h"
 #include "harness/scene/stability.h"
-#include "harness/view/measures.h"
-#include "harness/view/simulation.h"
+#include "harness/simulation/measures.h"
+#include "harness/simulation/simulation.h"
 #include "tests/simulated_box.h"
 
 namespace voxspring::testing {

@@ -1,5 +1,5 @@
 // A body in a user's hands: what holding, cutting, sewing and switching do to it, on several backends.
-#include "harness/view/simulation.h"
+#include "harness/simulation/simulation.h"
 
 #include <gtest/gtest.h>
 

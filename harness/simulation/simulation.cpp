@@ -1,4 +1,4 @@
-#include "harness/view/simulation.h"
+#include "harness/simulation/simulation.h"
 
 #include <fmt/format.h>
 
@@ -11,8 +11,8 @@
 #include "harness/base/files.h"
 #include "harness/export/export_formats.h"
 #include "harness/scene/stability.h"
-#include "harness/view/measures.h"
-#include "harness/view/picking.h"
+#include "harness/simulation/measures.h"
+#include "harness/simulation/picking.h"
 
 namespace voxspring {
 namespace {

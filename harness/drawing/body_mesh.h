@@ -1,8 +1,9 @@
-// The surface of a body as a mesh on the card, whose vertices follow particles. It is built anew after a cut,
-// but not after a step.
+// The surface of a body as a mesh whose vertices follow particles. It is built anew after a cut, but not
+// after a step.
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <cstdint>
 #include <glm/vec3.hpp>
 #include <vector>
@@ -11,9 +12,11 @@
 
 namespace voxspring {
 
-/// The faces of surface_of(), with shared vertices. The position of a vertex is its position at rest plus the
-/// mean displacement of the particles that it follows: up to eight particles around it that springs hold
-/// together.
+/// Faces lie between an active voxel and an inactive one, and between two active voxels whose spring is cut.
+/// A vertex is shared by the faces around it. Stairs of voxels become slopes: at rest a vertex lies at the
+/// mean of the crossings of the edges from active to inactive voxels around it ("surface nets"). Its position
+/// is that plus the mean displacement of the particles that it follows: up to eight particles around it that
+/// springs hold together, so that a cut opens.
 struct BodyMesh {
     struct Vertex {
         glm::vec3 rest{0};
@@ -29,7 +32,10 @@ struct BodyMesh {
     glm::dvec3 low{0}, high{0};  ///< bounding box of the vertices at rest
 };
 
-/// Throws std::runtime_error if the problem has no lattice or more than max_faces (surface.h).
+/// The largest number of faces of a mesh.
+inline constexpr std::size_t max_faces = std::size_t(1) << 24;
+
+/// Throws std::runtime_error if the problem has no lattice or its surface more than max_faces.
 BodyMesh mesh_of(const Problem& problem);
 
 }  // namespace voxspring

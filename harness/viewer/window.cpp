@@ -1,4 +1,4 @@
-#include "harness/window/window.h"
+#include "harness/viewer/window.h"
 
 // Included before GLFW's headers, which then use this EGL.
 #include <epoxy/egl.h>
@@ -34,14 +34,13 @@ Window::Glfw::~Glfw() { glfwTerminate(); }
 
 void Window::Destroy::operator()(GLFWwindow* window) const noexcept { glfwDestroyWindow(window); }
 
-Window::Window(const std::string& title, glm::ivec2 size, bool resizable) {
+Window::Window(const std::string& title, glm::ivec2 size) {
     glfwWindowHint(GLFW_CLIENT_API, GLFW_OPENGL_API);
     // Made through EGL as the backends' contexts are, so that they can share buffers.
     glfwWindowHint(GLFW_CONTEXT_CREATION_API, GLFW_EGL_CONTEXT_API);
     glfwWindowHint(GLFW_CONTEXT_VERSION_MAJOR, 4);
     glfwWindowHint(GLFW_CONTEXT_VERSION_MINOR, 5);
     glfwWindowHint(GLFW_OPENGL_PROFILE, GLFW_OPENGL_CORE_PROFILE);
-    glfwWindowHint(GLFW_RESIZABLE, resizable ? GLFW_TRUE : GLFW_FALSE);
     window_.reset(glfwCreateWindow(size.x, size.y, title.c_str(), nullptr, nullptr));
     if (!window_) throw Unavailable("no window with OpenGL 4.5 by EGL: " + glfw_error());
     glfwMakeContextCurrent(window_.get());

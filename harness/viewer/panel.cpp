@@ -1,13 +1,14 @@
-#include "harness/window/panel.h"
+#include "harness/viewer/panel.h"
 
 #include <fmt/format.h>
 #include <imgui.h>
 
 #include <algorithm>
 #include <cmath>
+#include <utility>
 
-#include "harness/export/legend.h"
-#include "harness/window/window.h"
+#include "harness/drawing/legend.h"
+#include "harness/viewer/window.h"
 
 namespace voxspring {
 namespace {
@@ -110,38 +111,16 @@ void draw_colouring(const Figures& figures, Controls& controls, Requests& reques
 
 void take_keys(const std::u32string& typed, Controls& controls, Requests& requests) {
     if (ImGui::GetIO().WantTextInput) return;
+    constexpr std::pair<char32_t, HandTool> tools[] = {
+        {U'g', HandTool::grab}, {U'b', HandTool::blade}, {U's', HandTool::needle}, {U't', HandTool::turn}};
     for (const char32_t key : typed) {
-        switch (key) {
-            case U' ':
-                controls.paused = !controls.paused;
-                break;
-            case U'n':
-                requests.step = true;
-                break;
-            case U'r':
-                requests.reset = true;
-                break;
-            case U'w':
-                requests.save = true;
-                break;
-            case U'g':
-                controls.tool = HandTool::grab;
-                break;
-            case U'b':
-                controls.tool = HandTool::blade;
-                break;
-            case U's':
-                controls.tool = HandTool::needle;
-                break;
-            case U't':
-                controls.tool = HandTool::turn;
-                break;
-            case U'q':
-            case escape_key:
-                requests.close = true;
-                break;
-            default:
-                break;
+        if (key == U' ') controls.paused = !controls.paused;
+        requests.step |= key == U'n';
+        requests.reset |= key == U'r';
+        requests.save |= key == U'w';
+        requests.close |= key == U'q' || key == escape_key;
+        for (const auto& [letter, tool] : tools) {
+            if (key == letter) controls.tool = tool;
         }
     }
 }

@@ -1,4 +1,4 @@
-#include "harness/view/live_drawing.h"
+#include "harness/drawing/live_drawing.h"
 
 #include <omp.h>
 #include <sched.h>
@@ -10,7 +10,7 @@
 #include <utility>
 
 #include "harness/base/statistics.h"
-#include "harness/view/body_mesh.h"
+#include "harness/drawing/body_mesh.h"
 
 namespace voxspring {
 namespace {
@@ -216,7 +216,7 @@ bool LiveDrawing::draw_picture(BodyPainter& painter, const Orbit& orbit) {
         } else {
             painter.put_displacements(downloaded_);
         }
-        painter.draw(orbit, size, {});
+        painter.draw(orbit.view(size), {});
         glFinish();
     }
     const double seconds = seconds_since(begin);

@@ -20,8 +20,8 @@
 #include "backends/backend.h"
 #include "backends/gl/context.h"
 #include "backends/gl/storage_buffer.h"
-#include "harness/view/body_painter.h"
-#include "harness/view/orbit.h"
+#include "harness/drawing/body_painter.h"
+#include "harness/drawing/orbit.h"
 
 namespace voxspring {
 

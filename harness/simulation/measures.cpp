@@ -1,4 +1,4 @@
-#include "harness/view/measures.h"
+#include "harness/simulation/measures.h"
 
 #include <cmath>
 #include <cstddef>

@@ -4,7 +4,6 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
-#include <map>
 #include <string>
 #include <vector>
 
@@ -26,13 +25,13 @@ struct Image {
     }
     const std::uint8_t* at(int x, int y) const { return const_cast<Image*>(this)->at(x, y); }
 
-    /// Blends `colour`, with `coverage` (0 to 1) times its opacity, over a pixel. Pixels outside the image
+    /// Gives pixels with left <= x < right and top <= y < bottom an opaque colour. Pixels outside the image
     /// are ignored.
-    void blend(int x, int y, const Colour& colour, double coverage);
+    void fill(int left, int top, int right, int bottom, const Colour& colour);
 };
 
-/// Encodes a PNG file. The same image and `text` give the same bytes. `text` becomes the tEXt chunks and maps
-/// keywords (1 to 79 Latin characters) to texts. Throws std::runtime_error.
-std::string encode_png(const Image& image, const std::map<std::string, std::string>& text);
+/// Encodes a PNG file, with `about` as the text of the keyword "voxspring". The same arguments give the same
+/// bytes. Throws std::runtime_error.
+std::string encode_png(const Image& image, const std::string& about);
 
 }  // namespace voxspring

@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "harness/export/image.h"
+#include "harness/drawing/image.h"
 
 namespace voxspring {
 

@@ -6,10 +6,10 @@
 #include <optional>
 #include <string>
 
-#include "harness/view/body_painter.h"
-#include "harness/view/orbit.h"
-#include "harness/view/simulation.h"
-#include "harness/window/panel.h"
+#include "harness/drawing/body_painter.h"
+#include "harness/drawing/orbit.h"
+#include "harness/simulation/simulation.h"
+#include "harness/viewer/panel.h"
 
 namespace voxspring {
 

@@ -20,7 +20,7 @@ class Window {
 public:
     /// `size` is in the window system's units. Throws Unavailable if there is no display, or no OpenGL 4.5 on
     /// it.
-    Window(const std::string& title, glm::ivec2 size, bool resizable);
+    Window(const std::string& title, glm::ivec2 size);
     ~Window();
     Window(const Window&) = delete;
     Window& operator=(const Window&) = delete;

@@ -2,9 +2,10 @@
 #pragma once
 
 #include <array>
+#include <cstdint>
 #include <glm/vec2.hpp>
 #include <glm/vec3.hpp>
-#include <memory>
+#include <glm/vec4.hpp>
 #include <optional>
 #include <span>
 #include <vector>
@@ -12,10 +13,10 @@
 #include "backends/gl/context.h"
 #include "backends/gl/program.h"
 #include "backends/gl/storage_buffer.h"
-#include "harness/export/image.h"
-#include "harness/export/legend.h"
-#include "harness/view/body_mesh.h"
-#include "harness/view/orbit.h"
+#include "harness/drawing/body_mesh.h"
+#include "harness/drawing/image.h"
+#include "harness/drawing/legend.h"
+#include "harness/drawing/orbit.h"
 
 namespace voxspring {
 
@@ -25,10 +26,21 @@ struct Shades {
     Colouring colours = Colouring::displacement;
 };
 
+/// How pictures are made.
+struct PictureStyle {
+    int samples = 0;    ///< per pixel, of which it shows the mean; 0: one. Every renderer supports 4.
+    int smoothing = 0;  ///< number of passes that smooth the surface's normals
+    /// Neither light nor dark, so that both ends of viridis and plasma stand out from it.
+    std::array<float, 4> background = {0.16F, 0.17F, 0.19F, 1};
+};
+/// Smooth edges and surfaces on a transparent background.
+inline constexpr PictureStyle for_files{.samples = 4, .smoothing = 2, .background = {0, 0, 0, 0}};
+
 /// Draws in an OpenGL context, which must outlive this and which each call makes current. Throws DeviceError.
+/// On one renderer the same input gives the same bits.
 class BodyPainter {
 public:
-    explicit BodyPainter(const gl::Context& context);
+    explicit BodyPainter(const gl::Context& context, const PictureStyle& style = {});
 
     /// Replaces the body. It is at rest until displacements are set.
     void set_mesh(BodyMesh mesh);
@@ -44,32 +56,39 @@ public:
     /// the length of the displacement.
     void put_values(std::span<const double> value);
 
-    /// Draws the body into a picture of `size` pixels, with the present contents of displacements().
-    void draw(const Orbit& orbit, glm::ivec2 size, const Shades& shades);
+    /// Draws the body into a picture, with the present contents of displacements().
+    void draw(const View& view, const Shades& shades);
     /// Copies the picture to the window's framebuffer.
     void show() const;
     Image picture() const;
-    /// The place on the body that is visible at a pixel of the picture; nullopt if no body is there.
+    /// The place on the body that is visible at a pixel of the picture; nullopt if no body is there. Needs a
+    /// style without samples.
     std::optional<glm::dvec3> place_at(glm::dvec2 pixel) const;
-    /// The smallest and the largest value on the body in the picture. Waits for the card.
-    std::array<double, 2> range() const;
+    /// Where the mesh's vertices are (x, y, z), with the present contents of displacements(), and their
+    /// values (w). Waits for the card.
+    std::vector<glm::vec4> places();
+    /// The smallest and the largest value on the body in the picture, apart from that on the particles
+    /// `without`, which ascend. Waits for the card.
+    std::array<double, 2> range(std::span<const std::uint32_t> without = {}) const;
 
 private:
     void make_picture(glm::ivec2 size);
     void follow_particles();
+    std::vector<glm::vec4> downloaded_places() const;
 
     const gl::Context& context_;
+    PictureStyle style_;
     gl::Program vertices_program_, normals_program_, program_;
     gl::VertexArray array_;
     BodyMesh mesh_;
     gl::StorageBuffer vertices_, displacements_, values_, places_, faces_, first_face_, face_of_vertex_,
-        normals_;
+        normals_, other_normals_;
     gl::Buffer corners_;  ///< vertex indices of triangles
     bool has_values_ = false;
-    glm::ivec2 size_{0};
-    gl::Texture colour_, depth_;
+    View view_{.size = {0, 0}};  ///< the view of the picture
+    gl::Texture colour_, depth_, resolved_colour_;
     gl::Framebuffer target_;
-    Orbit orbit_;  ///< view of the picture
+    gl::Framebuffer resolved_;  ///< the means of samples, if there are any
 };
 
 }  // namespace voxspring

@@ -1,4 +1,4 @@
-#include "harness/window/hand.h"
+#include "harness/viewer/hand.h"
 
 #include <fmt/format.h>
 

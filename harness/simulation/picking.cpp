@@ -1,4 +1,4 @@
-#include "harness/view/picking.h"
+#include "harness/simulation/picking.h"
 
 #include <algorithm>
 #include <glm/common.hpp>

@@ -1,4 +1,4 @@
-#include "harness/window/viewer.h"
+#include "harness/viewer/viewer.h"
 
 #include <fmt/format.h>
 #include <imgui.h>
@@ -19,15 +19,14 @@
 #include "harness/base/files.h"
 #include "harness/base/interruption.h"
 #include "harness/base/progress.h"
-#include "harness/export/pixels.h"
+#include "harness/drawing/body_painter.h"
+#include "harness/scene/parts.h"
+#include "harness/simulation/measures.h"
+#include "harness/simulation/simulation.h"
 #include "harness/study/auto_choice.h"
-#include "harness/view/body_painter.h"
-#include "harness/view/measures.h"
-#include "harness/view/simulation.h"
-#include "harness/window/film.h"
-#include "harness/window/hand.h"
-#include "harness/window/panel.h"
-#include "harness/window/window.h"
+#include "harness/viewer/hand.h"
+#include "harness/viewer/panel.h"
+#include "harness/viewer/window.h"
 
 namespace voxspring {
 namespace {
@@ -68,7 +67,7 @@ public:
     Viewer(Scene scene, const ViewOptions& options, std::ostream& out)
         : options_(options),
           out_(out),
-          window_("Voxspring: " + scene.name, options.size, !options.record),
+          window_("Voxspring: " + scene.name, options.size),
           simulation_(simulation_of(options.backend, std::move(scene), out)),
           painter_(window_.context()),
           hand_(*simulation_, painter_, orbit_) {
@@ -80,7 +79,6 @@ public:
         take_mesh();
         orbit_.show(painter_.mesh().low, painter_.mesh().high);
         scale_controls();
-        if (options.record) film_.emplace(*options.record, window_.pixels());
     }
 
     Viewer(const Viewer&) = delete;
@@ -137,6 +135,7 @@ private:
         drop_feed();  // the feed fills the old mesh's buffer
         painter_.set_mesh(mesh_of(simulation_->problem()));
         springs_version_ = simulation_->springs_version();
+        loose_ = parts_of(simulation_->problem()).loose();
     }
 
     void drop_feed() {
@@ -331,7 +330,7 @@ private:
             .low = figures_.range[0],
             .high = figures_.range[1],
             .colours = controls_.shown == Shown::error ? Colouring::error : Colouring::displacement};
-        painter_.draw(orbit_, size, shades);
+        painter_.draw(orbit_.view(size), shades);
         painter_.show();
         if (const auto line = hand_.line(size)) {
             const glm::dvec2 scale = window_.pixels_a_unit();
@@ -343,21 +342,8 @@ private:
             ImGui::GetBackgroundDrawList()->AddCircleFilled(point(line->to), 4, IM_COL32(255, 255, 255, 255));
         }
         window_.draw_panels();
-        const double seconds = seconds_since(begin_);
-        if (film_ && film_->wants(seconds)) record(size, seconds);
         window_.swap();
         ++frames_;
-    }
-
-    /// Records a picture. If the film cannot be written it ends, and the simulation goes on.
-    void record(glm::ivec2 size, double seconds) {
-        try {
-            film_->add(read_pixels(size), seconds);
-        } catch (const std::exception& error) {
-            film_failure_ = error.what();
-            film_.reset();
-            say("the film has ended: " + film_failure_, true);
-        }
     }
 
     /// Called twice per second. Updates the range of the colours and the figures of the run, and from time to
@@ -366,7 +352,7 @@ private:
         figures_.steps = simulation_->steps();
         figures_.time = double(figures_.steps) * simulation_->problem().time_step;
         if (!failed_) {
-            const auto [low, high] = painter_.range();
+            const auto [low, high] = painter_.range(loose_);
             const double both = std::max(std::abs(low), std::abs(high));
             figures_.range =
                 controls_.shown == Shown::tension ? std::array{-both, both} : std::array{0.0, high};
@@ -387,8 +373,6 @@ private:
         const double seconds = seconds_since(begin_);
         out_ << fmt::format("{}: {} steps on {}, {} frames in {:.1f} s\n", figures_.scene,
                             simulation_->steps(), figures_.backend, frames_, seconds);
-        if (film_) out_ << film_->finish() << "\n";
-        if (!film_failure_.empty()) throw std::runtime_error(film_failure_);
     }
 
     const ViewOptions& options_;
@@ -403,8 +387,8 @@ private:
     std::vector<std::string> backends_;
     std::unique_ptr<Feed> feed_;  ///< null: displacements go through the host
     std::uint64_t springs_version_ = 0, uploads_ = 0;
-    std::optional<Film> film_;
-    std::string film_failure_;  ///< why the film has ended; empty: it has not
+    /// Particles of parts that nothing holds. They fall for ever, and do not count for the colours' range.
+    std::vector<std::uint32_t> loose_;
     bool failed_ = false, was_on_body_ = false;
     glm::dvec3 hand_before_{0};
     double step_seconds_ = 0, stepping_seconds_ = 0, drawing_seconds_ = 0, last_frame_ = 0,

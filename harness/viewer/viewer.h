@@ -4,7 +4,7 @@
 #include <ostream>
 #include <string>
 
-#include "harness/view/view_options.h"
+#include "harness/cli/arguments.h"
 
 namespace voxspring {
 
