@@ -289,7 +289,7 @@ TEST_F(LiveDrawingTest, DrawsNoMorePicturesThanAskedFor) {
     step_until(drawing, *backend, first + 12);
     const std::chrono::duration<double> seconds = std::chrono::steady_clock::now() - begin;
     // The first two are handed over at once.
-    EXPECT_GE(seconds.count(), 11.0 / LiveDrawing::pictures_a_second);
+    EXPECT_GE(seconds.count(), 11.0 / LiveDrawing::pictures_per_second);
 }
 
 TEST_F(LiveDrawingTest, EndsWhereverItIs) {

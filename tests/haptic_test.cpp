@@ -238,7 +238,7 @@ TEST_F(Haptic, DrawsTheBodyMeanwhile) {
                                   (row.at("drawn") ? " drawn" : ""));
         if (row.at("drawn")) {
             EXPECT_GT(row.at("pictures_per_second"), 0.0);
-            EXPECT_LE(row.at("pictures_per_second"), 1.5 * LiveDrawing::pictures_a_second);
+            EXPECT_LE(row.at("pictures_per_second"), 1.5 * LiveDrawing::pictures_per_second);
             EXPECT_EQ(row.at("displacements_by"), backend == "cpu_parallel" ? "download" : "feed");
             EXPECT_NE(row.at("renderer"), "");
         } else {

@@ -18,8 +18,7 @@
 namespace voxspring::testing {
 namespace {
 
-// --- Backends that do not do as they are told
-// ---------------------------------------------------------------
+// --- Backends that do not do as they are told ------------------------------------------------------------
 
 /// The next fault of backends with that name, or of those that exist.
 struct Faults {
@@ -175,8 +174,7 @@ TEST_F(SimulationOfOne, TheBitsOfFloat64AreCarriedOver) {
     expect_same_bits(simulation.state(), before);
 }
 
-// --- The time step
-// ------------------------------------------------------------------------------------------
+// --- The time step ---------------------------------------------------------------------------------------
 
 TEST_F(SimulationOfOne, NoHandIsStifferThanTheTimeStepBears) {
     Scene scene = box();
@@ -400,8 +398,7 @@ TEST_F(SimulationOfOne, ABackendTakesTheEditsToComeOrNothing) {
     EXPECT_EQ(simulation.switch_to(implicit), "") << "it was made, and is cut";
 }
 
-// --- Failures
-// -----------------------------------------------------------------------------------------------
+// --- Failures --------------------------------------------------------------------------------------------
 
 TEST_F(SimulationOfOne, WhatWasKeptOutlivesTheDevice) {
     Simulation simulation(busy_box(), bad()), twin(busy_box(), reference());

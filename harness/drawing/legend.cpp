@@ -138,7 +138,9 @@ void draw_legend(Image& image, const Scale& scale) {
     constexpr int most_letters = 40;
     const int dot =
         std::max(1, std::min(int(height * 0.18 / letter_height), (right - left) / (most_letters * advance)));
-    const int above = top - (letter_height + 3) * dot;
+    const int share = image.height - int(height);  // where the legend's share begins
+    const int above =
+        std::min(top - (letter_height + 1) * dot, std::max(share, top - (letter_height + 3) * dot));
 
     const bool error = scale.colouring() == Colouring::error;
     const std::string largest = "largest " + short_text(scale.largest(), 3);

@@ -82,7 +82,7 @@ void LiveDrawing::hand_over_if_due() {
         mesh_of_full_ = fed_mesh_;
     }
     changed_.notify_all();
-    constexpr std::chrono::nanoseconds between(1'000'000'000 / pictures_a_second);
+    constexpr std::chrono::nanoseconds between(1'000'000'000 / pictures_per_second);
     due_ = std::max(due_ + between, now);
 }
 

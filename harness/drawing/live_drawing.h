@@ -32,7 +32,7 @@ namespace voxspring {
 /// switch of contexts per picture would slow the steps on the card.
 class LiveDrawing {
 public:
-    static constexpr int pictures_a_second = 60;
+    static constexpr int pictures_per_second = 60;
     static constexpr glm::ivec2 size{1280, 800};
 
     /// Draws `problem`, which `backend` has uploaded; no further upload may follow. `own` is a context of the

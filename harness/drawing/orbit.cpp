@@ -48,15 +48,15 @@ void Orbit::show(const glm::dvec3& low, const glm::dvec3& high) {
 }
 
 void Orbit::turn(glm::dvec2 pixels, glm::ivec2 size) {
-    const double a_pixel = std::numbers::pi / size.y;
-    azimuth_ -= pixels.x * a_pixel;
-    elevation_ = std::clamp(elevation_ + pixels.y * a_pixel, -highest, highest);
+    const double radians_per_pixel = std::numbers::pi / size.y;
+    azimuth_ -= pixels.x * radians_per_pixel;
+    elevation_ = std::clamp(elevation_ + pixels.y * radians_per_pixel, -highest, highest);
 }
 
 void Orbit::shift(glm::dvec2 pixels, glm::ivec2 size) {
     const glm::dmat4 eye = glm::transpose(to_eye());
-    const double a_pixel = 2 * distance_ * std::tan(field_of_view / 2) / size.y;
-    middle_ += (glm::dvec3(eye[1]) * pixels.y - glm::dvec3(eye[0]) * pixels.x) * a_pixel;
+    const double pixel_length = 2 * distance_ * std::tan(field_of_view / 2) / size.y;
+    middle_ += (glm::dvec3(eye[1]) * pixels.y - glm::dvec3(eye[0]) * pixels.x) * pixel_length;
 }
 
 void Orbit::zoom(double notches) {
@@ -102,11 +102,12 @@ View SlantedCamera::view(glm::ivec2 size, double share) const {
     // A body that has collapsed onto a line or a point still needs an extent above 0.
     const double largest = std::max({half.x, half.y, half.z});
     half = glm::max(half, glm::dvec3(largest > 0 ? 1e-6 * largest : 1));
-    const double a_pixel = std::max(half.x / size.x, half.y / (share * size.y)) * 2 / margin;
-    const double left = middle.x - a_pixel * size.x / 2, top = middle.y + a_pixel * share * size.y / 2;
+    const double pixel_length = std::max(half.x / size.x, half.y / (share * size.y)) * 2 / margin;
+    const double left = middle.x - pixel_length * size.x / 2,
+                 top = middle.y + pixel_length * share * size.y / 2;
     const glm::dmat4 turn(glm::dmat3{slanted()});
     return {size, turn,
-            glm::ortho(left, left + a_pixel * size.x, top - a_pixel * size.y, top,
+            glm::ortho(left, left + pixel_length * size.x, top - pixel_length * size.y, top,
                        -(middle.z + 1.01 * half.z), -(middle.z - 1.01 * half.z)) *
                 turn};
 }

@@ -82,7 +82,7 @@ Simulation::Simulation(Scene scene, const BackendSpec& spec, std::unique_ptr<Bac
     if (const std::string why = refusal(*main_.backend, problem_, 0); !why.empty())
         throw std::runtime_error(spec.entry->name + " cannot run " + scene_.name + ": " + why);
     main_.upload(not_owned(scene_.problem), scene_.state);
-    stand_at_start();
+    reset_to_step_zero();
 }
 
 std::string Simulation::refusal(const Backend& backend, const Problem& problem, std::size_t next_edit) const {
@@ -102,7 +102,7 @@ std::string Simulation::refusal(const Backend& backend, const Problem& problem, 
     return why;
 }
 
-void Simulation::stand_at_start() {
+void Simulation::reset_to_step_zero() {
     steps_ = 0;
     next_edit_ = 0;
     edits_as_scheduled_ = true;
@@ -332,7 +332,7 @@ void Simulation::reset() {
     problem_.springs = scene_.problem.springs;
     use_tool_of(scene_.problem);
     ++springs_version_;
-    stand_at_start();
+    reset_to_step_zero();
     if (compares()) other_.upload(not_owned(scene_.problem), state());
 }
 

@@ -147,7 +147,7 @@ private:
     /// Empty, or why `backend` cannot run `problem` and the scene's edits from `next_edit` on.
     std::string refusal(const Backend& backend, const Problem& problem, std::size_t next_edit) const;
     /// Resets everything except the backends and `problem_` to the scene's start.
-    void stand_at_start();
+    void reset_to_step_zero();
     bool is_broken();
 
     void make_next_edit();

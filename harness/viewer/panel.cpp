@@ -73,7 +73,7 @@ void draw_run(const Figures& figures, const std::vector<std::string>& backends, 
     requests.reset |= ImGui::Button("reset (r)");
     ImGui::Checkbox("as many steps as fit", &controls.as_many_as_fit);
     if (!controls.as_many_as_fit)
-        ImGui::SliderInt("steps per frame", &controls.steps_a_frame, 1, 1000, "%d",
+        ImGui::SliderInt("steps per frame", &controls.steps_per_frame, 1, 1000, "%d",
                          ImGuiSliderFlags_Logarithmic);
     ImGui::Text("step %lld, time %.4g", static_cast<long long>(figures.steps), figures.time);
 }
@@ -148,7 +148,7 @@ Requests draw_panel(const Figures& figures, const std::vector<std::string>& back
     draw_tools(controls);
     draw_colouring(figures, controls, requests);
     ImGui::Separator();
-    plot("steps per second", figures.steps_a_second, "{:.0f}");
+    plot("steps per second", figures.steps_per_second, "{:.0f}");
     plot("frame", figures.frame_milliseconds, "{:.1f} ms");
     plot("a tick of a step", figures.tick_microseconds, "{:.0f} us");
     plot("force", figures.force, "{:.4g}");

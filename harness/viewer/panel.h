@@ -33,7 +33,7 @@ private:
 struct Controls {
     bool paused = false;
     bool as_many_as_fit = true;
-    int steps_a_frame = 1;
+    int steps_per_frame = 1;
     HandTool tool = HandTool::grab;
     Shown shown = Shown::displacement;
     /// Radius and stiffness of the hand, depth of the blade, in the scene's units.
@@ -56,7 +56,7 @@ struct Figures {
     double time = 0;                ///< in the scene's unit
     std::array<double, 2> range{};  ///< values at the two ends of the colours
     bool from_device = false;       ///< whether the picture is drawn from data on the device
-    History steps_a_second, frame_milliseconds, tick_microseconds, force;
+    History steps_per_second, frame_milliseconds, tick_microseconds, force;
 };
 
 /// Draws the panel in the window's frame, handles the typed characters, and returns the user's requests.

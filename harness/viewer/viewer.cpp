@@ -40,9 +40,9 @@ double seconds_since(Clock::time_point begin) {
 constexpr double frame_seconds = 1.0 / 60;
 /// The share of a frame's time for steps if as many are made as fit.
 constexpr double stepping_share = 0.6;
-constexpr int most_steps_a_frame = 10'000;
+constexpr int max_steps_per_frame = 10'000;
 /// The number of moves in which the hand goes from its place in one frame to that in the next.
-constexpr int moves_a_frame = 8;
+constexpr int moves_per_frame = 8;
 /// Intervals between two readings of values on the body, and between two kept states.
 constexpr double range_seconds = 0.5, keep_seconds = 1, keep_seconds_of_large = 20;
 constexpr std::size_t large = 1'000'000;
@@ -73,7 +73,7 @@ public:
           hand_(*simulation_, painter_, orbit_) {
         for (const auto& [name, entry] : registry()) backends_.push_back(name);
         controls_.as_many_as_fit = !options.steps;
-        controls_.steps_a_frame = options.steps.value_or(1);
+        controls_.steps_per_frame = options.steps.value_or(1);
         figures_.scene = simulation_->scene().name;
         name_backend();
         take_mesh();
@@ -276,12 +276,12 @@ private:
 
     int steps_of_frame(bool one) const {
         if (controls_.paused) return one ? 1 : 0;
-        if (!controls_.as_many_as_fit) return controls_.steps_a_frame;
+        if (!controls_.as_many_as_fit) return controls_.steps_per_frame;
         if (step_seconds_ <= 0) return 1;
         // If a picture takes longer than a frame, for example because the processor draws it, steps may take
         // as long as the picture.
         const double budget = std::max(stepping_share * frame_seconds, drawing_seconds_);
-        return int(std::clamp(budget / step_seconds_, 1.0, double(most_steps_a_frame)));
+        return int(std::clamp(budget / step_seconds_, 1.0, double(max_steps_per_frame)));
     }
 
     /// Makes the steps of a frame. The hand moves from its previous to its present place meanwhile.
@@ -294,7 +294,7 @@ private:
         glFinish();
         const auto begin = Clock::now();
         const glm::dvec3 to = hand_.moved().value_or(glm::dvec3(0));
-        const int moves = simulation_->holds() ? std::min(steps, moves_a_frame) : 1;
+        const int moves = simulation_->holds() ? std::min(steps, moves_per_frame) : 1;
         int done = 0;
         for (int move = 1; move <= moves; ++move) {
             if (simulation_->holds())
@@ -310,7 +310,7 @@ private:
         stepping_seconds_ = seconds;
         // A running mean over frames, so that one slow frame does not halve the steps of the next.
         step_seconds_ = step_seconds_ <= 0 ? seconds / steps : 0.8 * step_seconds_ + 0.2 * seconds / steps;
-        figures_.steps_a_second.add(steps / std::max(seconds, frame_wall_));
+        figures_.steps_per_second.add(steps / std::max(seconds, frame_wall_));
     }
 
     /// Makes and times one step: from the tool's position leaving the host to the force arriving there.
@@ -333,7 +333,7 @@ private:
         painter_.draw(orbit_.view(size), shades);
         painter_.show();
         if (const auto line = hand_.line(size)) {
-            const glm::dvec2 scale = window_.pixels_a_unit();
+            const glm::dvec2 scale = window_.pixels_per_unit();
             const auto point = [&](glm::dvec2 pixel) {
                 return ImVec2(float(pixel.x / scale.x), float(pixel.y / scale.y));
             };

@@ -84,7 +84,7 @@ glm::ivec2 Window::pixels() const {
     return size;
 }
 
-glm::dvec2 Window::pixels_a_unit() const {
+glm::dvec2 Window::pixels_per_unit() const {
     glm::ivec2 size(0);
     glfwGetWindowSize(window_.get(), &size.x, &size.y);
     return glm::dvec2(pixels()) / glm::dvec2(glm::max(size, glm::ivec2(1)));
@@ -93,7 +93,7 @@ glm::dvec2 Window::pixels_a_unit() const {
 glm::dvec2 Window::pointer() const {
     glm::dvec2 at(0);
     glfwGetCursorPos(window_.get(), &at.x, &at.y);
-    return at * pixels_a_unit();
+    return at * pixels_per_unit();
 }
 
 std::array<bool, 3> Window::buttons() const {

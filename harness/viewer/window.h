@@ -30,7 +30,7 @@ public:
     /// Size of the framebuffer in pixels; 0 while the window is minimised.
     glm::ivec2 pixels() const;
     /// Pixels per unit of ImGui's coordinates.
-    glm::dvec2 pixels_a_unit() const;
+    glm::dvec2 pixels_per_unit() const;
     /// The pointer's position in pixels from the upper left corner, and whether its left, right and middle
     /// buttons are down. A button that went down and up between two frames counts as down in one frame.
     glm::dvec2 pointer() const;
