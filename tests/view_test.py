@@ -268,7 +268,7 @@ class View(unittest.TestCase):
             red, green, blue = (self.display.pixels()[:, PANEL:, c].astype(int) for c in range(3))
             return (numpy.minimum(red, green) > 150) & (blue < 110)
 
-        # Yellow is the largest displacement. The island's soon is a thousand times that of the body, which would turn violet.
+        # Yellow is the largest displacement. That of the island soon is many times that of the body, which would turn violet.
         while int(self.saved(window)["step"]) < 2000:
             time.sleep(0.2)
         time.sleep(1)
