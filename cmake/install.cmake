@@ -38,7 +38,7 @@ install(DIRECTORY backends harness DESTINATION ${include_folder} COMPONENT devel
 # A program that draws, such as voxspring-view, needs an OpenGL context and what a painter keeps in it.
 install(FILES backends/gl/check.h backends/gl/context.h backends/gl/handles.h backends/gl/program.h
     backends/gl/storage_buffer.h DESTINATION ${include_folder}/backends/gl COMPONENT development)
-install(FILES backends/glsl/terms.h DESTINATION ${include_folder}/backends/glsl COMPONENT development)
+install(FILES backends/glsl/terms.h backends/glsl/uniforms.h DESTINATION ${include_folder}/backends/glsl COMPONENT development)
 
 # The archive needs the libraries of the backends that it contains.
 set(backend_libraries PkgConfig::EPOXY PkgConfig::HWY OpenMP::OpenMP_CXX)
