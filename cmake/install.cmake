@@ -30,13 +30,15 @@ install(DIRECTORY backends harness DESTINATION ${include_folder} COMPONENT devel
     FILES_MATCHING PATTERN *.h
     PATTERN kernel.h EXCLUDE PATTERN tiles.h EXCLUDE PATTERN simd EXCLUDE PATTERN backends/gl EXCLUDE
     PATTERN backends/glsl EXCLUDE PATTERN backends/vulkan EXCLUDE PATTERN backends/layout EXCLUDE
-    # Excluded because they include backends/gl, for drawing.
-    PATTERN painter.h EXCLUDE PATTERN pictures.h EXCLUDE PATTERN body_painter.h EXCLUDE PATTERN pixels.h EXCLUDE
-    # Excluded because the window belongs to the program only.
-    PATTERN harness/window EXCLUDE
+    # Excluded because it is a program.
+    PATTERN harness/viewer EXCLUDE
     # Excluded because it includes backends/layout, for stepping a slab.
     PATTERN rank_backend.h EXCLUDE
     PATTERN scenes EXCLUDE PATTERN studies EXCLUDE)
+# A program that draws, such as voxspring-view, needs an OpenGL context and what a painter keeps in it.
+install(FILES backends/gl/check.h backends/gl/context.h backends/gl/handles.h backends/gl/program.h
+    backends/gl/storage_buffer.h DESTINATION ${include_folder}/backends/gl COMPONENT development)
+install(FILES backends/glsl/terms.h backends/glsl/uniforms.h DESTINATION ${include_folder}/backends/glsl COMPONENT development)
 
 # The archive needs the libraries of the backends that it contains.
 set(backend_libraries PkgConfig::EPOXY PkgConfig::HWY OpenMP::OpenMP_CXX)

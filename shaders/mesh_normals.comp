@@ -1,7 +1,9 @@
-// Normals of a body's surface: the mean of the faces around a vertex, weighted by their area. One invocation
-// per vertex.
+// Normals of a body's surface: the mean of the faces around a vertex, weighted by their area. In another
+// pass, the mean of the normals of these faces' vertices, which smooths the steps between slices of voxels.
+// One invocation per vertex.
 layout(local_size_x = 64) in;
 
+// Places of vertices, or in another pass their normals.
 layout(std430, binding = 0) restrict readonly buffer Places { vec4 places[]; };
 layout(std430, binding = 1) restrict readonly buffer Faces { uvec4 faces[]; };
 // The tables of BodyMesh.
@@ -10,14 +12,17 @@ layout(std430, binding = 3) restrict readonly buffer FaceOfVertex { uint face_of
 layout(std430, binding = 4) restrict writeonly buffer Normals { vec4 normals[]; };
 
 uniform int count;
+uniform int smoothing;  // 1 in another pass
+uniform float unit;     // one over the size of the body
 
 void main() {
     for (uint n = gl_GlobalInvocationID.x; n < uint(count); n += gl_NumWorkGroups.x * gl_WorkGroupSize.x) {
         vec3 sum = vec3(0);
         for (uint k = first_face[n]; k < first_face[n + 1]; ++k) {
             uvec4 face = faces[face_of_vertex[k]];
-            sum +=
-                cross(places[face[2]].xyz - places[face[0]].xyz, places[face[3]].xyz - places[face[1]].xyz);
+            vec3 a = places[face[0]].xyz, b = places[face[1]].xyz;
+            vec3 c = places[face[2]].xyz, d = places[face[3]].xyz;
+            sum += smoothing == 0 ? cross(unit * (c - a), unit * (d - b)) : a + b + c + d;
         }
         normals[n] = vec4(sum, 0);
     }

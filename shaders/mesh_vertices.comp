@@ -2,7 +2,7 @@
 // vertex.
 layout(local_size_x = 64) in;
 
-// BodyMesh::Vertex of harness/view/body_mesh.h.
+// BodyMesh::Vertex of harness/drawing/body_mesh.h.
 struct Vertex {
     float rest[3];
     uint count;

@@ -1,5 +1,5 @@
-// The live picture of a body: its mesh, the camera around it, and what the card draws of both.
-#include "harness/view/body_painter.h"
+// The live picture of a body: the camera around it, and what the card draws.
+#include "harness/drawing/body_painter.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
@@ -8,10 +8,8 @@
 #include <chrono>
 #include <cstdint>
 #include <glm/geometric.hpp>
-#include <map>
 #include <memory>
 #include <optional>
-#include <set>
 #include <string>
 #include <thread>
 #include <tuple>
@@ -20,10 +18,10 @@
 
 #include "backends/gl/context.h"
 #include "backends/registry.h"
-#include "harness/export/surface.h"
-#include "harness/view/body_mesh.h"
-#include "harness/view/live_drawing.h"
-#include "harness/view/orbit.h"
+#include "harness/drawing/body_mesh.h"
+#include "harness/drawing/live_drawing.h"
+#include "harness/drawing/orbit.h"
+#include "harness/scene/parts.h"
 #include "tests/required.h"
 #include "tests/support.h"
 
@@ -36,58 +34,6 @@ Problem cut_in_two(const Problem& whole) {
     Problem cut = whole;
     SpringEditor(cut).cut(Plane{.point = {2.5, 0, 0}, .normal = {1, 0, 0}});
     return cut;
-}
-
-// --- The mesh ---------------------------------------------------------------------------------------------
-
-TEST(BodyMeshTest, HasTheFacesOfTheSurface) {
-    for (const Problem& problem : {body_of(solid({6, 4, 5})), body_of(random_grid({7, 6, 5}, 0.5, 3)),
-                                   cut_in_two(body_of(solid({6, 4, 5})))}) {
-        const BodyMesh mesh = mesh_of(problem);
-        const std::vector<glm::dvec3> still(problem.particle_count());
-        const auto surface = surface_of(problem, still, std::vector<double>(problem.particle_count()));
-        ASSERT_EQ(4 * mesh.faces.size(), surface.size());
-        for (std::size_t n = 0; n < surface.size(); ++n) {
-            const BodyMesh::Vertex& vertex = mesh.vertices[mesh.faces[n / 4][n % 4]];
-            EXPECT_LT(glm::distance(glm::dvec3(vertex.rest), surface[n].position), 1e-5);
-            ASSERT_GE(vertex.count, 1U);
-            ASSERT_LE(vertex.count, 8U);
-        }
-        EXPECT_TRUE(std::is_sorted(mesh.particles.begin(), mesh.particles.end()));
-    }
-}
-
-TEST(BodyMeshTest, FacesShareVerticesAndACutPartsThem) {
-    const Problem whole = body_of(solid({6, 4, 5}));
-    // The corners of a box of 6 x 4 x 5 voxels on its sides.
-    EXPECT_EQ(mesh_of(whole).vertices.size(), 7U * 5 * 6 - 5U * 3 * 4);
-    const Problem cut = cut_in_two(whole);
-    // Two boxes of 3 x 4 x 5.
-    const BodyMesh mesh = mesh_of(cut);
-    EXPECT_EQ(mesh.vertices.size(), 2 * (4U * 5 * 6 - 2U * 3 * 4));
-    for (const BodyMesh::Vertex& vertex : mesh.vertices) {
-        std::set<bool> sides;
-        for (std::size_t n = 0; n < vertex.count; ++n)
-            sides.insert(cut.rest_position[mesh.particles[vertex.follows[n]]].x > 2.5);
-        EXPECT_EQ(sides.size(), 1U);
-    }
-}
-
-TEST(BodyMeshTest, FacesAroundAVertexAreListed) {
-    const BodyMesh mesh = mesh_of(body_of(random_grid({7, 6, 5}, 0.5, 3)));
-    std::map<std::uint32_t, std::multiset<std::uint32_t>> around;
-    for (std::uint32_t f = 0; f < mesh.faces.size(); ++f) {
-        for (const std::uint32_t vertex : mesh.faces[f]) around[vertex].insert(f);
-    }
-    for (std::uint32_t v = 0; v < mesh.vertices.size(); ++v) {
-        const std::multiset<std::uint32_t> listed(mesh.face_of_vertex.begin() + mesh.first_face[v],
-                                                  mesh.face_of_vertex.begin() + mesh.first_face[v + 1]);
-        EXPECT_EQ(listed, around[v]);
-    }
-}
-
-TEST(BodyMeshTest, WithoutALatticeThereIsNone) {
-    EXPECT_THROW(mesh_of(random_network(5, 6, 1)), std::runtime_error);
 }
 
 // --- The camera -------------------------------------------------------------------------------------------
@@ -152,7 +98,7 @@ protected:
         orbit_.show(painter_->mesh().low, painter_->mesh().high);
     }
     Image draw() {
-        painter_->draw(orbit_, picture_size, shades_);
+        painter_->draw(orbit_.view(picture_size), {});
         return painter_->picture();
     }
     /// Whether something other than the background is at the pixel of a place.
@@ -165,7 +111,6 @@ protected:
     std::unique_ptr<gl::Context> context_;
     std::optional<BodyPainter> painter_;
     Orbit orbit_;
-    Shades shades_;
 };
 
 TEST_F(BodyPainterTest, TheBodyIsWhereTheCameraSaysAndItsDepthIsItsPlace) {
@@ -192,6 +137,22 @@ TEST_F(BodyPainterTest, ItFollowsDisplacements) {
     EXPECT_TRUE(is_seen(draw(), above));
     // If no values are given the picture shows the length of the displacement.
     EXPECT_THAT(painter_->range(), ::testing::ElementsAre(2, 2));
+}
+
+TEST_F(BodyPainterTest, ItsRangeMayLeaveOutParticles) {
+    // A voxel that nothing holds has fallen far.
+    Problem problem =
+        body_of(make_grid({6, 3, 3}, [](int x, int y, int z) { return x < 4 || (x == 5 && y * z == 1); }));
+    pin_base(problem);
+    show(problem);
+    std::vector<glm::dvec3> displacement;
+    for (const glm::dvec3& rest : problem.rest_position)
+        displacement.emplace_back(0, 0, rest.x > 4 ? -1000 : rest.z / 4);
+    painter_->put_displacements(displacement);
+    (void)draw();
+    EXPECT_THAT(painter_->range(), ::testing::ElementsAre(0, 1000));
+    const std::vector<std::uint32_t> loose = parts_of(problem).loose();
+    EXPECT_THAT(painter_->range(loose), ::testing::ElementsAre(0, 0.5));
 }
 
 TEST_F(BodyPainterTest, ACutOpens) {
@@ -328,7 +289,7 @@ TEST_F(LiveDrawingTest, DrawsNoMorePicturesThanAskedFor) {
     step_until(drawing, *backend, first + 12);
     const std::chrono::duration<double> seconds = std::chrono::steady_clock::now() - begin;
     // The first two are handed over at once.
-    EXPECT_GE(seconds.count(), 11.0 / LiveDrawing::pictures_a_second);
+    EXPECT_GE(seconds.count(), 11.0 / LiveDrawing::pictures_per_second);
 }
 
 TEST_F(LiveDrawingTest, EndsWhereverItIs) {

@@ -22,7 +22,6 @@
 #include "harness/verification/error_threshold.h"
 #include "harness/verification/errors.h"
 #include "harness/verification/reference.h"
-#include "harness/verification/statistics.h"
 #include "tests/support.h"
 
 namespace voxspring::testing {
@@ -220,17 +219,24 @@ TEST(Judge, AdmitsTheErrorThatSleepAsksFor) {
     EXPECT_EQ(tolerance("cpu_parallel:rest=flush"), rounding);
 }
 
-TEST(Spread, IsWiderWhereRootsAreApproximate) {
+TEST(Spread, FollowsFormulationPrecisionAndRoots) {
     References references{no_cache()};
     const Scene scene = load_scene("box@6");
     const State end = references.after(scene, 100);
-    const auto spread = [&](const std::string& spec) {
-        return references.spread(scene, 100, end, rounding_model_of(BackendSpec::parse(spec))).rms;
-    };
-    EXPECT_GT(spread("cpu_parallel:root=raw"), 100 * spread("cpu_parallel"));
-    EXPECT_GT(spread("cpu_parallel:formulation=position"), 100 * spread("cpu_parallel"));
-    EXPECT_LT(spread("cpu_parallel:precision=float64"), 1e-6 * spread("cpu_parallel"));
-    EXPECT_EQ(spread("cpu_parallel"), spread("cpu_parallel")) << "the same numbers every time";
+    std::vector<RoundingModel> models;
+    for (const char* spec : {"cpu_parallel", "cpu_parallel:formulation=position", "cpu_parallel:root=raw",
+                             "cpu_parallel:precision=float64"})
+        models.push_back(rounding_model_of(BackendSpec::parse(spec)));
+    const std::vector<Spread> spreads = references.spreads(scene, 100, end, models);
+    ASSERT_EQ(spreads.size(), models.size());
+    for (std::size_t n = 0; n < models.size(); ++n) {
+        const Spread alone = references.spread(scene, 100, end, models[n]);
+        EXPECT_EQ(spreads[n].max, alone.max) << to_string(models[n]);
+        EXPECT_EQ(spreads[n].rms, alone.rms) << "the same numbers every time";
+    }
+    EXPECT_GT(spreads[1].rms, 100 * spreads[0].rms);
+    EXPECT_GT(spreads[2].rms, 100 * spreads[0].rms);
+    EXPECT_LT(spreads[3].rms, 1e-6 * spreads[0].rms);
 }
 
 // The edited body has to live as long as the run, since comparing states afterwards reads it.
@@ -242,23 +248,6 @@ TEST(Spread, OfAnEditedSceneIsSmallToo) {
     const Spread spread = references.spread(scene, steps, references.after(scene, steps), model);
     EXPECT_GT(spread.max, 0);
     EXPECT_FALSE(is_chaotic(spread));
-}
-
-TEST(Spread, OfSeveralModelsIsThatOfEach) {
-    References references{no_cache()};
-    const Scene scene = load_scene("box@6");
-    const State end = references.after(scene, 100);
-    std::vector<RoundingModel> models;
-    for (const char* spec : {"cpu_parallel", "cpu_parallel:formulation=position", "cpu_parallel:root=raw",
-                             "cpu_parallel:precision=float64"})
-        models.push_back(rounding_model_of(BackendSpec::parse(spec)));
-    const std::vector<Spread> together = references.spreads(scene, 100, end, models);
-    ASSERT_EQ(together.size(), models.size());
-    for (std::size_t n = 0; n < models.size(); ++n) {
-        const Spread alone = references.spread(scene, 100, end, models[n]);
-        EXPECT_EQ(together[n].max, alone.max) << to_string(models[n]);
-        EXPECT_EQ(together[n].rms, alone.rms) << to_string(models[n]);
-    }
 }
 
 TEST(Refined, IsLeftOutWhereItTakesTooLong) {

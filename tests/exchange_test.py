@@ -8,6 +8,7 @@ import csv
 import json
 import os
 import pathlib
+import re
 import subprocess
 import sys
 import tempfile
@@ -203,6 +204,26 @@ class Formats(InTemporaryFolder):
         first = [path.read_bytes() for path in self.run_scene("box@5", *ENDINGS, backend="cpu_reference")]
         again = [path.read_bytes() for path in self.run_scene("box@5", *ENDINGS, backend="cpu_reference")]
         self.assertEqual(first, again)
+
+
+class Islands(InTemporaryFolder):
+    def test_neither_the_report_nor_a_picture_follows_what_nothing_holds(self):
+        scene = self.folder / "island.json"
+        scene.write_text(json.dumps({"dataset": {"type": "volume", "file": "island.nrrd"}, "gravity": [0, 0, -1e-3],
+                                     "damping": 0.05, "pinned": {"side": "z-"}}))
+        active = numpy.zeros((4, 4, 8), numpy.uint8)
+        active[:, :, :4] = active[2, 1, 6] = 1
+        (self.folder / "island.nrrd").write_bytes(b"NRRD0004\ntype: uint8\ndimension: 3\nsizes: 8 4 4\nencoding: raw\n\n" + active.tobytes())
+        picture, state = self.folder / "body.png", self.folder / "body.npz"
+        ran = voxspring("run", scene, "--backend", "cpu_parallel", "--steps", 500, "--out", picture, "--out", state)
+        self.assertEqual(ran.returncode, 0, ran.stderr)
+        moved = numpy.linalg.norm(numpy.load(state)["displacement"], axis=1)
+        alone = numpy.load(state)["voxel"][:, 0] == 6
+        self.assertGreater(moved[alone].max(), 10 * moved[~alone].max())
+        held, loose = re.search(r"largest displacement (\S+), and (\S+) of the 1 particles that nothing pins", ran.stdout).groups()
+        numpy.testing.assert_allclose([float(held), float(loose)], [moved[~alone].max(), moved[alone].max()], rtol=1e-5)
+        about = re.search(rb"tEXtvoxspring\0(\{.*?\})", picture.read_bytes())[1]
+        self.assertEqual(json.loads(about)["largest"], moved[~alone].max())
 
 
 class Series(InTemporaryFolder):

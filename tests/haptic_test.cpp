@@ -25,7 +25,7 @@
 #include "harness/base/statistics.h"
 #include "harness/base/text.h"
 #include "harness/study/study.h"
-#include "harness/view/live_drawing.h"
+#include "harness/drawing/live_drawing.h"
 #include "tests/required.h"
 #include "tests/volume_files.h"
 #include "tests/wrapped_backend.h"
@@ -218,7 +218,7 @@ TEST_F(Haptic, DrawsTheBodyMeanwhile) {
                                   (row.at("drawn") ? " drawn" : ""));
         if (row.at("drawn")) {
             EXPECT_GT(row.at("pictures_per_second"), 0.0);
-            EXPECT_LE(row.at("pictures_per_second"), 1.5 * LiveDrawing::pictures_a_second);
+            EXPECT_LE(row.at("pictures_per_second"), 1.5 * LiveDrawing::pictures_per_second);
             EXPECT_EQ(row.at("displacements_by"), backend == "cpu_parallel" ? "download" : "feed");
             EXPECT_NE(row.at("renderer"), "");
         } else {

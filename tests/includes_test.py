@@ -21,13 +21,14 @@ ROOMS = [
     ["harness/device"],
     ["harness/verification"],
     ["harness/results"],
+    ["harness/drawing"],
     ["harness/export"],
-    ["harness/view"],
+    ["harness/simulation"],
     ["harness/process"],
     ["harness/ranks"],
     ["harness/study"],
-    ["harness/window"],
     ["harness/cli"],
+    ["harness/viewer"],
 ]
 LEVEL = {room: level for level, rooms in enumerate(ROOMS) for room in rooms}
 INCLUDE = re.compile(r'^\s*#include "([^"]+)"', re.MULTILINE)
@@ -82,6 +83,39 @@ def circles(root):
     return found
 
 
+def installed_headers(root):
+    """The project's headers that CMake installs, by its rules install(DIRECTORY backends harness ...) and install(FILES X.h ...)."""
+    files = [root / "CMakeLists.txt", *root.glob("cmake/*.cmake"), *root.glob("*/CMakeLists.txt")]
+    rules = re.findall(r"^\s*install\(([^()]*)\)", "\n".join(re.sub(r"#.*", "", file.read_text()) for file in files if file.exists()), re.M)
+    by_name = {header for rule in rules if rule.startswith("FILES") for header in re.findall(r"\S+\.h\b", rule)}
+    (rule,) = (rule for rule in rules if rule.split()[:3] == ["DIRECTORY", "backends", "harness"])
+    left_out = re.findall(r"PATTERN (\S+) EXCLUDE", rule)
+    headers = {path.relative_to(root).as_posix() for top in ("backends", "harness") for path in (root / top).rglob("*.h")}
+
+    def is_left_out(header):
+        parts = header.split("/")
+        return any(("/" + "/".join(parts[:n])).endswith("/" + pattern) for n in range(1, len(parts) + 1) for pattern in left_out)
+
+    return by_name | {header for header in headers if not is_left_out(header)}
+
+
+def not_installed(root, room):
+    """What files of a room include, or headers that they include, and nothing installs; headers of the room itself left out."""
+    includes, installed = {}, installed_headers(root)
+    for source, included in includes_of(root):
+        includes.setdefault(source, set()).add(included)
+    found, reached = [], {source for source in includes if room_of(source) == room}
+    waiting = sorted(reached)
+    while waiting:
+        source = waiting.pop()
+        for included in sorted(includes.get(source, set()) - reached):
+            if included not in installed and room_of(included) != room:
+                found.append(f"{source} includes {included}, which is not installed")
+            reached.add(included)
+            waiting.append(included)
+    return found
+
+
 class Includes(unittest.TestCase):
     def test_every_source_lies_in_a_room(self):
         self.assertEqual([source for source, _ in includes_of(pathlib.Path()) if not room_of(source)], [])
@@ -91,6 +125,26 @@ class Includes(unittest.TestCase):
 
     def test_no_header_includes_itself(self):
         self.assertEqual(circles(pathlib.Path()), [])
+
+    def test_the_viewer_is_a_program_on_installed_headers(self):
+        self.assertEqual(not_installed(pathlib.Path(), "harness/viewer"), [])
+        self.assertIn("backends/gl/context.h", installed_headers(pathlib.Path()))
+
+    def test_finds_a_header_that_is_not_installed(self):
+        with tempfile.TemporaryDirectory() as folder:
+            root = pathlib.Path(folder)
+            for name, text in {"CMakeLists.txt": "install(DIRECTORY backends harness DESTINATION x\n    FILES_MATCHING PATTERN *.h\n"
+                                                 "    PATTERN backends/gl EXCLUDE PATTERN harness/viewer EXCLUDE)\n"
+                                                 "install(FILES backends/gl/open.h DESTINATION x)\n",
+                               "backends/gl/open.h": "", "backends/gl/closed.h": "", "backends/backend.h": "",
+                               "harness/export/picture.h": '#include "backends/gl/closed.h"\n#include "backends/gl/open.h"\n',
+                               "harness/viewer/main.cpp": '#include "backends/backend.h"\n#include "harness/export/picture.h"\n'
+                                                          '#include "generated.h"\n'}.items():
+                (root / name).parent.mkdir(parents=True, exist_ok=True)
+                (root / name).write_text(text)
+            self.assertEqual(sorted(not_installed(root, "harness/viewer")),
+                             ["harness/export/picture.h includes backends/gl/closed.h, which is not installed",
+                              "harness/viewer/main.cpp includes generated.h, which is not installed"])
 
     def test_finds_an_upward_include_and_a_circle(self):
         with tempfile.TemporaryDirectory() as folder:

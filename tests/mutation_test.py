@@ -27,8 +27,7 @@ SOURCES = [*(f"backends/{name}.cpp" for name in ("api", "backend", "limits", "re
            *(f"backends/layout/{name}.cpp" for name in ("blocks", "border_blocks", "delta_lists", "neighbour_lists", "particles",
                                                         "spring_array", "springs", "tool", "work")),
            "backends/physics/*.cpp", "harness/verification/conserved.cpp", "harness/verification/error_threshold.cpp",
-           "harness/verification/statistics.cpp", "harness/verification/spread.cpp", "harness/verification/verify.cpp",
-           "tests/mutants.cpp"]
+           "harness/verification/verify.cpp", "tests/mutants.cpp"]
 MUTANTS = pathlib.Path("tests/mutants.cpp")
 SPRING, PROBLEM, KERNEL = "backends/physics/spring.h", "backends/physics/problem.cpp", "backends/cpu/kernel.cpp"
 PARALLEL, STATE, EDIT = "backends/cpu/cpu_parallel.cpp", "backends/cpu/padded_state.h", "backends/physics/edit.cpp"

@@ -1,6 +1,6 @@
 // Which particles a hand reaches, and which springs a blade and a needle meet in a deformed body; and what a
 // window shows of a state.
-#include "harness/view/picking.h"
+#include "harness/simulation/picking.h"
 
 #include <gtest/gtest.h>
 
@@ -9,7 +9,7 @@
 #include <glm/geometric.hpp>
 #include <limits>
 
-#include "harness/view/measures.h"
+#include "harness/simulation/measures.h"
 #include "tests/support.h"
 
 namespace voxspring::testing {

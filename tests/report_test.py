@@ -858,7 +858,7 @@ class Page(unittest.TestCase):
                 least = 4.5 if name in ("--ink", "--soft", "--link") else 3
                 with self.subTest(scheme=scheme, name=name):
                     self.assertGreaterEqual(contrast(colour, colours["--page"]), least)
-            # A picture's legend is grey (harness/export/legend.cpp) on that background.
+            # A picture's legend is grey (harness/drawing/legend.cpp) on that background.
             self.assertGreaterEqual(contrast("#6e6e6e", colours["--ground"]), 4.5)
             # The letters on the map of stability are always dark.
             for region in ("--bounded", "--heating", "--diverged"):

@@ -11,15 +11,14 @@
 #include "harness/export/saved_state.h"
 #include "harness/scene/scene_runner.h"
 #include "harness/scene/stability.h"
-#include "harness/view/measures.h"
-#include "harness/view/simulation.h"
+#include "harness/simulation/measures.h"
+#include "harness/simulation/simulation.h"
 #include "tests/simulated_box.h"
 
 namespace voxspring::testing {
 namespace {
 
-// --- Backends that do not do as they are told
-// ---------------------------------------------------------------
+// --- Backends that do not do as they are told ------------------------------------------------------------
 
 /// The next fault of backends with that name, or of those that exist.
 struct Faults {
@@ -175,8 +174,7 @@ TEST_F(SimulationOfOne, TheBitsOfFloat64AreCarriedOver) {
     expect_same_bits(simulation.state(), before);
 }
 
-// --- The time step
-// ------------------------------------------------------------------------------------------
+// --- The time step ---------------------------------------------------------------------------------------
 
 TEST_F(SimulationOfOne, NoHandIsStifferThanTheTimeStepBears) {
     Scene scene = box();
@@ -400,8 +398,7 @@ TEST_F(SimulationOfOne, ABackendTakesTheEditsToComeOrNothing) {
     EXPECT_EQ(simulation.switch_to(implicit), "") << "it was made, and is cut";
 }
 
-// --- Failures
-// -----------------------------------------------------------------------------------------------
+// --- Failures --------------------------------------------------------------------------------------------
 
 TEST_F(SimulationOfOne, WhatWasKeptOutlivesTheDevice) {
     Simulation simulation(busy_box(), bad()), twin(busy_box(), reference());

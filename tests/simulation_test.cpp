@@ -1,5 +1,5 @@
 // A body in a user's hands: what holding, cutting, sewing and switching do to it, on several backends.
-#include "harness/view/simulation.h"
+#include "harness/simulation/simulation.h"
 
 #include <gtest/gtest.h>
 
@@ -25,12 +25,13 @@ protected:
     static Simulation start(Scene scene = box()) { return {std::move(scene), spec()}; }
     static bool is_double() { return spec().options.precision == Precision::float64; }
 
-    /// A new backend that continues from the current state of `simulation`.
-    State steps_of_another(Simulation& simulation, int steps) {
+    /// Takes steps. Expects the bits of a new backend that continues from the present state.
+    void expect_goes_on(Simulation& simulation, int steps) {
         const Problem problem = simulation.problem();
         made_->upload(problem, simulation.state());
         made_->step(steps);
-        return made_->download();
+        simulation.step(steps);
+        expect_same_bits(simulation.state(), made_->download());
     }
 
 private:
@@ -78,10 +79,8 @@ TEST_P(SimulationOn, WhatIsLetGoIsFree) {
     EXPECT_FALSE(simulation.problem().has_tool());
     EXPECT_TRUE(simulation.problem().load.empty());
     EXPECT_EQ(simulation.force(), glm::dvec3(0));
-    const State expected = steps_of_another(simulation, 11);
     simulation.drag({9, 9, 9});  // no hand holds anything yet
-    simulation.step(11);
-    expect_same_bits(simulation.state(), expected);
+    expect_goes_on(simulation, 11);
     EXPECT_EQ(simulation.steps(), 26);
 }
 
@@ -105,9 +104,7 @@ TEST_P(SimulationOn, ABladeCutsWhereTheBodyIs) {
     Problem expected = simulation.scene().problem;
     EXPECT_EQ(SpringEditor(expected).cut(Plane{{3.5, 0, 0}, {1, 0, 0}}).removed.size(), cut.springs);
     expect_same_springs(simulation.problem(), expected);
-    const State other = steps_of_another(simulation, 9);
-    simulation.step(9);
-    expect_same_bits(simulation.state(), other);
+    expect_goes_on(simulation, 9);
 }
 
 TEST_P(SimulationOn, ANeedleRestoresWhatWasCut) {
@@ -126,9 +123,7 @@ TEST_P(SimulationOn, ANeedleRestoresWhatWasCut) {
     EXPECT_EQ(some.springs + others.springs, cut);
     EXPECT_GT(simulation.springs_version(), version);
     expect_same_springs(simulation.problem(), simulation.scene().problem);
-    const State other = steps_of_another(simulation, 9);
-    simulation.step(9);
-    expect_same_bits(simulation.state(), other);
+    expect_goes_on(simulation, 9);
 }
 
 TEST_P(SimulationOn, AStitchIsMadeOrRefused) {
@@ -150,9 +145,7 @@ TEST_P(SimulationOn, AStitchIsMadeOrRefused) {
         ASSERT_EQ(simulation.problem().springs.size(), 1u);
         EXPECT_EQ(simulation.problem().springs[0].rest_length, 4);
         EXPECT_EQ(simulation.suture(a, b, 0.5).springs, 0u) << "it is there";
-        const State other = steps_of_another(simulation, 9);
-        simulation.step(9);
-        expect_same_bits(simulation.state(), other);
+        expect_goes_on(simulation, 9);
         return;
     }
     EXPECT_EQ(simulation.springs_version(), twin.springs_version());
@@ -204,9 +197,7 @@ TEST_P(SimulationOn, AnotherBackendGoesOn) {
         const double rounding = is_double() ? 0 : 1e-7;
         EXPECT_LE(glm::distance(simulation.state().displacement[i], reached.displacement[i]), rounding);
     }
-    const State other = steps_of_another(simulation, 6);
-    simulation.step(6);
-    expect_same_bits(simulation.state(), other);
+    expect_goes_on(simulation, 6);
 }
 
 TEST_P(SimulationOn, WhatIsSavedIsWhatARunSaves) {

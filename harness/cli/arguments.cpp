@@ -355,8 +355,6 @@ void add_view(CLI::App& app, Values& values, std::ostream& out, const ViewScene&
         ->default_str("1280x800");
     add_number(*command, "--seconds", options.seconds, min_timeout, max_timeout,
                "Close the window after so long");
-    command->add_option("--record", options.record,
-                        "Film of the window: film.mp4, or without ffmpeg the folder film");
     command->add_option("--save", options.save, "File (.npz) to which the key w saves the state; SCENE.npz");
     add_devices(*command);
     add_volume_options(*command, options.volume);

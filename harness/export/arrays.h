@@ -5,6 +5,7 @@
 #include <bit>
 #include <cstddef>
 #include <glm/vec3.hpp>
+#include <string>
 #include <string_view>
 #include <type_traits>
 #include <vector>
@@ -21,6 +22,15 @@ struct ArrayBytes {
     std::size_t count = 0;
     std::string_view bytes;
 };
+
+/// The element type as numpy names it: "<f8".
+inline std::string numpy_type(const ArrayBytes& array) {
+    return (array.width == 1 ? '|' : '<') + (array.kind + std::to_string(array.width));
+}
+/// The shape of rows of numbers as numpy writes it: "(3, 2)", or "(3,)" of one number per row.
+inline std::string numpy_shape(std::size_t rows, std::size_t columns) {
+    return "(" + std::to_string(rows) + "," + (columns > 1 ? " " + std::to_string(columns) : "") + ")";
+}
 
 /// The bytes of a vector whose elements are numbers or triples of numbers. `values` must outlive the view.
 template <class Value>

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <map>
 #include <set>
 #include <utility>
 
@@ -16,21 +17,11 @@ namespace voxspring {
 namespace {
 
 std::string escaped(const std::string& text) {
+    static const std::map<char, std::string> entities = {{'&', "&amp;"}, {'<', "&lt;"}, {'"', "&quot;"}};
     std::string out;
     for (const char c : text) {
-        switch (c) {
-            case '&':
-                out += "&amp;";
-                break;
-            case '<':
-                out += "&lt;";
-                break;
-            case '"':
-                out += "&quot;";
-                break;
-            default:
-                out += c;
-        }
+        const auto entity = entities.find(c);
+        out += entity == entities.end() ? std::string(1, c) : entity->second;
     }
     return out;
 }

@@ -7,8 +7,8 @@
 #include <algorithm>
 #include <array>
 #include <bit>
-#include <charconv>
 #include <glm/geometric.hpp>
+#include <iterator>
 #include <limits>
 #include <memory>
 #include <new>
@@ -104,6 +104,15 @@ std::vector<Value> on_grid(const Lattice& lattice, const std::vector<Value>& of_
 
 // --- VTK's XML files ----------------------------------------------------------------------------------
 
+/// ` name="1"`
+std::string attribute(const std::string& name, std::size_t value) {
+    return fmt::format(" {}=\"{}\"", name, value);
+}
+/// ` name="1 0 0.5"`
+std::string attribute(const std::string& name, const std::vector<double>& numbers) {
+    return fmt::format(" {}=\"{:.17g}\"", name, fmt::join(numbers, " "));
+}
+
 /// A VTK XML file whose arrays follow the XML as raw bytes ("appended raw").
 class VtkFile {
 public:
@@ -123,16 +132,19 @@ public:
     }
 
     template <class Value>
-    void array(const std::string& name, std::vector<Value> values) {
+    void array(const std::string& name, const std::vector<Value>& values) {
         const ArrayBytes array = bytes_of(values);
-        xml_ +=
-            "<DataArray type=\"" + vtk_type(array) + "\" Name=\"" + name + "\" NumberOfComponents=\"" +
-            std::to_string(array.components) + "\"" +
+        xml_ += fmt::format(
+            R"(<DataArray type="{}{}" Name="{}" NumberOfComponents="{}"{} format="appended" offset="{}"/>)",
+            array.kind == 'f'   ? "Float"
+            : array.kind == 'i' ? "Int"
+                                : "UInt",
+            8 * array.width, name, array.components,
             // Field data needs its length here, which nothing else in the file gives.
-            (open_.back() == "FieldData" ? " NumberOfTuples=\"" + std::to_string(array.count) + "\"" : "") +
-            " format=\"appended\" offset=\"" + std::to_string(offset_) + "\"/>\n";
+            open_.back() == "FieldData" ? attribute("NumberOfTuples", array.count) : "", offset_);
+        xml_ += '\n';
         offset_ += sizeof(std::uint64_t) + array.bytes.size();
-        blocks_.push_back(std::make_unique<Block<Value>>(std::move(values)));
+        blocks_.emplace_back(array.bytes);
     }
 
     /// Returns the whole file. Frees each array once it is copied.
@@ -141,40 +153,19 @@ public:
         file += "<AppendedData encoding=\"raw\">\n_";
         const std::string tail = "\n</AppendedData>\n</VTKFile>\n";
         file.reserve(file.size() + offset_ + tail.size());
-        for (auto& block : blocks_) {
-            const std::string_view contents = block->bytes();
-            const std::uint64_t size = contents.size();
+        for (std::string& block : blocks_) {
+            const std::uint64_t size = block.size();
             file.append(reinterpret_cast<const char*>(&size), sizeof size);
-            file += contents;
-            block.reset();
+            file += block;
+            std::string().swap(block);
         }
         file += tail;
         return file;
     }
 
 private:
-    struct AnyBlock {
-        AnyBlock() = default;
-        AnyBlock(const AnyBlock&) = delete;
-        AnyBlock& operator=(const AnyBlock&) = delete;
-        virtual ~AnyBlock() = default;
-        virtual std::string_view bytes() const = 0;
-    };
-    template <class Value>
-    struct Block : AnyBlock {
-        explicit Block(std::vector<Value> v) : values(std::move(v)) {}
-        std::string_view bytes() const override { return bytes_of(values).bytes; }
-        std::vector<Value> values;
-    };
-
-    static std::string vtk_type(const ArrayBytes& array) {
-        const char* kind = array.kind == 'f' ? "Float" : array.kind == 'i' ? "Int" : "UInt";
-        return kind + std::to_string(8 * array.width);
-    }
-
     std::string xml_;
-    std::vector<std::string> open_;
-    std::vector<std::unique_ptr<AnyBlock>> blocks_;
+    std::vector<std::string> open_, blocks_;
     std::uint64_t offset_ = 0;
 };
 
@@ -192,16 +183,7 @@ void add_lines(VtkFile& file, const std::vector<std::uint32_t>& ends) {
     file.array("connectivity", std::vector<Index>(ends.begin(), ends.end()));
     std::vector<Index> offsets(ends.size() / 2);
     for (std::size_t cell = 0; cell < offsets.size(); ++cell) offsets[cell] = Index(2 * (cell + 1));
-    file.array("offsets", std::move(offsets));
-}
-
-/// Numbers in an attribute, such as `"1 0 0.5"`.
-std::string attribute_of(const std::vector<double>& numbers) {
-    return fmt::format("\"{:.17g}\"", fmt::join(numbers, " "));
-}
-
-std::string attribute(const std::string& name, std::size_t value) {
-    return " " + name + "=\"" + std::to_string(value) + "\"";
+    file.array("offsets", offsets);
 }
 
 // --- numpy's files ------------------------------------------------------------------------------------
@@ -251,9 +233,8 @@ public:
 
     /// `shape` as numpy writes it: "(3,)".
     void array(const std::string& name, const std::string& shape, const ArrayBytes& array) {
-        std::string header = std::string("{'descr': '") + (array.width == 1 ? '|' : '<') + array.kind +
-                             std::to_string(array.width) + "', 'fortran_order': False, 'shape': " + shape +
-                             ", }";
+        std::string header =
+            fmt::format("{{'descr': '{}', 'fortran_order': False, 'shape': {}, }}", numpy_type(array), shape);
         // The header is padded so that the data begins at a multiple of 64 bytes. Ten bytes come before it:
         // the magic string, the version and the header's size.
         constexpr std::size_t before = 10, alignment = 64;
@@ -277,10 +258,7 @@ public:
     template <class Value>
     void array(const std::string& name, const std::vector<Value>& values) {
         const ArrayBytes bytes = bytes_of(values);
-        array(name,
-              "(" + std::to_string(bytes.count) + "," +
-                  (bytes.components > 1 ? " " + std::to_string(bytes.components) : "") + ")",
-              bytes);
+        array(name, numpy_shape(bytes.count, bytes.components), bytes);
     }
     template <class Number>
     void scalar(const std::string& name, Number value) {
@@ -312,14 +290,6 @@ private:
     std::unique_ptr<std::remove_pointer_t<zipFile>, Close> file_;
 };
 
-/// The shortest text that reads back as the same bits.
-template <class Number>
-void append_number(std::string& text, Number number) {
-    std::array<char, 32> digits{};
-    const auto end = std::to_chars(digits.data(), digits.data() + digits.size(), number).ptr;
-    text.append(digits.data(), end);
-}
-
 }  // namespace
 
 std::string csv(const Snapshot& snapshot) {
@@ -329,17 +299,11 @@ std::string csv(const Snapshot& snapshot) {
     const std::vector<glm::ivec3> voxel = voxels(problem.lattice);  // empty for a body without a lattice
     std::string text = voxel.empty() ? "" : "voxel_x,voxel_y,voxel_z,";
     text += "x,y,z,displacement_x,displacement_y,displacement_z,velocity_x,velocity_y,velocity_z\n";
+    const auto end = std::back_inserter(text);
     for (std::size_t i = 0; i < problem.particle_count(); ++i) {
-        for (int axis = 0; axis < 3 && !voxel.empty(); ++axis) {
-            append_number(text, voxel[i][axis]);
-            text += ',';
-        }
-        for (const glm::dvec3& v : {position[i], snapshot.state.displacement[i], velocity[i]}) {
-            for (int axis = 0; axis < 3; ++axis) {
-                append_number(text, v[axis]);
-                text += ',';
-            }
-        }
+        if (!voxel.empty()) fmt::format_to(end, "{},{},{},", voxel[i].x, voxel[i].y, voxel[i].z);
+        for (const glm::dvec3& v : {position[i], snapshot.state.displacement[i], velocity[i]})
+            fmt::format_to(end, "{},{},{},", v.x, v.y, v.z);
         text.back() = '\n';
     }
     return text;
@@ -349,18 +313,17 @@ std::string vti(const Snapshot& snapshot) {
     const Problem& problem = snapshot.problem;
     const Lattice& lattice = problem.lattice;
     if (lattice.voxel_count() == 0) throw std::invalid_argument("a problem without a lattice has no grid");
-    const auto extent = [&] {
-        std::string text;
-        for (int axis = 0; axis < 3; ++axis)
-            text += (axis > 0 ? " 0 " : "0 ") + std::to_string(lattice.dims[axis] - 1);
-        return "\"" + text + "\"";
-    }();
-    std::string placed = "Origin=\"0 0 0\"";
+    const auto extent = [&](const char* name) {
+        const glm::ivec3 last = lattice.dims - 1;
+        return fmt::format("{}=\"0 {} 0 {} 0 {}\"", name, last.x, last.y, last.z);
+    };
+    std::string placed = attribute("Origin", std::vector<double>{0, 0, 0});
     if (const Placement* placement = placement_of(snapshot)) {
         const auto& [x, y, z] = placement->direction;
-        placed = "Origin=" + attribute_of({placement->origin.x, placement->origin.y, placement->origin.z}) +
+        const glm::dvec3& origin = placement->origin;
+        placed = attribute("Origin", {origin.x, origin.y, origin.z}) +
                  // VTK reads the matrix, whose columns are the axes, row by row.
-                 " Direction=" + attribute_of({x.x, y.x, z.x, x.y, y.y, z.y, x.z, y.z, z.z});
+                 attribute("Direction", {x.x, y.x, z.x, x.y, y.y, z.y, x.z, y.z, z.z});
     }
     std::vector<std::uint8_t> label = or_zeros(problem.material, problem);
     for (std::uint8_t& material : label) ++material;
@@ -370,10 +333,10 @@ std::string vti(const Snapshot& snapshot) {
         springs.push_back(std::uint8_t(std::popcount(mask & NEIGHBOUR_BITS)));
 
     VtkFile file("ImageData");
-    file.begin("ImageData WholeExtent=" + extent + " " + placed +
-               " Spacing=" + attribute_of({lattice.spacing.x, lattice.spacing.y, lattice.spacing.z}));
+    file.begin("ImageData " + extent("WholeExtent") + placed +
+               attribute("Spacing", {lattice.spacing.x, lattice.spacing.y, lattice.spacing.z}));
     add_time(file, snapshot);
-    file.begin("Piece Extent=" + extent);
+    file.begin("Piece " + extent("Extent"));
     file.begin("PointData");
     file.array("active", on_grid(lattice, std::vector<std::uint8_t>(problem.particle_count(), 1)));
     file.array("label", on_grid(lattice, label));
@@ -405,16 +368,16 @@ std::string vtu(const Snapshot& snapshot) {
     if (problem.lattice.voxel_count() > 0) file.array("voxel", voxels(problem.lattice));
     file.end();
     file.begin("CellData");
-    file.array("rest_length", std::move(springs.rest_length));
-    file.array("stiffness", std::move(springs.stiffness));
-    file.array("tension", std::move(springs.tension));
+    file.array("rest_length", springs.rest_length);
+    file.array("stiffness", springs.stiffness);
+    file.array("tension", springs.tension);
     file.end();
     file.begin("Points");
     std::vector<glm::dvec3> points = in_file(snapshot, positions(snapshot));
     if (const Placement* placement = placement_of(snapshot)) {
         for (glm::dvec3& point : points) point += placement->origin;
     }
-    file.array("Points", std::move(points));
+    file.array("Points", points);
     file.end();
     file.begin("Cells");
     if (std::max(2 * count, problem.particle_count()) <= std::numeric_limits<std::int32_t>::max()) {
@@ -442,7 +405,7 @@ std::string npz(const Snapshot& snapshot) {
     file.array("material", or_zeros(problem.material, problem));
     file.array("voxel", voxels(lattice));
     const SpringArrays springs = spring_arrays(snapshot);
-    file.array("springs", "(" + std::to_string(springs.rest_length.size()) + ", 2)", bytes_of(springs.ends));
+    file.array("springs", numpy_shape(springs.rest_length.size(), 2), bytes_of(springs.ends));
     file.array("rest_length", springs.rest_length);
     file.array("stiffness", springs.stiffness);
     file.array("tension", springs.tension);

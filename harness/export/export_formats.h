@@ -10,7 +10,7 @@
 namespace voxspring {
 
 /// A CSV table: a line that names the columns, then a line per particle with voxel, position, displacement
-/// and velocity along x, y and z. Numbers are the shortest texts that read back as the same bits.
+/// and velocity along x, y and z. Numbers read back as the same bits.
 std::string csv(const Snapshot& snapshot);
 
 /// VTK ImageData: one point per voxel, at its centre. If a volume's file places its grid, Origin and

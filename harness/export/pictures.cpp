@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <glm/geometric.hpp>
 #include <nlohmann/json.hpp>
-#include <utility>
 
 #include "backends/registry.h"
 #include "harness/base/json.h"
@@ -11,20 +10,13 @@
 #include "harness/verification/reference.h"
 
 namespace voxspring {
-namespace {
-
-std::vector<SurfaceVertex> surface_of(const Snapshot& snapshot, const std::vector<double>& values) {
-    return surface_of(snapshot.problem, snapshot.state.displacement, values);
-}
-
-}  // namespace
 
 Pictures::Reference::Reference(const Scene& scene, int steps)
     : backend(References::backend_of(scene, steps)), runner(scene) {
     runner.rewind(*backend);
 }
 
-Pictures::Pictures(Colouring colouring, glm::ivec2 size) : colouring_(colouring), painter_(size) {}
+Pictures::Pictures(Colouring colouring, glm::ivec2 size) : colouring_(colouring), size_(size) {}
 
 const std::vector<std::uint32_t>& Pictures::loose_of(const Scene& scene) {
     if (scene_ != &scene) loose_ = parts_of(scene.problem).loose();
@@ -45,25 +37,24 @@ std::vector<double> Pictures::values_of(const Snapshot& snapshot) {
     std::vector<double> values;
     values.reserve(difference.size());
     for (const glm::dvec3& vector : difference) values.push_back(glm::length(vector));
-    largest_ = 0;
-    const std::vector<std::uint32_t>& loose = loose_of(snapshot.scene);
-    auto next = loose.begin();
-    for (std::size_t i = 0; i < values.size(); ++i) {
-        if (next != loose.end() && *next == i) {
-            ++next;
-        } else {
-            largest_ = std::max(largest_, values[i]);
-        }
-    }
+    std::vector<double> held = values;
+    for (const std::uint32_t i : loose_of(snapshot.scene)) held[i] = 0;
+    largest_ = held.empty() ? 0 : *std::max_element(held.begin(), held.end());
     return values;
 }
 
+void Pictures::show(const Snapshot& snapshot, const std::vector<glm::dvec3>& displacement) {
+    painter_.set_mesh(mesh_of(snapshot.problem));
+    painter_.put_displacements(displacement);
+}
+
 void Pictures::look_at(const Snapshot& snapshot) {
-    const std::vector<double> values = values_of(snapshot);
+    (void)values_of(snapshot);
+    largest_of_all_ = std::max(largest_of_all_, largest_);
     std::vector<glm::dvec3> displacement = snapshot.state.displacement;
     for (const std::uint32_t i : loose_of(snapshot.scene)) displacement[i] = glm::dvec3(0);
-    camera_.include(surface_of(snapshot.problem, displacement, values));
-    largest_of_all_ = std::max(largest_of_all_, largest_);
+    show(snapshot, displacement);
+    camera_.include(painter_.places());
 }
 
 std::string Pictures::png(const Snapshot& snapshot) {
@@ -71,15 +62,19 @@ std::string Pictures::png(const Snapshot& snapshot) {
     std::vector<double> values = values_of(snapshot);
     const Scale scale(colouring_, largest_of_all_, largest_);
     for (double& value : values) value = scale.place(value);
-    const std::vector<SurfaceVertex> surface = surface_of(snapshot, values);
+    show(snapshot, snapshot.state.displacement);
+    painter_.put_values(values);
+    painter_.draw(camera_.view(size_, 1 - legend_share), {.low = 0, .high = 1, .colours = colouring_});
+    Image image = painter_.picture();
+    draw_legend(image, scale);
     const nlohmann::json about = {{"scene", snapshot.scene.name},
                                   {"particles", snapshot.problem.particle_count()},
                                   {"steps", snapshot.step},
                                   {"backend", snapshot.backend},
                                   {"coloured_by", to_string(colouring_)},
                                   {"largest", largest_},
-                                  {"renderer", painter_.device()}};
-    return encode_png(painter_.paint(surface, camera_, scale), {{"voxspring", json_text(about)}});
+                                  {"renderer", context_.capabilities().device}};
+    return encode_png(image, json_text(about));
 }
 
 }  // namespace voxspring

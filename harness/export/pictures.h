@@ -2,30 +2,42 @@
 #pragma once
 
 #include <cstdint>
+#include <glm/vec2.hpp>
+#include <glm/vec3.hpp>
 #include <memory>
 #include <optional>
 #include <string>
 #include <vector>
 
-#include "harness/export/painter.h"
+#include "backends/gl/context.h"
+#include "harness/drawing/body_painter.h"
+#include "harness/drawing/legend.h"
+#include "harness/drawing/orbit.h"
 #include "harness/export/snapshot.h"
 #include "harness/scene/scene_runner.h"
 
 namespace voxspring {
 
-/// Draws a run's snapshots. The snapshots passed to look_at() determine what all pictures share: a camera
-/// that shows every one of them, and a scale up to the largest value of any. The largest value that a legend
-/// names is that of its picture. A single picture needs no look_at().
+/// Sides of a picture, in pixels.
+inline constexpr int min_picture_side = 64;
+inline constexpr int max_picture_side = 4096;
+inline constexpr glm::ivec2 default_size{1280, 960};
+
+/// Draws a run's snapshots, whose states must be finite. The snapshots passed to look_at() determine what all
+/// pictures share: a camera that shows every one of them, and a scale up to the largest value of any. The
+/// largest value that a legend names is that of its picture. A single picture needs no look_at().
 ///
 /// Particles of parts that nothing holds (parts.h) are drawn where they are, but do not affect the camera or
 /// the scale. They fall for ever, and the body would shrink to a dot of one colour.
 class Pictures {
 public:
-    /// Throws Unavailable if there is no OpenGL.
+    /// The sides of `size` are from min_picture_side to max_picture_side. Throws Unavailable if there is no
+    /// OpenGL, and DeviceError.
     Pictures(Colouring colouring, glm::ivec2 size);
 
     /// Snapshots must be of one scene, which must outlive the last of them, and come in the order of their
-    /// steps. An earlier step than the last starts the float64 run anew. Throws std::runtime_error.
+    /// steps. An earlier step than the last starts the float64 run anew. Throws std::runtime_error if
+    /// the body has no surface, and DeviceError.
     void look_at(const Snapshot& snapshot);
     /// A PNG file of a snapshot. Its text chunk "voxspring" has JSON with the scene, particles, steps,
     /// backend, coloured_by, the snapshot's largest value of that quantity, and the device that drew it.
@@ -47,13 +59,16 @@ private:
     /// The colouring's values, one per particle.
     std::vector<double> values_of(const Snapshot& snapshot);
     const std::vector<std::uint32_t>& loose_of(const Scene& scene);
+    void show(const Snapshot& snapshot, const std::vector<glm::dvec3>& displacement);
 
     Colouring colouring_;
-    Painter painter_;
+    glm::ivec2 size_;
+    gl::Context context_;
+    BodyPainter painter_{context_, for_files};
     std::optional<Reference> reference_;
     const Scene* scene_ = nullptr;  ///< the scene of `loose_`
     std::vector<std::uint32_t> loose_;
-    Camera camera_;
+    SlantedCamera camera_;
     double largest_ = 0;
     double largest_of_all_ = 0;
 };

@@ -38,49 +38,47 @@ public:
         if (!file_) refuse("", name_, "a .npz file that `voxspring run --out` wrote");
     }
 
-    /// Fills `values` with the array `name`, which must have the same number of elements and the same type.
+    /// The array `name`, whose rows are Values, or groups of `columns` of them. The file gives the number of
+    /// rows.
     template <class Value>
-    void read(const std::string& name, std::vector<Value>& values) {
-        const ArrayBytes wanted = bytes_of(values);
-        std::string shape = "(" + std::to_string(wanted.count) + ",";
-        if (wanted.components > 1) shape += " " + std::to_string(wanted.components);
-        const std::string header = open(name, wanted);
-        check(name, header, "'shape': " + shape + ")");
-        take(name, reinterpret_cast<char*>(values.data()), wanted.bytes.size());
-        close(name);
-    }
-    template <class Number>
-    Number scalar(const std::string& name) {
-        std::vector<Number> value(1);
-        const std::string header = open(name, bytes_of(value));
-        check(name, header, "'shape': ()");
-        take(name, reinterpret_cast<char*>(value.data()), sizeof(Number));
-        close(name);
-        return value[0];
-    }
-    /// The array `name`, with `columns` numbers per row. The file gives the number of rows.
-    template <class Number>
-    std::vector<Number> rows(const std::string& name, std::size_t columns) {
+    std::vector<Value> rows(const std::string& name, std::size_t columns = 1) {
         constexpr std::size_t most = std::size_t(1) << 40, at_once = std::size_t(1) << 20;
-        std::vector<Number> values;
-        const std::string header = open(name, bytes_of(values));
+        std::vector<Value> values;
+        const ArrayBytes type = bytes_of(values);
+        const std::string header = open(name, type);
         const std::string_view key = "'shape': (";
         const std::size_t at = header.find(key);
         std::size_t count = 0;
         if (at != std::string::npos)
             std::from_chars(header.data() + at + key.size(), header.data() + header.size(), count);
         if (count > most) refuse(name, "its shape", "an array that fits into memory");
-        check(name, header,
-              fmt::format("{}{},{})", key, count, columns > 1 ? fmt::format(" {}", columns) : ""));
+        check(name, header, "'shape': " + numpy_shape(count, columns * type.components));
         // Memory grows with the data that is really there, whatever the header says.
         for (std::size_t left = count * columns; left > 0;) {
             const std::size_t piece = std::min(left, at_once), before = values.size();
             values.resize(before + piece);
-            take(name, reinterpret_cast<char*>(values.data() + before), piece * sizeof(Number));
+            take(name, reinterpret_cast<char*>(values.data() + before), piece * sizeof(Value));
             left -= piece;
         }
         close(name);
         return values;
+    }
+    /// rows(), of which there must be `count`.
+    template <class Value>
+    std::vector<Value> rows_of(std::size_t count, const std::string& name) {
+        std::vector<Value> values = rows<Value>(name);
+        if (values.size() != count)
+            refuse(name, std::to_string(values.size()) + " rows",
+                   std::to_string(count) + ", as the scene has it");
+        return values;
+    }
+    template <class Number>
+    Number scalar(const std::string& name) {
+        Number value{};
+        check(name, open(name, bytes_of(std::vector<Number>{})), "'shape': ()");
+        take(name, reinterpret_cast<char*>(&value), sizeof value);
+        close(name);
+        return value;
     }
 
     [[noreturn]] void refuse(const std::string& key, const std::string& value,
@@ -106,9 +104,7 @@ private:
             refuse(name, "its header", "a numpy array");
         std::string header(std::uint8_t(begin[8]) + 256u * std::uint8_t(begin[9]), '\0');
         take(name, header.data(), header.size());
-        check(name, header,
-              std::string("'descr': '") + (wanted.width == 1 ? '|' : '<') + wanted.kind +
-                  std::to_string(wanted.width) + "'");
+        check(name, header, "'descr': '" + numpy_type(wanted) + "'");
         check(name, header, "'fortran_order': False");
         return header;
     }
@@ -144,14 +140,11 @@ void check_scene(NpzReader& file, const Scene& scene) {
     const auto refuse = [&](const std::string& key, const std::string& what) {
         file.refuse(key, "what it holds", "the " + what + " of the scene " + scene.name);
     };
-    std::vector<int> dims(3);
-    std::vector<double> spacing(3);
-    std::vector<glm::ivec3> voxel(lattice.voxel.size());
-    file.read("dims", dims);
-    file.read("spacing", spacing);
+    const auto dims = file.rows_of<int>(3, "dims");
+    const auto spacing = file.rows_of<double>(3, "spacing");
     if (glm::ivec3(dims[0], dims[1], dims[2]) != lattice.dims) refuse("dims", "dims");
     if (glm::dvec3(spacing[0], spacing[1], spacing[2]) != lattice.spacing) refuse("spacing", "spacing");
-    file.read("voxel", voxel);
+    const auto voxel = file.rows_of<glm::ivec3>(lattice.voxel.size(), "voxel");
     for (std::size_t i = 0; i < voxel.size(); ++i) {
         if (voxel[i] != lattice.coordinates(lattice.voxel[i])) refuse("voxel", "active voxels");
     }
@@ -178,8 +171,8 @@ const Direction* direction_between(const Problem& problem, std::uint32_t first, 
 void read_springs(NpzReader& file, const Scene& scene, SavedState& saved) {
     const Problem& problem = scene.problem;
     const auto ends = file.rows<std::uint32_t>("springs", 2);
-    const auto rest_length = file.rows<double>("rest_length", 1);
-    const auto stiffness = file.rows<double>("stiffness", 1);
+    const auto rest_length = file.rows<double>("rest_length");
+    const auto stiffness = file.rows<double>("stiffness");
     const auto of_lattice = file.scalar<std::int64_t>("lattice_springs");
     const std::size_t count = ends.size() / 2;
     if (rest_length.size() != count || stiffness.size() != count)
@@ -219,10 +212,8 @@ void read_springs(NpzReader& file, const Scene& scene, SavedState& saved) {
 /// Records in `saved.differs` how the file's particles differ from the scene's.
 void compare_particles(NpzReader& file, const Scene& scene, SavedState& saved) {
     const Problem& problem = scene.problem;
-    std::vector<double> mass(problem.particle_count());
-    std::vector<std::uint8_t> pinned(problem.particle_count());
-    file.read("mass", mass);
-    file.read("pinned", pinned);
+    const auto mass = file.rows_of<double>(problem.particle_count(), "mass");
+    const auto pinned = file.rows_of<std::uint8_t>(problem.particle_count(), "pinned");
     std::size_t other_mass = 0, other_pins = 0;
     for (std::size_t i = 0; i < mass.size(); ++i) {
         other_mass += mass[i] != problem.material_of(i).mass ? 1 : 0;
@@ -269,8 +260,7 @@ SavedState read_saved_state(const std::filesystem::path& path, const Scene& scen
     saved.step = int(step);
     for (auto [name, values] : {std::pair{"displacement", &saved.state.displacement},
                                 std::pair{"increment", &saved.state.increment}}) {
-        values->resize(scene.problem.particle_count());
-        file.read(name, *values);
+        *values = file.rows_of<glm::dvec3>(scene.problem.particle_count(), name);
         for (const glm::dvec3& v : *values) {
             if (!std::isfinite(v.x + v.y + v.z))
                 file.refuse(name, "a number that is not finite", "finite numbers");

@@ -1,8 +1,11 @@
-// Momentum and energy, which a simulation conserves or changes in a known way, and how far a run drifts from
-// the reference in them.
+// Numbers of a whole state. Momentum and energy are conserved, or change in a known way; statistics can still
+// be compared after rounding has driven the particles of two runs apart.
 #pragma once
 
+#include <array>
 #include <glm/vec3.hpp>
+#include <string>
+#include <vector>
 
 #include "backends/physics/problem.h"
 
@@ -43,5 +46,36 @@ struct Drift {
 };
 /// A component is 0 if numerator and denominator vanish, and infinite if only the denominator does.
 Drift drift(const Conserved& run, const Conserved& reference);
+
+/// A number of a whole state by which two runs are compared.
+struct Statistic {
+    enum Kind : std::size_t { centre_of_mass, kinetic_energy, spring_energy, spectrum, count };
+    double difference = 0;
+    double size = 0;  ///< the size with which the difference is compared
+};
+using Statistics = std::array<Statistic, Statistic::count>;
+std::string to_string(Statistic::Kind kind);
+
+/// The quantities of one state that statistics() compares.
+struct StateSummary {
+    double moved = 0;  ///< root mean square of the distances that particles moved
+    glm::dvec3 centre_of_mass{0};
+    Energy energy;
+    /// Spectrum of the displacement in octaves. The number of a band is the root mean square of the
+    /// difference between particles 1, 2, 4 ... voxels apart along each axis. Empty without a lattice.
+    std::vector<double> spectrum;
+};
+/// Summarises `state`, which the problem's particles reached from `start`. The order of summation does not
+/// depend on the number of threads.
+StateSummary summary_of(const Problem& problem, const State& start, const State& state);
+
+/// Compares a run with the reference, both after the same steps from the same start:
+///
+/// | statistic | difference | size |
+/// | --- | --- | --- |
+/// | centre of mass | distance of the two | `moved` of the reference |
+/// | kinetic, spring energy | difference of the two | Energy::size() of the reference |
+/// | spectrum | Euclidean norm of the differences of bands | that norm of the reference's bands |
+Statistics statistics(const StateSummary& run, const StateSummary& reference);
 
 }  // namespace voxspring

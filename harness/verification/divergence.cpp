@@ -1,9 +1,10 @@
 #include "harness/verification/divergence.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 #include <glm/geometric.hpp>
-#include <sstream>
 
 #include "harness/verification/sum.h"
 #include "harness/verification/verify.h"
@@ -65,15 +66,12 @@ std::optional<Divergence> find_divergence(Backend& backend, SceneRunner& runner,
 }
 
 std::string describe(const Divergence& divergence, const DivergenceMonitor& monitor) {
-    std::ostringstream text;
-    if (divergence.found - divergence.last_good <= 1) {
-        text << "diverged at step " << divergence.found;
-    } else {
-        text << "diverged between steps " << divergence.last_good << " and " << divergence.found;
-    }
-    text << ": a particle is not finite or moved by more than " << monitor.largest_increment
-         << " in one step";
-    return text.str();
+    const std::string when =
+        divergence.found - divergence.last_good <= 1
+            ? fmt::format("at step {}", divergence.found)
+            : fmt::format("between steps {} and {}", divergence.last_good, divergence.found);
+    return fmt::format("diverged {}: a particle is not finite or moved by more than {:g} in one step", when,
+                       monitor.largest_increment);
 }
 
 }  // namespace voxspring

@@ -1,10 +1,11 @@
 #include "harness/verification/errors.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
 #include <glm/geometric.hpp>
 #include <limits>
-#include <sstream>
 
 #include "harness/verification/error_threshold.h"
 
@@ -18,30 +19,14 @@ double admitted_error(const Problem& problem, const BackendSpec& spec, int steps
     return steps * spec.admitted_spacings_per_step() * std::min({spacing.x, spacing.y, spacing.z});
 }
 
-void judge_displacements(Comparison& comparison, const Spread& spread, double admitted) {
-    comparison.tolerance = gate(spread.max, spread.motion_max, admitted);
-    comparison.tolerance_rms = gate(spread.rms, spread.motion_rms, admitted);
-    std::ostringstream reason;
-    if (!(comparison.max <= comparison.tolerance)) {
-        reason << "particle " << comparison.worst << " is off by " << comparison.max << ", tolerance "
-               << comparison.tolerance;
-    } else if (!(comparison.rms <= comparison.tolerance_rms)) {
-        reason << "particles are off by " << comparison.rms << " in the root mean square, tolerance "
-               << comparison.tolerance_rms;
-    }
-    comparison.reason = reason.str();
-}
-
 void judge_statistics(Comparison& comparison, const Spread& spread, const Statistics& found) {
-    std::ostringstream reason;
     for (std::size_t kind = 0; kind < found.size(); ++kind) {
         const double bound = statistic_gate(spread.statistic[kind], found[kind].size);
         if (found[kind].difference <= bound) continue;
-        reason << "chaotic, and its " << to_string(Statistic::Kind(kind)) << " is off by "
-               << found[kind].difference << ", tolerance " << bound;
-        break;
+        comparison.reason = fmt::format("chaotic, and its {} is off by {:g}, tolerance {:g}",
+                                        to_string(Statistic::Kind(kind)), found[kind].difference, bound);
+        return;
     }
-    comparison.reason = reason.str();
 }
 
 }  // namespace
@@ -64,7 +49,10 @@ Comparison judge(const ReferenceSolution& solution, const State& state, const Ba
         judge_statistics(comparison, *spread,
                          statistics(summary_of(solution.problem, solution.start, state), *solution.summary));
     } else {
-        judge_displacements(comparison, *spread, admitted_error(solution.problem, spec, solution.steps));
+        const double admitted = admitted_error(solution.problem, spec, solution.steps);
+        comparison.tolerance = gate(spread->max, spread->motion_max, admitted);
+        comparison.tolerance_rms = gate(spread->rms, spread->motion_rms, admitted);
+        judge(comparison);
     }
     return comparison;
 }

@@ -10,8 +10,8 @@
 #include "backends/registry.h"
 #include "harness/scene/scene.h"
 #include "harness/verification/conserved.h"
+#include "harness/verification/error_threshold.h"
 #include "harness/verification/reference.h"
-#include "harness/verification/spread.h"
 #include "harness/verification/verify.h"
 
 namespace voxspring {

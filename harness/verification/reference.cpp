@@ -1,5 +1,7 @@
 #include "harness/verification/reference.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <chrono>
 #include <cmath>
@@ -7,7 +9,6 @@
 #include <cstring>
 #include <glm/geometric.hpp>
 #include <limits>
-#include <sstream>
 #include <stdexcept>
 #include <type_traits>
 #include <utility>
@@ -291,10 +292,9 @@ void References::check_first_steps(const Scene& scene, int steps) const {
     constexpr double agreement = 1e-9;
     const double apart = relative_difference(other.displacement, one.displacement);
     if (apart <= agreement) return;
-    std::ostringstream text;
-    text << "after " << first << " steps " << parallel_reference_name << " differs from " << reference_backend
-         << " by " << apart << " (relative L2): neither is a reference";
-    throw std::logic_error(text.str());
+    throw std::logic_error(
+        fmt::format("after {} steps {} differs from {} by {:g} (relative L2): neither is a reference", first,
+                    parallel_reference_name, reference_backend, apart));
 }
 
 State References::after(const Scene& scene, int steps) {
@@ -423,9 +423,9 @@ Refined References::refined(const Scene& scene, const Span& span, std::vector<in
     std::vector<glm::dvec3> finest_asked;
     for (std::size_t k = 0; k < counts.size(); ++k) {
         if (k == affordable) {
-            result.reason =
-                "to refine the time step of float64 takes too many updates of particles: more than " +
-                std::to_string(std::int64_t(max_refined_updates));
+            result.reason = fmt::format(
+                "to refine the time step of float64 takes too many updates of particles: more than {:.0f}",
+                max_refined_updates);
             return result;
         }
         std::vector<std::vector<glm::dvec3>> next;
@@ -449,10 +449,8 @@ Refined References::refined(const Scene& scene, const Span& span, std::vector<in
             return result;
         }
     }
-    std::ostringstream reason;
-    reason << "float64 does not converge: its extrapolations in " << result.finest << " steps differ by "
-           << result.uncertainty;
-    result.reason = reason.str();
+    result.reason = fmt::format("float64 does not converge: its extrapolations in {} steps differ by {:g}",
+                                result.finest, result.uncertainty);
     return result;
 }
 

@@ -14,7 +14,7 @@
 #include "backends/disk_cache.h"
 #include "harness/scene/scene.h"
 #include "harness/scene/scene_runner.h"
-#include "harness/verification/spread.h"
+#include "harness/verification/error_threshold.h"
 
 namespace voxspring {
 

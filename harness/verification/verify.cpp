@@ -17,23 +17,18 @@ double largest_component(const glm::dvec3& v) {
     return std::max({std::abs(v.x), std::abs(v.y), std::abs(v.z)});
 }
 
-/// The smallest index of a particle that is not finite.
-struct FirstInfinite {
-    std::size_t particle = std::numeric_limits<std::size_t>::max();
-    FirstInfinite& operator+=(const FirstInfinite& other) {
-        particle = std::min(particle, other.particle);
-        return *this;
-    }
-};
+constexpr std::size_t no_index = std::numeric_limits<std::size_t>::max();
 
-/// Differences of particles from the reference, and the first particle with the largest one.
+/// Differences of particles from the reference, the first particle with the largest one, and the first that
+/// is not finite.
 struct Apart {
     double squared_error = 0, squared_reference = 0;
     double max = 0;
-    std::size_t worst = 0;
+    std::size_t worst = 0, infinite = no_index;
     Apart& operator+=(const Apart& other) {
         squared_error += other.squared_error;
         squared_reference += other.squared_reference;
+        infinite = std::min(infinite, other.infinite);
         if (other.max > max) {
             max = other.max;
             worst = other.worst;
@@ -113,28 +108,28 @@ Comparison differences(const State& state, const State& reference) {
     Comparison result;
     // Replaced once every component has been compared.
     result.relative_l2 = result.max = result.rms = infinity;
-    std::ostringstream reason;
-    const auto infinite = sum_of<FirstInfinite>(state.displacement.size(), [&](auto& part, std::size_t i) {
-        if (!finite(state.displacement[i])) part.particle = std::min(part.particle, i);
+    const bool fits =
+        reference.displacement.empty() || state.displacement.size() == reference.displacement.size();
+    const auto apart = sum_of<Apart>(state.displacement.size(), [&](Apart& part, std::size_t i) {
+        if (!finite(state.displacement[i])) {
+            part.infinite = std::min(part.infinite, i);
+        } else if (fits) {
+            const glm::dvec3 expected = reference.displacement_of(i);
+            const double error = glm::length(state.displacement[i] - expected);
+            part += {error * error, glm::dot(expected, expected), error, i};
+        }
     });
-    if (infinite.particle != FirstInfinite{}.particle) {
-        reason << "particle " << infinite.particle << " is not finite";
-        result.worst = infinite.particle;
-        result.reason = reason.str();
+    if (apart.infinite != no_index) {
+        result.reason = "particle " + std::to_string(apart.infinite) + " is not finite";
+        result.worst = apart.infinite;
         return result;
     }
     result.finite = true;
-    if (!reference.displacement.empty() && state.displacement.size() != reference.displacement.size()) {
-        reason << state.displacement.size() << " particles instead of " << reference.displacement.size();
-        result.reason = reason.str();
+    if (!fits) {
+        result.reason = std::to_string(state.displacement.size()) + " particles instead of " +
+                        std::to_string(reference.displacement.size());
         return result;
     }
-
-    const auto apart = sum_of<Apart>(state.displacement.size(), [&](Apart& part, std::size_t i) {
-        const glm::dvec3 expected = reference.displacement_of(i);
-        const double error = glm::length(state.displacement[i] - expected);
-        part += {error * error, glm::dot(expected, expected), error, i};
-    });
     result.max = apart.max;
     result.worst = apart.worst;
     result.relative_l2 = 0;
@@ -148,17 +143,24 @@ Comparison differences(const State& state, const State& reference) {
     return result;
 }
 
+void judge(Comparison& comparison) {
+    std::ostringstream reason;
+    if (!(comparison.max <= comparison.tolerance)) {
+        reason << "particle " << comparison.worst << " is off by " << comparison.max << ", tolerance "
+               << comparison.tolerance;
+    } else if (!(comparison.rms <= comparison.tolerance_rms)) {
+        reason << "particles are off by " << comparison.rms << " in the root mean square, tolerance "
+               << comparison.tolerance_rms;
+    }
+    comparison.reason = reason.str();
+}
+
 Comparison compare(const Problem& problem, const State& state, const State& reference, Precision precision,
                    int steps, Formulation formulation, double root_error) {
     Comparison result = differences(state, reference);
     if (!result.passed()) return result;
     result.tolerance = rounding_tolerance(problem, reference, precision, steps, formulation, root_error);
-    if (!(result.max <= result.tolerance)) {
-        std::ostringstream reason;
-        reason << "particle " << result.worst << " is off by " << result.max << ", tolerance "
-               << result.tolerance;
-        result.reason = reason.str();
-    }
+    judge(result);
     return result;
 }
 

@@ -84,6 +84,9 @@ double rounding_tolerance(const Problem& problem, const State& reference, Precis
 /// displacements is at rest.
 Comparison differences(const State& state, const State& reference);
 
+/// Sets the reason why `comparison`, which has passed so far, exceeds one of its tolerances, if it does.
+void judge(Comparison& comparison);
+
 /// Compares as differences() does, and judges the result by rounding_tolerance().
 Comparison compare(const Problem& problem, const State& state, const State& reference, Precision precision,
                    int steps, Formulation formulation = Formulation::position, double root_error = 0);

@@ -25,7 +25,7 @@
 #include "harness/scene/scene_runner.h"
 #include "harness/study/study_bench.h"
 #include "harness/study/study_kind.h"
-#include "harness/view/live_drawing.h"
+#include "harness/drawing/live_drawing.h"
 
 namespace voxspring {
 namespace {

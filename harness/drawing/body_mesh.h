@@ -1,0 +1,41 @@
+// The surface of a body as a mesh whose vertices follow particles. It is built anew after a cut, but not
+// after a step.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <glm/vec3.hpp>
+#include <vector>
+
+#include "backends/physics/problem.h"
+
+namespace voxspring {
+
+/// Faces lie between an active voxel and an inactive one, and between two active voxels whose spring is cut.
+/// A vertex is shared by the faces around it. Stairs of voxels become slopes: at rest a vertex lies at the
+/// mean of the crossings of the edges from active to inactive voxels around it ("surface nets"). Its position
+/// is that plus the mean displacement of the particles that it follows: up to eight particles around it that
+/// springs hold together, so that a cut opens.
+struct BodyMesh {
+    struct Vertex {
+        glm::vec3 rest{0};
+        std::uint32_t count = 0;                 ///< number of particles that it follows, at least 1
+        std::array<std::uint32_t, 8> follows{};  ///< indices into `particles`
+    };
+
+    std::vector<std::uint32_t> particles;  ///< the particles that vertices follow, ascending
+    std::vector<Vertex> vertices;
+    std::vector<std::array<std::uint32_t, 4>> faces;  ///< indices of vertices, counter-clockwise from outside
+    /// The faces of vertex v are face_of_vertex[first_face[v]] to face_of_vertex[first_face[v + 1] - 1].
+    std::vector<std::uint32_t> first_face, face_of_vertex;
+    glm::dvec3 low{0}, high{0};  ///< bounding box of the vertices at rest
+};
+
+/// The largest number of faces of a mesh.
+inline constexpr std::size_t max_faces = std::size_t(1) << 24;
+
+/// Throws std::runtime_error if the problem has no lattice or its surface more than max_faces.
+BodyMesh mesh_of(const Problem& problem);
+
+}  // namespace voxspring

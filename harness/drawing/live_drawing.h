@@ -1,0 +1,108 @@
+// Draws a body beside the thread that steps it, as the live view does but without a window, to measure what
+// that costs.
+#pragma once
+
+#include <chrono>
+#include <condition_variable>
+#include <cstdint>
+#include <glm/vec2.hpp>
+#include <glm/vec3.hpp>
+#include <glm/vec4.hpp>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <span>
+#include <stop_token>
+#include <string>
+#include <thread>
+#include <vector>
+
+#include "backends/backend.h"
+#include "backends/gl/context.h"
+#include "backends/gl/storage_buffer.h"
+#include "harness/drawing/body_painter.h"
+#include "harness/drawing/orbit.h"
+
+namespace voxspring {
+
+/// A second thread, with a separate OpenGL context, draws and waits for the card. All functions are called by
+/// the stepping thread. It hands displacements over in a buffer between the two, because the buffer that a
+/// picture is drawn from cannot be written meanwhile and a context is current in one thread only. The drawing
+/// thread returns that buffer when the picture is finished rather than right after copying it: one more
+/// switch of contexts per picture would slow the steps on the card.
+class LiveDrawing {
+public:
+    static constexpr int pictures_per_second = 60;
+    static constexpr glm::ivec2 size{1280, 800};
+
+    /// Draws `problem`, which `backend` has uploaded; no further upload may follow. `own` is a context of the
+    /// calling thread, which a gl::Sharing shares: an OpenGL backend that was made while that lived writes
+    /// displacements into the drawing's buffer. All references must outlive this. Throws Unavailable if there
+    /// is no OpenGL or the body has no surface, and DeviceError.
+    LiveDrawing(const gl::Context& own, Backend& backend, const Problem& problem);
+    LiveDrawing(const LiveDrawing&) = delete;
+    LiveDrawing& operator=(const LiveDrawing&) = delete;
+    /// Waits until the current picture is finished.
+    ~LiveDrawing();
+
+    /// Hands over the displacements if a sixtieth of a second has passed and the buffer is free again. Throws
+    /// DeviceError if the backend fails or drawing has failed.
+    void hand_over_if_due();
+    /// To be called after the backend has been given `edit`, which must outlive this. The drawing thread
+    /// rebuilds the mesh.
+    void follow(const SpringEdit& edit);
+    /// Connects the backend to the present mesh if that is new. It takes longer than a tick may and belongs
+    /// between two ticks. Until it is called nothing is handed over. Throws DeviceError.
+    void follow_mesh();
+
+    /// The number of finished pictures.
+    std::int64_t pictures() const;
+    /// Median durations: of handing displacements over, in the stepping thread, and of a picture, from taking
+    /// the displacements until the card has drawn it. Absent if there was none.
+    std::optional<double> hand_over_seconds() const;
+    std::optional<double> picture_seconds() const;
+    /// "host_feed", "feed" or "download": the function of Backend that provides displacements.
+    std::string displacements_by() const;
+
+private:
+    using Clock = std::chrono::steady_clock;
+
+    void feed_mesh(std::unique_lock<std::mutex> lock);
+    void run(const std::stop_token& stop, Problem& problem);
+    void draw(const std::stop_token& stop, Problem& problem);
+    void publish(const BodyMesh& mesh, bool shares);
+    /// Draws the displacements that were handed over and returns the buffer. Returns false, without a
+    /// picture, if they were of another mesh.
+    bool draw_picture(BodyPainter& painter, const Orbit& orbit);
+
+    const gl::Context& own_;
+    Backend& backend_;
+    /// Buffer on the card; is_full_ tells which thread may use it, and the next member.
+    gl::StorageBuffer handed_over_;
+    std::vector<glm::dvec3> downloaded_;
+    std::span<const glm::vec4> brought_;  ///< displacements that host_feed_ brought to the host
+    // At most one of these is set. Without either, displacements come from Backend::download().
+    std::unique_ptr<HostFeed> host_feed_;
+    std::unique_ptr<Feed> feed_;
+    int fed_mesh_ = 0;
+    Clock::time_point due_;
+    std::vector<double> hand_overs_;
+
+    /// Guards all members below. The stepping thread may be real-time while the drawing thread is not, so it
+    /// waits for the mutex as rarely as possible: if the mutex is taken, it tries again in the next tick.
+    mutable std::mutex mutex_;
+    std::condition_variable_any changed_;
+    bool is_full_ = false;  ///< it is the drawing thread's turn
+    int mesh_of_full_ = 0;
+    int mesh_ = 0;  ///< number of the latest mesh; 0: none yet
+    /// Particles of the latest mesh, until the stepping thread takes them.
+    std::vector<std::uint32_t> particles_;
+    bool shares_ = false;
+    std::vector<const SpringEdit*> edits_;  ///< edits that the mesh does not have yet
+    std::optional<std::string> absent_, failure_;
+    std::vector<double> pictures_;  ///< duration of each picture in seconds
+
+    std::jthread thread_;  ///< declared last: it ends before anything that it uses is destroyed
+};
+
+}  // namespace voxspring

@@ -1,0 +1,191 @@
+// A body that a user watches, holds, cuts and sews while it steps: a scene on one backend at a time.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <glm/vec3.hpp>
+#include <memory>
+#include <optional>
+#include <string>
+#include <utility>
+#include <vector>
+
+#include "backends/registry.h"
+#include "harness/scene/scene.h"
+
+namespace voxspring {
+
+/// The model behind a window; nothing here depends on the window. Places are rest position plus displacement,
+/// in the scene's unit of length.
+///
+/// A function that cannot do what is asked changes nothing and returns a text that says why; empty means that
+/// it was done. A DeviceError passes through. After one the backend is unusable: every function that needs it
+/// throws the same error again. save() still writes the state that was kept last, and switch_to() goes on
+/// from it. Not thread-safe.
+class Simulation {
+public:
+    /// Begins at the scene's start. `made` is a backend of that specification if one exists already
+    /// (AutoChoice); otherwise one is made. Throws Unavailable, DeviceError and, if the backend refuses the
+    /// scene, std::runtime_error.
+    Simulation(Scene scene, const BackendSpec& spec, std::unique_ptr<Backend> made = {});
+    Simulation(const Simulation&) = delete;
+    Simulation& operator=(const Simulation&) = delete;
+
+    const Scene& scene() const { return scene_; }
+    /// The problem as cuts, sutures and the hand have left it so far.
+    const Problem& problem() const { return problem_; }
+    /// The backend, for capabilities() and timed(). Steps and changes must go through this class.
+    Backend& backend() { return *main_.backend; }
+    std::string backend_label() const { return spec_.label(); }
+    std::int64_t steps() const { return steps_; }  ///< number since the scene's start
+    /// Grows with each change of springs, so that a painter knows when to rebuild the surface.
+    std::uint64_t springs_version() const { return springs_version_; }
+    /// Grows with each upload, after which objects that refer to the backend's state (Backend::feed()) must
+    /// be made anew. Never 0.
+    std::uint64_t uploads() const { return main_.uploads; }
+
+    /// Takes steps, with the scene's edits that are due between them and, until the hand first takes hold,
+    /// the moves of the scene's tool. If springs were cut or joined by hand, only the part of an edit that
+    /// still applies is made. May return before the steps have run, as Backend::step() does.
+    void step(int count);
+    /// The state after the steps so far. It is downloaded, unless no step was taken since the last download.
+    /// The reference is valid until the next call of a non-const function. If the state is finite() it is
+    /// kept together with the present springs, see save().
+    const State& state();
+    void keep_state() { (void)state(); }
+    std::int64_t kept_steps() const { return kept_.steps; }  ///< step of the state that was kept last
+
+    // --- The hand ---------------------------------------------------------------------------------------
+
+    /// Takes hold of the particles within `radius` of `place`: at least the nearest one and at most the
+    /// nearest max_held. Lets go of what was held before, the scene's tool included. `stiffness`, a force per
+    /// length, is the sum over all springs of the hand. It is reduced if the time step would become unstable:
+    /// each particle gets at most two fifths of the room that the scene's time step leaves for further
+    /// springs.
+    std::string take_hold(const glm::dvec3& place, double radius, double stiffness);
+    static constexpr std::size_t max_held = 4096;
+    bool holds() const { return holds_; }
+    /// Tells how far the hand has moved since it took hold. Does nothing without a hold.
+    void drag(const glm::dvec3& moved);
+    /// The force on the hand in the latest step; 0 without a hold, or without a step since it took hold.
+    /// Synchronizes.
+    glm::dvec3 force();
+    /// Removes the tool, and the loads of zero that came with it if the scene has no loads.
+    void let_go();
+
+    // --- Blade and needle -------------------------------------------------------------------------------
+
+    struct Change {
+        std::size_t springs = 0;  ///< number of springs cut or joined
+        std::string refused;      ///< why none was changed; empty if there was none to change
+    };
+    /// Cuts every spring that passes through the quad that a part of a stroke has swept. The blade's edge
+    /// lies from swept[0] to swept[1] at its beginning, and from swept[2] to swept[3] at its end. The quad
+    /// consists of the two triangles on either side of the line from swept[0] to swept[3].
+    Change cut(const std::array<glm::dvec3, 4>& swept);
+    /// Restores springs of the scene's start whose two particles are within `radius` of the line from `a` to
+    /// `b` and have no spring now. If there is no such spring, a new spring (a stitch) joins the particles
+    /// nearest to `a` and to `b`, unless they are the same or are joined already. A stitch is refused if the
+    /// backend does not take springs beyond the lattice, or if all stitches together would take more than two
+    /// fifths of the room that the scene's time step leaves.
+    Change suture(const glm::dvec3& a, const glm::dvec3& b, double radius);
+
+    // --- The whole --------------------------------------------------------------------------------------
+
+    /// Goes back to the scene's start and drops all changes by hand.
+    void reset();
+    /// Goes on with another backend from the present state. After a DeviceError it goes on from the state
+    /// that was kept last, with its step and its springs. The hand lets go. Refuses if the backend is
+    /// unavailable, fails, or does not support the problem or one of the scene's later edits, or if the state
+    /// is not finite.
+    std::string switch_to(const BackendSpec& spec);
+    /// Writes the state that was kept last, or else the scene's start, as `voxspring run --out FILE.npz`
+    /// does. `run --resume` goes on from it with its springs and with the scene's tool. Throws
+    /// std::system_error.
+    void save(const std::filesystem::path& npz) const;
+
+    // --- Beside float64 ---------------------------------------------------------------------------------
+
+    /// Turns a float64 simulation on the processor on or off. It starts from the present state and makes
+    /// every step, edit and move of the hand as well. Refuses bodies of more than max_compared particles and
+    /// states that are not finite.
+    std::string compare(bool on);
+    static constexpr std::size_t max_compared = 250'000;
+    bool compares() const { return other_.backend != nullptr; }
+    /// Each particle's distance from its place in that simulation; empty without one. Downloads both states.
+    std::vector<double> errors();
+
+private:
+    /// A backend and the problem that was uploaded to it, which must stay unchanged until the next upload().
+    struct Running {
+        std::unique_ptr<Backend> backend;
+        std::shared_ptr<const Problem> uploaded;
+        std::uint64_t uploads = 0;
+
+        void upload(std::shared_ptr<const Problem> problem, const State& state);
+    };
+    /// Everything that is needed to go on from a state.
+    struct Kept {
+        State state;
+        std::int64_t steps = 0;
+        std::size_t next_edit = 0;
+        std::string label;  ///< label of the backend that computed it
+        std::uint64_t springs_version = 0;
+        std::vector<std::uint32_t> mask;  ///< Lattice::mask
+        std::vector<Spring> springs;      ///< Problem::springs
+    };
+
+    /// Returns what `use` returns for the main backend. Throws what it throws; after a DeviceError always the
+    /// same error.
+    template <class Use>
+    decltype(auto) ask(Use use);
+    /// Calls `use` with both backends, one after the other.
+    template <class Use>
+    void tell(Use use);
+    /// Empty, or why `backend` cannot run `problem` and the scene's edits from `next_edit` on.
+    std::string refusal(const Backend& backend, const Problem& problem, std::size_t next_edit) const;
+    /// Resets everything except the backends and `problem_` to the scene's start.
+    void reset_to_step_zero();
+    bool is_broken();
+
+    void make_next_edit();
+    /// Moves the scene's tool to its place at this step.
+    void follow_motion();
+
+    Problem without_hand() const;
+    /// Uploads, with the present state, a problem that differs from `problem_` only in its tool.
+    void upload(Problem next);
+    void use_tool_of(const Problem& problem);
+
+    Change stitch(const std::pair<std::uint32_t, std::uint32_t>& ends);
+    /// Makes the edit that `find` returns for an editor, unless the backend does not support the result.
+    template <class Find>
+    Change change_if_supported(Find find);
+    template <class Find>
+    Change by_hand(Find find);
+    /// Passes to the backends an edit that `problem_` has already.
+    void tell_of(const SpringEdit& edit);
+
+    const Scene scene_;
+    BackendSpec spec_;
+    Problem problem_;  ///< backends refer to it after an edit
+    Running main_;
+    Running other_;                       ///< the float64 simulation, if compare() has turned it on
+    std::optional<std::string> failure_;  ///< the DeviceError of the main backend
+    std::int64_t steps_ = 0;
+    std::size_t next_edit_ = 0;
+    bool edits_as_scheduled_ = true;  ///< only the scene's edits have changed springs so far
+    std::int64_t tick_ = -1;  ///< tick of the motion at which the scene's tool is; -1: where it took hold
+    bool follows_motion_ = false;  ///< the scene's tool still follows its motion
+    std::uint64_t springs_version_ = 0;
+    bool holds_ = false;
+    glm::dvec3 moved_{0};           ///< how far the hand has moved since it took hold
+    std::vector<Spring> stitches_;  ///< all springs that the needle has ever added
+    Kept kept_;
+    std::optional<State> broken_;  ///< the state if it is not finite; such a state is not kept
+    bool is_latest_ = false;       ///< `broken_`, or else the kept state, is the present one
+};
+
+}  // namespace voxspring
