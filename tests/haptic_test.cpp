@@ -24,8 +24,8 @@
 #include "harness/base/bad_input.h"
 #include "harness/base/statistics.h"
 #include "harness/base/text.h"
-#include "harness/study/study.h"
 #include "harness/drawing/live_drawing.h"
+#include "harness/study/study.h"
 #include "tests/required.h"
 #include "tests/volume_files.h"
 
