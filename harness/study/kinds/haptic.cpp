@@ -20,12 +20,12 @@
 #include "harness/base/interruption.h"
 #include "harness/base/statistics.h"
 #include "harness/base/text.h"
+#include "harness/drawing/live_drawing.h"
 #include "harness/results/print.h"
 #include "harness/results/row_fields.h"
 #include "harness/scene/scene_runner.h"
 #include "harness/study/study_bench.h"
 #include "harness/study/study_kind.h"
-#include "harness/drawing/live_drawing.h"
 
 namespace voxspring {
 namespace {
