@@ -41,7 +41,9 @@ std::vector<Real> compliances(const Problem& problem, const layout::Placement& p
     if (compliance.empty() && all_terms) compliance.assign(placement.words, 1);
     return compliance;
 }
-/// Empty, or why work groups cannot cover the lattice.
+
+}  // namespace
+
 std::string too_long(const Lattice& lattice, layout::BlockShape shape) {
     const glm::ivec3 groups = covering(lattice.dims, shape);
     for (int axis = 0; axis < 3; ++axis) {
@@ -51,6 +53,8 @@ std::string too_long(const Lattice& lattice, layout::BlockShape shape) {
     }
     return {};
 }
+
+namespace {
 
 template <class Real>
 class ImplicitBackend final : public ComputeBackend<Real> {
