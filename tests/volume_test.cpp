@@ -1038,7 +1038,7 @@ TEST(Segments, AreChosenByNameIdOrValue) {
     for (const std::string word : {"valve: left", "Segment_2", "2"}) {
         const LabelledGrid one = with_labels(volume, Words{word});
         EXPECT_EQ(one.grid.label, (std::vector<std::uint8_t>{0, 0, 1, 1, 0, 0}));
-        EXPECT_EQ(one.counts, counts);
+        EXPECT_EQ(one.counts, (Counts{{"valve: left", 2}}));
         EXPECT_TRUE(one.notes.empty());
     }
     const LabelledGrid turned = with_labels(volume, Words{"scar", "wall"});
