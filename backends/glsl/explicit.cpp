@@ -41,7 +41,7 @@ private:
     using typename ComputeBackend<Real>::Layout;
 
     ListKind kind_of(const Problem& problem) const { return list_kind(problem, this->formulation()); }
-    const BufferLimits& limits() const {
+    const BufferLimits& buffer_limits() const {
         const Device& device = ComputeBackend<Real>::device();
         return device.buffer_limits();
     }
@@ -54,7 +54,7 @@ private:
         // as many.
         if (std::string why = layout::list_entry_refusal(problem, this->formulation()); !why.empty())
             return why;
-        return lists_refusal(problem, this->options(), limits());
+        return lists_refusal(problem, this->options(), buffer_limits());
     }
     layout::Placement place(const Problem& problem) const override { return layout::place_compact(problem); }
 
@@ -66,7 +66,7 @@ private:
                 ? layout::list_by_springs<Real>(problem, layout::ListLayout::vertical, formulation)
                 : layout::list_by_groups<Real>(problem, layout::ListLayout::vertical, formulation);
         step_ = layout::make_explicit_step<Real>(problem, lists, formulation);
-        by_address_ = by_address(problem, this->options(), limits());
+        by_address_ = by_address(problem, this->options(), buffer_limits());
         put_list(neighbours, lists.neighbour);
         put_list(spring_constants, lists.constants);
         put_list(off_lattice_rests, lists.off_lattice_rest);
@@ -119,7 +119,7 @@ private:
         const ListKind kind = kind_of(edited);
         if (kind.secondary != kind_.secondary || layout::longest_list(edit) > step_.shape.slots ||
             (kind.off_lattice_rest && !kind_.off_lattice_rest) ||
-            edit.touched.size() * row_bytes() > limits().max_bytes) {
+            edit.touched.size() * row_bytes() > buffer_limits().max_bytes) {
             this->lay_out_anew();
             return;
         }
