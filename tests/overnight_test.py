@@ -331,7 +331,7 @@ class Progress(Overnight):
     def test_in_a_pipe_is_a_line_every_ten_seconds_while_a_case_says_nothing(self):
         self.study(backends=["faulty_hangs"], scenes=[{"scene": "box@4"}])
         ran = self.run_study("--timeout", 3, code=1, env={**os.environ, "VOXSPRING_PROGRESS_SECONDS": "0.5"})
-        lines = [line for line in ran.stderr.splitlines() if line.startswith("[1/1] box@4 0/1, 0/1 row: faulty_hangs/")]
+        lines = [line for line in ran.stderr.splitlines() if re.match(r"\[1/1\] box@4 0/\d, 0/1 row: faulty_hangs/", line)]
         self.assertGreater(len(lines), 3, ran.stderr)
         self.assertRegex(lines[-1], r"float64, \d s$")
 
@@ -493,7 +493,8 @@ class JournalFile(Overnight):
         def full(size):
             return {"preexec_fn": lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))}
         ran = self.run_study(code=1, **full(5000))
-        self.assert_refused(ran, "cannot write", "result.json.journal", "it misses", "--resume")
+        for word in ("cannot write", "result.json.journal", "it misses", "--resume"):
+            self.assertIn(word, ran.stderr)
         # If the journal is full the study stops.
         ran = self.run_study("--resume", code=1, **full(self.journal.stat().st_size))
         self.assertIn("cannot write", ran.stderr)

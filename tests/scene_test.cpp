@@ -748,8 +748,8 @@ TEST(Scene, AVolumeByItselfSagsByAsManyVoxelsInAnyUnit) {
 TEST(Scene, AVolumeThatFallsOrThatNothingMovesIsSaid) {
     const TemporaryFolder folder;
     folder.write("v.nrrd",
-                 nrrd_file("type: uint8\ndimension: 3\nsizes: 2 1 2\nspacings: 1 1 1\nencoding: raw\n",
-                           std::string(4, '\1')));
+                 nrrd_file("type: uint8\ndimension: 3\nsizes: 2 2 2\nspacings: 1 1 1\nencoding: raw\n",
+                           std::string(8, '\1')));
     const auto notes = [&](const std::string& keys) {
         return volume_scene(folder, "v.nrrd", "", ", " + keys).notes;
     };
