@@ -143,7 +143,7 @@ HWY_INLINE Lanes3<L> low_of(Lanes3<L> high, Lanes3<L> low) {
     return {kept(high.x, low.x), kept(high.y, low.y), kept(high.z, low.z)};
 }
 
-/// All bits in which two registers differ, for each of x, y and z.
+/// The bits in which a and b differ in any of x, y and z; 0 in lanes where they are equal.
 template <class L>
 HWY_INLINE auto difference(Lanes3<L> a, Lanes3<L> b) {
     const MaskTag<L> tag;

@@ -175,8 +175,9 @@ int registers_at_launch(int threads) {
     return registers_of_multiprocessor / rounded_up(threads, 4 * warp) / 8 * 8;
 }
 
-/// Chooses pollers and registers for `plan`; a thread with a tile needs `needed` registers. Returns false if
-/// there are too few.
+/// Chooses how many threads of a block only poll, that is, wait for the values of neighbouring blocks, and
+/// how many registers each thread has. A thread with a tile needs `needed` registers. With `moves_registers`
+/// pollers may give theirs to threads with tiles. Returns false if there are too few registers.
 bool assign_threads_and_registers(BrickPlan& plan, std::size_t polls, int needed, bool moves_registers) {
     const int lanes = plan.shape.lanes();
     constexpr int alike = warps_that_move_registers * warp;

@@ -69,7 +69,8 @@ Motion<Real> make_motion(const Problem& problem);
 /// Active and pinned bits of every particle.
 std::vector<std::uint32_t> state_bits(const Problem& problem);
 
-/// The terms of records/terms.h that `problem` has, except those of lists.
+/// The terms (records/terms.h) of a step that `problem` has. Terms that say how neighbour lists are stored
+/// are not among them.
 std::uint32_t terms_of(const Problem& problem);
 
 }  // namespace voxspring::layout

@@ -290,7 +290,8 @@ private:
         out_.polled_slot.assign(polls, 0);
     }
 
-    // The banks that give the warps of a block the fewest conflicts.
+    // The mapping of particles to banks of shared memory with which warps of a block have the fewest bank
+    // conflicts.
     Banks choose_banks(const std::vector<std::uint32_t>& lanes) const {
         std::vector<glm::ivec3> points;
         for (const std::uint32_t i : lanes) points.push_back(i == resident_none ? glm::ivec3(-1) : at(i));

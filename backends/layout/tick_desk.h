@@ -29,7 +29,8 @@ public:
     /// end.
     void order_end();
 
-    /// Number of the latest order's tick, with which a kernel that is launched now begins.
+    /// Number of the tick that was ordered last. A kernel that is launched now waits for this tick first, so
+    /// that it does not take an older order for a new one.
     std::uint32_t tick() const { return order_.tick; }
     std::uint32_t steps() const { return order_.steps; }
     /// Whether the answer to the latest order has arrived completely. Once true, it stays so.

@@ -126,9 +126,9 @@ public:
     /// stay as they are.
     SpringEdit cut(std::span<const std::pair<std::uint32_t, std::uint32_t>> pairs);
 
-    /// Joins the two faces of a cut again. It joins every two particles that are at most `within` apart at
-    /// rest, that no spring joins, whose spring `shape` would cut, and both of which lack a lattice spring
-    /// that `shape` would cut.
+    /// Closes a cut: adds a spring between every two particles that (a) are at most `within` apart at rest,
+    /// (b) have no spring between them, (c) lie on opposite sides of `shape`, which the line between them
+    /// crosses, and (d) have each lost a lattice spring that crossed `shape`.
     SpringEdit suture(const Shape& shape, double within, std::optional<double> stiffness = {});
 
     /// Joins pairs of different particles. Pairs that are joined already stay as they are.

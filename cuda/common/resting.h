@@ -34,9 +34,10 @@ public:
     void upload(const Problem& problem, const State& state, BlockShape shape, const Stream& stream);
     /// The blocks of the start check: a step from the start that stores nothing.
     ActiveBlocks start_check() const;
-    /// Called when the start check was enqueued: first steps take the blocks that it listed.
+    /// Call it after the start check is enqueued. The first step of each run then takes only the blocks that
+    /// the check has listed, those that are not at rest at the start.
     void start_checked(const Stream& stream);
-    /// For a run that starts from the same state as the last one.
+    /// Prepares a run that starts from the same state as the last one: the first step takes the same blocks.
     void rewind(const Stream& stream);
     /// The next step takes all blocks. It reads buffer `reading` of the particles.
     void wake(int reading, const Stream& stream);

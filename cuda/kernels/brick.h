@@ -44,8 +44,9 @@ struct FullTileMasks {
     static VOXSPRING_HOST_DEVICE bool exists(int /*n*/) { return true; }
 };
 
-/// A thread's particles during a step. `increments_in_memory`: registers have no room for v, which is read
-/// and written when a step moves its particle on.
+/// A thread's particles during a step. `increments_in_memory`: the increments x(t) - x(t - dt) stay in
+/// memory, since registers have no room for them. A step reads and writes the increment of a particle when it
+/// moves the particle.
 template <class Terms, BrickShape shape, bool equal_edges, bool increments_in_memory = false>
 class BrickTile {
 public:

@@ -7,8 +7,8 @@
 
 namespace voxspring {
 
-/// A script's description, and the Python packages that it needs: as modules, and by Debian's names if Debian
-/// has all of them.
+/// What a script does, and the Python packages that it needs: `modules` are their import names, `packages`
+/// their Debian packages, empty unless Debian has every one of them.
 struct Script {
     std::string description, modules, packages;
 };

@@ -285,8 +285,8 @@ std::size_t springs_that_differ(const Scene& scene, const SavedState& saved) {
     std::vector<Spring> other;
     std::set_symmetric_difference(these.begin(), these.end(), those.begin(), those.end(),
                                   std::back_inserter(other), before);
-    // If only the order of the springs differs, forces are summed in another order: that counts as one
-    // difference.
+    // If these lists differ in their order alone, forces are summed in another order, and the bits of a step
+    // differ. That counts as one difference.
     return ends / 2 + std::max<std::size_t>(other.size(), 1);
 }
 

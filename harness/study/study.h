@@ -108,7 +108,8 @@ Result run_study(Study study, const StudyOptions& options);
 /// Whether a result comes from a study that was interrupted.
 bool is_unfinished(const Result& result);
 
-/// Whether anything was measured: a list other than those of skipped, failed and chosen cases has a row.
+/// Whether anything was measured: whether a list of measurements has a row. The lists of cases that were
+/// skipped or failed, and of what `auto` chose, hold none.
 bool has_measured(const Result& result);
 
 }  // namespace voxspring

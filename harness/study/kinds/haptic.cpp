@@ -478,7 +478,8 @@ bool HapticStudy::measure(StudyBench& bench, const BackendSpec& spec,
                           const std::vector<glm::dvec3>& reference) const {
     const Motions motions = motions_of(bench.item());
     std::optional<JournalScope> scope;
-    // Drawn playings run in a separate process, since contexts that share buffers may slow each other down.
+    // The motion is played with and without drawing in two processes, since a drawing context that shares
+    // buffers may slow down the steps even while it draws nothing.
     for (const bool drawn : {false, true}) {
         auto entered = bench.enter(spec, {"haptic", {{"steps", bench.item().steps}, {"drawn", drawn}}});
         if (!entered) break;
