@@ -51,8 +51,8 @@ VOXSPRING_HOST_DEVICE constexpr bool has_class(int k) {
 }
 
 /// The effect on particle i of its spring to neighbour j, (dx, dy, dz) voxels away on a lattice with
-/// `spacing`. The spring is of class k: one class per direction of the stencil up to sign. `relative` is x_i
-/// - x_j, or u_i - u_j if the state consists of displacements.
+/// `spacing`. The spring is of class k (records/march.h): along an axis, or in the plane of two. `relative`
+/// is x_i - x_j, or u_i - u_j if the state consists of displacements.
 template <class Terms, bool equal_edges, class Real>
 VOXSPRING_HOST_DEVICE Pull<Real> class_pull(const MarchStep<Real>& step, const Vector<Real>& spacing,
                                             Vector<Real> relative, int k, int dx, int dy, int dz) {

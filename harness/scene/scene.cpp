@@ -427,7 +427,7 @@ Scene build(SceneFile file_says, const std::string& file, const SceneSizeLimits&
     problem.time_step = choose_time_step(file_says.time_step, scene.stable_time_step, limiting, file);
     set_field(scene.state.displacement, file_says.displacement, 1, problem);
     set_field(scene.state.increment, file_says.velocity, problem.time_step, problem);
-    // Whoever brings a volume may not know these keys; a scene of a box is written with them.
+    // A user who brings a volume may not know these keys; a scene of a box is written with them.
     if (file_says.dataset.type == DatasetType::volume) {
         if (std::string note = why_it_falls_or_rests(scene); !note.empty())
             scene.notes.push_back(std::move(note));
