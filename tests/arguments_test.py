@@ -152,9 +152,10 @@ class Volume(InTemporaryFolder):
         counts = [{"name": "the wall", "voxels": 60}, {"name": "valve", "voxels": 30}]
         self.assertEqual(self.info()["volume"]["labels"], counts)
         self.assertEqual(self.info("--labels", "the wall")["active_particles"], 60)
-        self.assertEqual(self.info("--labels", "the wall,7")["active_particles"], 90)
+        self.assertEqual(self.info("--labels", "the wall, 7")["active_particles"], 90)
         self.assertRegex(voxspring("info", self.file).stdout, r"(?m)^label +the wall: 60 voxels$")
         self.assert_refused(voxspring("info", self.file, "--labels", "floor"), "body.nrrd", "floor", "the wall, valve")
+        self.assert_refused(voxspring("info", self.file, "--parts", "bigest"), "--parts", "bigest", "largest")
         self.file.write_bytes(self.file.read_bytes().replace(b"valve", b"valv\xe9"))
         self.assertEqual(self.info()["volume"]["labels"][1]["name"], "valv\ufffd")
 

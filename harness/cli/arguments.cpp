@@ -108,7 +108,8 @@ glm::dvec3 vector_of(const std::string& option, const std::string& text, double 
 
 /// Numbers or names of segments. Only the volume's file can check the names.
 std::vector<std::string> labels_of(const std::string& text) {
-    const std::vector<std::string> labels = parts_of(text);
+    std::vector<std::string> labels = parts_of(text);
+    for (std::string& label : labels) CLI::detail::trim(label);
     const std::set<std::string> different(labels.begin(), labels.end());
     if (different.contains("")) refuse("--labels", text, "whole numbers or names of segments: 1,2,5");
     if (different.size() < labels.size()) refuse("--labels", text, "each label once");
@@ -198,11 +199,16 @@ void add_volume_options(CLI::App& command, VolumeOptions& volume) {
             "--parts", "largest|N",
             [&volume](const std::string& text) {
                 volume.parts = PartsToKeep{};
-                if (text != "largest")
-                    volume.parts->least =
-                        std::size_t(number_of<std::int64_t>("--parts", text, 2, max_part_particles));
+                if (text == "largest") return;
+                std::int64_t least = 0;
+                const auto [stop, error] = std::from_chars(text.data(), text.data() + text.size(), least);
+                if (error != std::errc() || *stop != '\0' || least < 2 || least > max_part_particles)
+                    refuse("--parts", text,
+                           fmt::format("largest, or a whole number from 2 to {}", max_part_particles));
+                volume.parts->least = std::size_t(least);
             },
-            "Parts that hang together by springs: the largest alone, or those of N particles or more; all")};
+            "Parts of the body to keep, where no spring joins two parts: the largest alone, or those of N "
+            "particles or more; without it, all")};
     for (CLI::Option* option : options) option->group("Of a volume without a scene file");
 }
 
