@@ -1,13 +1,13 @@
 // What a scene needs, as constants that a compiler folds. OpenGL's host writes them as macros; Vulkan's host
 // sets them when it makes a pipeline (0 to 2 are the extents of a work group). A term is true if the scene
-// has it or, with `terms=all`, always.
+// has it or, with `terms=all`, always; DEFICITS is true only by increments.
 #ifdef VULKAN
 layout(constant_id = 3) const bool DAMPING = true;
 layout(constant_id = 4) const bool GRAVITY = true;
 layout(constant_id = 5) const bool PINS = true;
 layout(constant_id = 6) const bool LOADS = true;
 layout(constant_id = 7) const bool MATERIALS = true;
-// Lattice springs are stressed at rest, and the formulation needs to know it.
+// Lattice springs are stressed at rest, and the formulation is by increments, whose forces need that stress.
 layout(constant_id = 8) const bool DEFICITS = true;
 // Groups of springs.
 layout(constant_id = 9) const bool FACES = true;

@@ -725,7 +725,8 @@ TEST(RankRuns, SayWhichRanksAreOnOtherDevices) {
         other{.device = "another card", .uuid = "3"};
     EXPECT_EQ(different_devices({one, alike}), "");
     EXPECT_EQ(different_devices({one, alike, other}),
-              "rank 0 has a card, rank 2 another card: ranks on different devices are not measured as one");
+              "rank 0 has a card, rank 2 another card: ranks on devices of different names are not measured "
+              "together");
     EXPECT_EQ(rank_report_of(to_json(other)).device, "another card");
     EXPECT_EQ(rank_report_of(to_json(other)).uuid, "3");
 }

@@ -45,7 +45,8 @@ public:
     State download() final;
     void monitor(const DivergenceMonitor& monitor) final { next_monitor_ = monitor; }
     std::optional<Divergence> divergence() final;
-    /// "samples_passed", and "fragment_shader_invocations" where the driver counts them.
+    /// Makes one step and counts "samples_passed" in it, and "fragment_shader_invocations" where the driver
+    /// counts them.
     WorkCount count_work() final;
 
     FeedFacet* feeds() final { return this; }

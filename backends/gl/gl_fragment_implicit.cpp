@@ -123,8 +123,9 @@ const Registered entry({
     .name = "gl_fragment_implicit",
     .api = "opengl",
     .addressing = Addressing::by_grid,
-    .summary = "OpenGL fragment shader over the flattened grid, neighbours by place (Mosegaard and Sorensen "
-               "2005).",
+    .summary =
+        "OpenGL fragment shader over the flattened grid, neighbours by grid offset (Mosegaard and Sorensen "
+        "2005).",
     .precisions = {Precision::float32},
     .formulations = every_formulation,
     .tuning = gl::fragment_tuning(),

@@ -11,8 +11,8 @@
 
 namespace voxspring::cuda {
 
-/// How many slots are read together where any groups are in use. The number divides the size of every group:
-/// 6, 12 and 8.
+/// How many slots are read together, unless the kernel is compiled for exactly faces and edges. The number
+/// divides the size of every group: 6, 12 and 8.
 inline constexpr int short_chunk = 2;
 
 /// The index of the neighbour that a list entry names.

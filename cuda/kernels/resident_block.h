@@ -99,7 +99,7 @@ public:
     }
 
 private:
-    static_assert(!Terms::split, "a tagged point has room for three floats");
+    static_assert(!Terms::split, "a tagged point has no room for the low parts of `compensated`");
     static_assert(!shape.part || !in_ticks, "parts do not hear the host at the same step");
     using MotionTerms = typename TermsOfMotion<Terms, has_tool>::type;
     static constexpr bool overlaps = shape.borders != 1U << mixed_border;

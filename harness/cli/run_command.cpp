@@ -57,9 +57,9 @@ int steps_to(double time, const Scene& scene, std::ostream& out) {
     const double time_step = scene.problem.time_step;
     const double steps = std::max(1.0, std::round(time / time_step));
     if (steps > max_run_steps) {
-        throw BadInput(
-            "command line", "--time", std::to_string(time),
-            fmt::format("a time of at most {} steps of {:g} in {}", max_run_steps, time_step, scene.name));
+        throw BadInput("command line", "--time", std::to_string(time),
+                       fmt::format("a time of at most {} steps, which in the scene {} are of {:g}",
+                                   max_run_steps, scene.name, time_step));
     }
     constexpr double rounding = 1e-9;
     if (std::abs(steps * time_step - time) > rounding * time)

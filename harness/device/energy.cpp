@@ -126,7 +126,7 @@ public:
     EnergyUse end() {
         thread_ = {};
         if (error_) std::rethrow_exception(error_);
-        if (leaps_.size() < 2) throw std::runtime_error("the energy counter did not move");
+        if (leaps_.size() < 2) throw std::runtime_error("the energy counter moved fewer than two times");
         EnergyUse use;
         use.seconds = leaps_.back().seconds - leaps_.front().seconds;
         use.watts = (leaps_.back().joules - leaps_.front().joules) / use.seconds;

@@ -61,8 +61,9 @@ std::string Hand::cut(const Controls& controls, glm::ivec2 size) {
     const auto place = painter_.place_at(to);
     const double distance = place ? orbit_.distance_to(*place) : cut_distance_;
     if (distance <= 0 || glm::distance(*cut_from_, to) < stretch) return {};
-    // The cut begins in front of the surface, which may rise towards the eye, and spans both distances, so
-    // that no gap to the previous piece remains where the surface has just fallen or risen.
+    // The blade sweeps a quadrilateral. It begins in front of the surface, which may rise towards the eye. It
+    // spans the distances from the eye at this place of the pointer and at the one before, so that no gap
+    // remains where the surface has just fallen or risen.
     const double before = cut_distance_ > 0 ? cut_distance_ : distance;
     const double depth = double(controls.depth);
     const double nearest = std::min(before, distance) - depth / 2,

@@ -174,7 +174,7 @@ private:
     std::uint64_t at_ = 0;  ///< position within the current period
 };
 
-/// Passes the rest of `stream`, which must be `count` bytes, to `keeper`.
+/// Passes the rest of `stream` to `keeper`. Throws BadInput unless it is exactly `count` bytes.
 void read_rest(ByteStream& stream, const std::string& file, std::uint64_t count, Keeper& keeper,
                std::string_view key, const std::string& accepted) {
     constexpr std::size_t piece = std::size_t{1} << 16;

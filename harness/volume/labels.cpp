@@ -106,7 +106,7 @@ std::set<std::int64_t> occurring_labels(const Volume& volume) {
     return labels;
 }
 
-/// The whole number that `word` spells in the notation of JSON, if it does.
+/// The label that `word` spells, if it is written as std::to_string() writes it and within ±max_label.
 std::optional<std::int64_t> number_of(const std::string& word) {
     const auto number = parse_number<std::int64_t>(word);
     const bool is_label =

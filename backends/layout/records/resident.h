@@ -102,7 +102,8 @@ struct ResidentLinks {
     const std::uint32_t* sent;
     ResidentNeighbour neighbour[2];
 };
-/// The argument of a launch that steps a part of a body. `Step` is ResidentStep or HeldResidentStep.
+/// The argument of a launch that steps one part of a body, while other launches, on the same device or on
+/// others, step the other parts. `Step` is ResidentStep or HeldResidentStep.
 template <class Step>
 struct PartStep : Step {
     ResidentLinks links;
