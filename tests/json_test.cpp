@@ -19,17 +19,6 @@ using ::testing::AllOf;
 using ::testing::HasSubstr;
 using ::testing::StartsWith;
 
-/// The message with which `use` is refused.
-template <class Use>
-std::string refusal(const Use& use) {
-    try {
-        use();
-    } catch (const BadInput& refused) {
-        return refused.what();
-    }
-    return "accepted";
-}
-
 std::string parse_refusal(const std::string& text) {
     return refusal([&] { parse_json(text, "f.json"); });
 }

@@ -10,7 +10,7 @@ namespace {
 
 /// Tools that run one kernel at a time, each recognised by a part of the name of the library that it loads.
 struct Tool {
-    const char* library;
+    const char* soname;
     const char* name;
 };
 constexpr std::array tools = {Tool{"sanitizer-collection", "compute-sanitizer"},
@@ -39,7 +39,7 @@ std::string serialised_by(int kernels, const std::function<const char*(const cha
         return std::string("with CUDA_LAUNCH_BLOCKING=") + blocking + " kernels run one at a time";
     for (const std::string& library : libraries) {
         for (const Tool& tool : tools) {
-            if (library.find(tool.library) != std::string::npos)
+            if (library.find(tool.soname) != std::string::npos)
                 return std::string("under ") + tool.name + " kernels run one at a time";
         }
     }
