@@ -8,9 +8,6 @@ bodies of `fastest` and `figure8`: its backends in the order of their times ther
 first one that a device has and that takes the scene is chosen; of a scene that is edited the first one whose edits do not cost it
 its place: `edited` says how many steps there have to be between two of them. --check writes nothing and exits with 1 if the file is
 not what the results say.
-
-`several_devices` says of each CUDA backend from how many particles on several devices are faster than one, where a machine with
-several has a committed result of `scaling`: the largest number that the model of that study gives for any body.
 """
 
 import json
@@ -115,33 +112,12 @@ def min_steps_between_edits():
     return bounds
 
 
-def several_devices(results):
-    """For each CUDA backend and number of ranks, one per device: from how many particles on they are faster than one rank, for every
-    body that was measured. Nothing where a body of so many particles was slower."""
-    told = [row for result in results for row in result["scaling"]
-            if rows.about_backend(result, row)["family"] == "CUDA" and row["ranks"] > 1
-            and row["scaling"] == "strong" and not row.get("noisy")]
-    found = []
-    for (backend, ranks), own in sorted(groups(told, "backend", "ranks").items()):
-        bodies_of = [min(of_scene, key=lambda row: row["seconds_per_step"]) for of_scene in groups(own, "scene").values()]
-        paying = [row for row in bodies_of if row["efficiency"] * ranks > 1]
-        # If borders travel within steps, the model predicts nothing.
-        particles = max((row["pays_from_particles"] or row["particles"] for row in paying), default=math.inf)
-        if all(row in paying or row["particles"] < particles for row in bodies_of) and paying:
-            found.append({"backend": backend, "devices": ranks, "particles": round(particles)})
-    return found
-
-
 def main():
     commits = {f"{machine}/{study}": rows.result(study, machine)["context"]["voxspring"]["commit"]
                for study, machine in (("fastest", rows.GPU), ("figure8", rows.GPU), ("edits", rows.GPU), ("fastest", rows.CPU))}
     blocks = ",\n".join("    " + json.dumps(rule) for rule in rules())
-    scaling = [path for path in result_files.committed(rows.RESULTS) if result_files.study_of(path) == "scaling"]
-    results = [rows.loaded(path) for path in scaling]
-    commits |= {f"{path.parent.name}/scaling": result["context"]["voxspring"]["commit"] for path, result in zip(scaling, results)}
-    several = json.dumps(several_devices(results))
     edited = json.dumps({"min_steps_between_edits": min_steps_between_edits()})
-    text = (f'{{\n  "made_by": "results/auto_rules.py",\n  "from": {json.dumps(commits)},\n  "edited": {edited},\n  "several_devices": {several},\n'
+    text = (f'{{\n  "made_by": "results/auto_rules.py",\n  "from": {json.dumps(commits)},\n  "edited": {edited},\n'
             f'  "rules": [\n{blocks}\n  ]\n}}\n')
     if "--check" in sys.argv[1:]:
         if not FILE.exists() or FILE.read_text() != text:

@@ -32,26 +32,6 @@ def run(*command, **more):
 class AutoRules(unittest.TestCase):
     """results/auto_rules.py with made-up medians of one machine."""
 
-    def test_several_devices_are_advised_from_the_size_on_that_pays_for_every_body(self):
-        context = {"context": {"voxspring": {"backends": {name: {"title": name.split("_")[0].upper()} for name in
-                                                          ("cuda_march", "cuda_resident", "cpu_parallel")}}}}
-        def row(scene, particles, ranks, efficiency, pays, **more):
-            return {"scene": scene, "backend": "cuda_march", "scaling": "strong", "particles": particles, "ranks": ranks,
-                    "seconds_per_step": 1 / efficiency, "efficiency": efficiency, "pays_from_particles": pays, "noisy": []} | more
-
-        one, two, heart = row("box", 1000, 1, 1.0, None), row("box", 1000, 2, 0.8, 400.0), row("heart", 900, 2, 0.7, 600.0)
-        # A slower way, ranks that share a device, scenes that grow, a smaller body that does not pay, and a processor.
-        more = [row("heart", 900, 2, 0.6, 5000.0), row("ball", 900, 2, 0.9, 9000.0, noisy=["ranks share a device"]),
-                row("growing", 900, 2, 0.9, 9000.0, scaling="weak"), row("small", 100, 2, 0.3, 800.0),
-                row("box", 1000, 2, 0.9, 1.0, backend="cpu_parallel")]
-        advised = [{"backend": "cuda_march", "devices": 2, "particles": 600}]
-        for results, said in (([], []), ([[one]], []), ([[one, two], [heart]], advised), ([[one, two, heart, *more]], advised),
-                              # A larger body that does not pay contradicts them.
-                              ([[two, row("net", 5000, 2, 0.4, None)]], []),
-                              ([[row("box", 1000, 2, 0.8, None, backend="cuda_resident")]],
-                               [{"backend": "cuda_resident", "devices": 2, "particles": 1000}])):
-            self.assertEqual(auto_rules.several_devices([context | {"scaling": own} for own in results]), said)
-
     def test_the_fastest_goes_first_within_particles_and_occupancy(self):
         def row(scene, particles, backend, time, tuning="", formulation="position", voxels=None):
             name = "/".join(part for part in (scene, backend, formulation, "float32", tuning) if part)
