@@ -1,4 +1,5 @@
-// For the preset `lint`: clang-tidy 14 reads what Clang 16 compiles, and Clang 16's omp.h lies where it does not look.
+// For the preset `lint`: clang-tidy 14 reads what Clang 16 compiles, and Clang 16's omp.h lies where it does
+// not look.
 #pragma once
 
 extern "C" {
