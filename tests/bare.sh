@@ -70,7 +70,7 @@ newcomer() {
     done
     chroot "$system" /usr/bin/env -i HOME=/root PATH=/usr/sbin:/usr/bin:/sbin:/bin "${keep[@]}" CCACHE_DIR=/ccache \
         CCACHE_BASEDIR="$home" CCACHE_IGNOREOPTIONS=-Werror CCACHE_COMPILERCHECK=content \
-        CCACHE_SLOPPINESS=pch_defines,time_macros CMAKE_CXX_COMPILER_LAUNCHER=ccache "$@"
+        CMAKE_CXX_COMPILER_LAUNCHER=ccache "$@"
 }
 
 # expect_row RESULT SCENE BACKEND: checks that a study's result has a row of that backend on that scene.
