@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Writes what `--backend auto` chooses by, harness/study/auto_rules.json, from committed results.
+"""Writes what `--backend auto` chooses by, harness/choice/auto_rules.json, from committed results.
 
 Usage: auto_rules.py [--check]
 
@@ -19,7 +19,7 @@ import result_files
 from readme import rows
 from result_files import groups
 
-FILE = pathlib.Path(__file__).resolve().parent.parent / "harness/study/auto_rules.json"
+FILE = pathlib.Path(__file__).resolve().parent.parent / "harness/choice/auto_rules.json"
 # Backends that take every scene: the faster one, which these studies do not measure, then the reference.
 LAST = {"CPU": ["cpu_explicit", "cpu_reference"]}
 # Ranges of the share of its lattice that a body fills.

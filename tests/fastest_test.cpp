@@ -13,9 +13,9 @@
 #include "backends/registry.h"
 #include "harness/base/bad_input.h"
 #include "harness/base/json.h"
+#include "harness/choice/auto_choice.h"
 #include "harness/results/capabilities.h"
 #include "harness/scene/scene_runner.h"
-#include "harness/study/auto_choice.h"
 #include "harness/study/study.h"
 #include "harness/study/study_kind.h"
 

@@ -21,6 +21,7 @@ ROOMS = [
     ["harness/device"],
     ["harness/verification"],
     ["harness/results"],
+    ["harness/choice"],
     ["harness/drawing"],
     ["harness/export"],
     ["harness/simulation"],

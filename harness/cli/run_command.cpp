@@ -16,6 +16,7 @@
 #include "harness/base/interruption.h"
 #include "harness/base/progress.h"
 #include "harness/base/text.h"
+#include "harness/choice/auto_choice.h"
 #include "harness/cli/commands.h"
 #include "harness/export/export.h"
 #include "harness/export/pictures.h"
@@ -24,7 +25,6 @@
 #include "harness/scene/parts.h"
 #include "harness/scene/scene.h"
 #include "harness/scene/scene_runner.h"
-#include "harness/study/auto_choice.h"
 #include "harness/verification/divergence.h"
 #include "harness/verification/reference.h"
 

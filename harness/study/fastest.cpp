@@ -12,11 +12,11 @@
 
 #include "harness/base/statistics.h"
 #include "harness/base/text.h"
+#include "harness/choice/auto_choice.h"
 #include "harness/device/limits.h"
 #include "harness/device/noise.h"
 #include "harness/results/print.h"
 #include "harness/results/row.h"
-#include "harness/study/auto_choice.h"
 
 namespace voxspring {
 namespace {

@@ -10,7 +10,7 @@
 #include "harness/base/bad_input.h"
 #include "harness/base/json.h"
 #include "harness/base/schema_versions.h"
-#include "harness/study/auto_choice.h"
+#include "harness/choice/auto_choice.h"
 #include "harness/study/measure.h"
 #include "harness/study/selection.h"
 #include "harness/study/study_kind.h"

@@ -16,8 +16,8 @@
 #include "backends/disk_cache.h"
 #include "harness/base/interruption.h"
 #include "harness/base/text.h"
+#include "harness/choice/auto_choice.h"
 #include "harness/results/capabilities.h"
-#include "harness/study/auto_choice.h"
 #include "harness/study/selection.h"
 #include "harness/study/study_kind.h"
 

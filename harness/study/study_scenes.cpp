@@ -5,7 +5,7 @@
 #include <utility>
 
 #include "harness/base/bad_input.h"
-#include "harness/study/auto_choice.h"
+#include "harness/choice/auto_choice.h"
 #include "harness/study/selection.h"
 #include "harness/verification/reference.h"
 #include "harness/volume/dataset.h"

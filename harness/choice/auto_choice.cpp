@@ -1,4 +1,4 @@
-#include "harness/study/auto_choice.h"
+#include "harness/choice/auto_choice.h"
 
 #include <algorithm>
 #include <cmath>

@@ -1,4 +1,4 @@
-#include "harness/study/advise.h"
+#include "harness/choice/advise.h"
 
 #include <algorithm>
 #include <set>
