@@ -62,7 +62,8 @@ timed() {
     time "$@"
 }
 
-# Runs a command in the new Debian, with these environment variables only.
+# Runs a command in the new Debian, with these environment variables only. Its builds let warnings pass, so their compilations must not
+# enter the cache of stages that do not.
 newcomer() {
     local proxy keep=()
     for proxy in http_proxy https_proxy no_proxy; do
@@ -70,7 +71,7 @@ newcomer() {
     done
     chroot "$system" /usr/bin/env -i HOME=/root PATH=/usr/sbin:/usr/bin:/sbin:/bin "${keep[@]}" CCACHE_DIR=/ccache \
         CCACHE_BASEDIR="$home" CCACHE_IGNOREOPTIONS=-Werror CCACHE_COMPILERCHECK=content \
-        CMAKE_CXX_COMPILER_LAUNCHER=ccache "$@"
+        CCACHE_NAMESPACE= CCACHE_READONLY=1 CMAKE_CXX_COMPILER_LAUNCHER=ccache "$@"
 }
 
 # expect_row RESULT SCENE BACKEND: checks that a study's result has a row of that backend on that scene.
@@ -85,8 +86,7 @@ try_both() {
     newcomer apt-get -q update --error-on=any >"$kept/log" 2>&1 || cannot "there is no network: $(grep '^E:' "$kept/log" | head -n 1)"
     for study in "${studies[@]}"; do
         echo "bare: ./run study $study"
-        # This build does not treat warnings as errors, so its compilations must not enter the cache of stages that do.
-        timed newcomer CCACHE_READONLY=1 "$home/run" study "$study" --out "$home/$study.json"
+        timed newcomer "$home/run" study "$study" --out "$home/$study.json"
         for backend in cpu_reference cpu_parallel gl_fragment_implicit gl_compute_implicit vulkan_implicit; do
             expect_row "$system$home/$study.json" box@8 $backend
         done
