@@ -63,7 +63,7 @@ timed() {
 }
 
 # Runs a command in the new Debian, with these environment variables only. Its builds let warnings pass, so their compilations must not
-# enter the cache of stages that do not.
+# enter the cache.
 newcomer() {
     local proxy keep=()
     for proxy in http_proxy https_proxy no_proxy; do
@@ -71,7 +71,7 @@ newcomer() {
     done
     chroot "$system" /usr/bin/env -i HOME=/root PATH=/usr/sbin:/usr/bin:/sbin:/bin "${keep[@]}" CCACHE_DIR=/ccache \
         CCACHE_BASEDIR="$home" CCACHE_IGNOREOPTIONS=-Werror CCACHE_COMPILERCHECK=content \
-        CCACHE_NAMESPACE= CCACHE_READONLY=1 CMAKE_CXX_COMPILER_LAUNCHER=ccache "$@"
+        CCACHE_READONLY=1 CMAKE_CXX_COMPILER_LAUNCHER=ccache "$@"
 }
 
 # expect_row RESULT SCENE BACKEND: checks that a study's result has a row of that backend on that scene.
