@@ -171,6 +171,25 @@ class Study(unittest.TestCase):
         self.assertEqual(self.stage_results("release", VOXSPRING_REQUIRE="")[0][-1], "ci ")
         self.assertEqual(self.stage_results("release", VOXSPRING_REQUIRE="cuda,gl")[0][-1], "ci cuda,gl")
 
+    def test_the_quick_tests_take_the_program_that_a_study_built(self):
+        self.stand_in("ccache")
+        said = self.tree / "cmake_said"
+        self.write(self.tools / "cmake", "#!/bin/bash\n"
+                   f'echo "$* ${{CMAKE_CXX_COMPILER_LAUNCHER-}}${{CCACHE_READONLY+ reads}}" >>{said}\n')
+
+        def calls(*stages):
+            said.unlink(missing_ok=True)
+            shutil.rmtree(self.tree / "build/release/gtest", ignore_errors=True)
+            self.stage_results(*stages)
+            return said.read_text().splitlines()
+        self.assertEqual(calls("release"), ["--preset ci ccache", "--build --preset ci ccache"])
+        self.assertEqual(calls(), ["--preset release ccache reads",
+                                   "--build --preset release --target voxspring_quick ccache reads"])
+        rules = self.tree / "build/release/CMakeFiles/rules.ninja"
+        rules.parent.mkdir()
+        rules.write_text("command = /usr/bin/c++ $DEFINES")
+        self.assertEqual(calls(), ["--preset release ", "--build --preset release --target voxspring_quick "])
+
     def count(self, program, ctest=CTEST_RESULTS):
         """What count.py prints of a program's results."""
         self.write(self.tree / "program.xml", program)
