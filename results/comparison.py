@@ -1,31 +1,39 @@
 """What changed between two results, row by row: the one rule for diff.py and for the page's history.
 
-Rows pair by scene, backend, formulation, precision and tuning; those of studies of kind pareto, stability and stress
-by time step, start or measurement as well. A tuning parameter that only one file knows does not keep rows apart while
-it is at its default.
+Rows pair by scene, backend, formulation, precision and tuning; those of studies of kind pareto, stability and stress by time step,
+start or measurement as well. A tuning parameter that only one file knows does not keep rows apart while it is at its default. A row is
+judged by each of its times, a step's, a start's, an edit's, a late tick's, and by its energy; each after the first is a row in the result.
 
-Every pair of times has its ratio of medians, and, of two repetitions on, the 95% bootstrap interval of it. With a
-threshold t a row is slower if Mann-Whitney's U tells the two files apart, at a false discovery rate of 1% over all
-rows, the ratio is beyond 1 + t, and its interval is beyond 1. Where the noise n exceeds 0.8 t, the interval has to be
-beyond 1 + 3n; where n exceeds 20%, no row is slower. The noise of a row is its spread, the larger relative
-interquartile range of the two files, or the upper quartile of the spreads on its device if that is more: load comes
-and goes, and spares some rows. Of rows that their run marked the device's spread is not: what disturbed those is known,
-and did not disturb the others. Faster likewise. A row that is neither, but whose interval reaches beyond the
-threshold, is too noisy to tell; the rest is the same.
+Runs of one program differ by more than repetitions within a run do, on a card by ten times: each process finds its memory elsewhere. So
+two noises are measured. Within runs: the standard error of a median of repetitions (Maritz and Jarrett 1978), by Student's t of
+n1 + n2 - 2 degrees of freedom. Between runs: most rows of two files did not change, so what their ratios scatter by, beyond the noise
+within (Paule and Mandel 1982), is what a change has to stand out from: an empirical null (Efron 2004). It is taken over all rows of one
+kind on one device, by Qn (Rousseeuw and Croux 1993), which nearly half of the rows can change without hiding it, and has the tails of a t
+of 4 degrees of freedom, as the ratios of unchanged rows have. A row's margin is the root of the sum of the squares of both. What rows
+of one API on a device have in common, their median ratio, is the shift of the run: clocks, load, a driver, or code that all of them share.
+It is said, and rows are judged relative to it.
 
-Of a row that its run marked (`noisy`), and of one with fewer than 9 repetitions, the noise counts as 10% at least:
-only a change beyond 30% is one. With 5 repetitions U can tell at 1% only if nearly all rows changed alike, and with
-fewer not even then; what is not slower or faster has too few repetitions. results/README.md says how often the rule is
-wrong.
+With a threshold t, a row is slower if it stands out from the shift by more than its margin and takes 1 + t times as long or more. Margins
+are those of Benjamini and Hochberg (1995) at 5% over all rows of a file. Of a file in which nothing changed, that is the chance that any
+row is called slower or faster. A lone row among m has to pass 5%/m, rows that change together less. To reach margin and threshold a row is
+excused a shift of t/2 at most, so that a shift makes no unchanged row a changed one and hides no changed one. A run is slower as a whole
+if its shift is t or more, of times by the host's clock 30%, or if more rows are slower than t than are faster, by a sign test: half of the
+rows are too many for any to stand out. Faster likewise. A row is the same if its 95% interval relative to the shift is within the
+threshold, or if it changed by less than that. The rest is too noisy to tell.
+
+Of a row that its run marked (`noisy`), and of a backend that adds in any order, only a change beyond 30% is one; so it is where fewer than
+4 rows show what runs differ by. By the host's clock or without repetitions as well, only one beyond three times the time is one.
+results/README.md says how often the rule is wrong.
 
 A counter, which a result's context describes, has no statistics: it is better or worse if it changed by more than the threshold in
 the direction that its result says. Errors are of one state and have no statistics: one grew if it is more than the error factor times
-what it was, or than what float64 is uncertain by if that is more. Of a backend that adds in any order an error is another one each time: it
-counts as no smaller than what rounding was measured to carry the scene.
+what it was, or than what float64 is uncertain by if that is more; smaller changes are told together. Of a backend that adds in any order
+an error is another one each time: it counts as no smaller than what rounding was measured to carry the scene.
 """
 
 import collections
 import dataclasses
+import functools
 import json
 import math
 import pathlib
@@ -42,34 +50,49 @@ PLACES = {"benchmarks": (), "pareto": ("fraction_of_stable",), "stability": ("da
           "overhead": ("handed_over",), "scaling": ("ranks", "cut", "way"), "haptic": ("hertz", "edited", "drawn")}
 # The values of such keys in files that lack them.
 UNSAID = {"drawn": False}
-# The key of a row's time, by list; elsewhere it is `seconds`, the time to an end time.
-CLOCKS = {"energy": "seconds_per_step", "overhead": "seconds_per_step", "scaling": "seconds_per_step",
-          "haptic": "median_seconds"}
+# The times of a row, by list; elsewhere it is `seconds`, the time to an end time. Each after the first is a row in the result.
+TIMES = {"benchmarks": ("real_time", "ready_seconds", "warm_ready_seconds", "edit_seconds_median"),
+         "energy": ("seconds_per_step", "joules_per_step"), "overhead": ("seconds_per_step", "host_seconds_per_step"),
+         "scaling": ("seconds_per_step",), "haptic": ("median_seconds", "p99_seconds")}
+DEVICE_TIMES = {("benchmarks", "real_time"), ("pareto", "seconds")}  # a backend's own clock took these; the host's all others
 # Errors, each with the field that has the uncertainty of its float64 reference.
-ERRORS = {"error_relative_l2": "divergence", "error_max": None, "total_error_relative_l2": "total_error_uncertainty"}
+ERRORS = {"error_relative_l2": "divergence", "error_max": None, "total_error_relative_l2": "total_error_uncertainty",
+          "force_error": None}
 STRESS_ERRORS = ("relative", "spacings")  # units of errors; growth, energies and counts only have gates
 
-CLOCK = "real_time"
-# U of 9 and 9 can reach p = 4e-5, which is below 1% after the correction for up to 243 rows.
-MINIMUM_REPETITIONS = 9
-FALSE_DISCOVERIES = 0.01
+FALSE_ALARMS = 0.05  # how many files in which nothing changed have any row called slower or faster
 CONFIDENCE = 0.95
-RESAMPLES = 2000
-SEED = 1
-# Two runs differ by more than repetitions within one do. If the noise exceeds CALM times the threshold, a change has to exceed
-# NOISE_FACTOR times the noise (results/README.md has the figures). Above HIGHEST_NOISE no change counts.
-NOISE_FACTOR = 3
-CALM = 0.8
-HIGHEST_NOISE = 0.2
-# The least noise of rows that their run marked (harness/device/noise.h marks what moved by more than this), or that have fewer than 9
-# repetitions.
-UNKNOWN_NOISE = 0.1
+# How many rows it takes to tell the shift of a run, and what runs differ by.
+SHIFT_ROWS, NOISE_ROWS = 8, 4
+# Degrees of freedom of what runs differ by. Up to FEW_ROWS the scale itself is uncertain: half of those that rows have are fewer, and by
+# simulation keep false alarms below FALSE_ALARMS.
+TAILS, FEW_ROWS = 4, 5
+# What is beyond noise that nobody measured: of marked rows (harness/device/noise.h marks what moved by more than a third of it) and of
+# lone ones; and of lone ones by the host's clock, or without repetitions, such as a start: a processor's row took 2.6 times as long in one
+# of four studies of an hour. No row is granted more.
+UNKNOWN_NOISE, SINGLE_NOISE = math.log(1.3), math.log(3)
+# Units of metrics that are judged as times are; what is per joule is the inverse of one of them.
+TIMED_UNITS = ("s", "J", "1/J")
+# The logarithm of a change beyond which a margin says no more than that nothing can be told.
+UNTELLABLE = 20
+# What is at the threshold has reached it, whatever the last digit of a logarithm is.
+ROUNDING = 1e-9
+# The least shift of a run that is worth a sentence.
+SAID_SHIFT = 0.002
 # The size of a few roundings of float64, by which the same sums in another order differ.
 FLOAT64_NOISE = 1e-15
 
+CLOCKS = ("min_card_mhz", "min_mhz")
+NEAR = {"the card's least clock in MHz, as rows were measured": 20, "load_avg per processor": 0.25}  # less is no difference
+# What a context says that is of a run, not of how the machine was set up.
+OF_A_RUN = ("date", "executable", "caches", "mhz_per_cpu", "commit", "clean", "counters", "limits", "study", "backends", "unfinished",
+            "load_avg", "temperature_celsius")
+
 WORSE = ("now fails", "error grew", "counter worse", "slower")
-VERDICTS = WORSE + ("faster", "counter better", "new", "gone", "still fails", "not comparable", "too noisy to tell",
-                    "too few repetitions", "same")
+VERDICTS = WORSE + ("faster", "counter better", "new", "gone", "still fails", "not comparable", "too noisy to tell", "same")
+JUDGED = (*WORSE, "faster", "counter better", "too noisy to tell", "same")
+# What --fail-on takes, and the verdicts that then fail as well; `setup` has none.
+FAIL_ON = {"missing": ("gone", "not comparable"), "undecided": ("too noisy to tell",), "setup": ()}
 
 
 @dataclasses.dataclass
@@ -78,6 +101,7 @@ class Rule:
     threshold: float = 0.05  # the least change of a time that counts
     error_factor: float = 1.5  # the least growth of an error that counts
     across_devices: bool = False  # compare results of two devices, each time as a multiple of its device's limit
+    fail_on: tuple = ()  # of FAIL_ON
 
 
 @dataclasses.dataclass
@@ -86,7 +110,8 @@ class Row:
     name: str
     measure: tuple = ()  # particles, springs and steps: two rows are comparable if these agree
     times: list = dataclasses.field(default_factory=list)
-    time: float = None  # used in place of `times` if the file has no repetitions
+    unit: str = "s"
+    kind: tuple = ()  # rows of one kind on one device have the same noise: their list and what is measured
     errors: dict = dataclasses.field(default_factory=dict)
     floors: dict = dataclasses.field(default_factory=dict)
     by_chance: dict = dataclasses.field(default_factory=dict)  # how large an error could be by chance in another run of the same program
@@ -111,15 +136,21 @@ class Result:
         self.context = self.json["context"]["voxspring"]
         self.backends = self.context.get("backends", {})
         self.study = self.context.get("study", {}).get("name")
-        self.less_is_better = {name: about["better"] == "less" for name, about in result_files.counters(self.json).items()
-                               if about["better"] != "neither"}
+        about = {name: (of.get("unit"), of["better"]) for name, of in result_files.counters(self.json).items()}
+        self.less_is_better = {name: better == "less" for name, (unit, better) in about.items()
+                               if better != "neither" and unit not in TIMED_UNITS}
+        self.timed = [name for name, (unit, better) in about.items() if better == "less" and unit in TIMED_UNITS]
         self.rows = collections.defaultdict(list)
+        self.kinds, self.backends_of_rows = set(), set()
         self.unmeasured = {name: {identity_of(row): row.get("reason", "no reason given") for row in self.json.get(name, [])}
                            for name in ("failed", "skipped")}
         for list_name in PLACES:
             for index, row in enumerate(self.json.get(list_name, [])):
                 if list_name != "benchmarks" or row.get("run_type", "iteration") == "iteration":
                     self.add(list_name, row, f"{list_name}[{index}].", across)
+        for row in sum(self.rows.values(), []):
+            if row.kind[0] == "benchmarks" and row.kind[1] != TIMES["benchmarks"][0] and len(set(row.times)) == 1:
+                del row.times[1:]  # a start, which every repetition of the row repeats
         if not self.rows and not any(self.unmeasured.values()):
             self.refuse("the document", sorted(self.json), f"rows in any of {', '.join((*PLACES, *self.unmeasured))}")
 
@@ -155,24 +186,37 @@ class Result:
             entry.counters[counter] = [] if value is None else [value]
         if not row.get("passed", True) or row.get("diverged", False):
             entry.failure = row.get("reason", "beyond its gate")
-        key = "fraction_of_limit" if across else CLOCK if list_name == "benchmarks" else CLOCKS.get(list_name, "seconds")
-        time = row.get(key)
-        if list_name == "benchmarks":
-            if not across and not time:
-                self.refuse(at + key, time, "a number of microseconds above zero")
-            # A time as a multiple of its limit is the inverse of the fraction.
-            entry.times = [1 / time if across else time * 1e-6] if time else []
-            known = self.rows[(identity, place)]
-            if known:
-                known[0].times += entry.times
-                known[0].noisy += entry.noisy
-                for counter, values in entry.counters.items():
-                    known[0].counters.setdefault(counter, []).extend(values)
-                return
-        else:
-            entry.time = (1 / time if across else time) if time else None
-        entry.limitless = across and not time and key in row
-        self.rows[(identity, place)].append(entry)
+        first, *more = TIMES.get(list_name, ("seconds",))
+        if list_name == "benchmarks" and not across and not row.get(first):
+            self.refuse(at + first, row.get(first), "a number of microseconds above zero")
+        entry.kind = (list_name, first)
+        time = row.get("fraction_of_limit" if across else first)
+        # A time as a multiple of its limit is the inverse of the fraction.
+        entry.times = [1 / time if across else time * (1e-6 if list_name == "benchmarks" else 1)] if time else []
+        entry.limitless = across and not time and "fraction_of_limit" in row
+        self.keep(identity, place, entry)
+        for key in [] if across else dict.fromkeys([*more, *self.timed]):
+            if key != first and row.get(key):
+                self.keep(identity, (*place, ("measured", json.dumps(key))), Row(
+                    entry.name, entry.measure, [row[key]], "J" if "joules" in key else "s", (list_name, key), noisy=list(entry.noisy)))
+
+    def keep(self, identity, place, entry):
+        """Adds a row, or the repetition of a row that is known."""
+        self.kinds.add(entry.kind)
+        self.backends_of_rows.add(identity[1])
+        known = self.rows[(identity, place)]
+        if not known or entry.kind[0] != "benchmarks":
+            known.append(entry)
+            return
+        known[0].times += entry.times
+        known[0].noisy += entry.noisy
+        for counter, values in entry.counters.items():
+            known[0].counters.setdefault(counter, []).extend(values)
+
+    def card(self, backend):
+        """What the noise of a backend belongs to, whatever its API calls the device: (identity, name)."""
+        name, card = self.device(backend)
+        return (card, self.context.get("gpu") or name) if card else (name, name)
 
     def device(self, backend):
         """(name, card) of what a backend ran on; a processor is another one with another number of cores."""
@@ -206,70 +250,147 @@ def rename(old, new):
     return len(names)
 
 
+def quartiles(times):
+    return statistics.quantiles(times, n=4, method="inclusive") if len(times) > 1 else 3 * [times[0]]
+
+
+@functools.cache
+def weights(count):
+    """What each of so many repetitions, by size, contributes to their median in a bootstrap of infinitely many resamples."""
+    import numpy  # pylint: disable=import-outside-toplevel  # so that --help of diff.py and report.py needs no packages
+    import scipy.special  # pylint: disable=import-outside-toplevel
+    return numpy.diff(scipy.special.betainc((count + 1) / 2, (count + 1) / 2, numpy.arange(count + 1) / count))
+
+
+def squared_error(times):
+    """Of the logarithm of the median of repetitions, after Maritz and Jarrett."""
+    import numpy  # pylint: disable=import-outside-toplevel
+    logarithms = numpy.log(sorted(times))
+    return weights(len(times)) @ (logarithms - weights(len(times)) @ logarithms)**2
+
+
 def compare_times(old, new):
-    """Medians and their ratio; as far as there are repetitions for them its interval, the spread, and U's p."""
-    # Imported here, so that --help of diff.py and report.py needs no packages.
+    """Medians and their ratio; the spread and the standard error of its logarithm, as far as there are repetitions for them."""
+    (low, before, high), (new_low, after, new_high) = quartiles(old), quartiles(new)
+    several = min(len(old), len(new)) > 1
+    return {"old": before, "new": after, "ratio": after / before, "interval": [None, None],
+            "spread": max((high - low) / before, (new_high - new_low) / after) if several else None,
+            "error": math.sqrt(squared_error(old) + squared_error(new)) if several else None, "shift": None, "least": None}
+
+
+def scale_of(values):
+    """Rousseeuw and Croux's Qn: the standard deviation of normal values, whatever becomes of nearly half of them."""
     import numpy  # pylint: disable=import-outside-toplevel
-    import scipy.stats  # pylint: disable=import-outside-toplevel
-    samples = [numpy.asarray(old), numpy.asarray(new)]
-    medians = [float(numpy.median(sample)) for sample in samples]
-    found = {"old": medians[0], "new": medians[1], "ratio": medians[1] / medians[0], "interval": [None, None],
-             "spread": None, "noise": None, "p": None, "q": None}
-    if min(len(old), len(new)) < 2:
-        return found
-    interval = scipy.stats.bootstrap(
-        samples, lambda a, b, axis: numpy.median(b, axis=axis) / numpy.median(a, axis=axis), method="percentile",
-        n_resamples=RESAMPLES, confidence_level=CONFIDENCE, random_state=numpy.random.default_rng(SEED))
-    found["interval"] = [float(end) for end in interval.confidence_interval]
-    found["spread"] = max(float(scipy.stats.iqr(sample)) / median for sample, median in zip(samples, medians))
-    if can_tell(len(old), len(new)):
-        tied = len(set(old) | set(new)) < len(old) + len(new)
-        small = max(len(old), len(new)) <= 50
-        found["p"] = float(scipy.stats.mannwhitneyu(*samples, method="exact" if small and not tied else "asymptotic").pvalue)
-    return found
+    count, half = len(values), len(values) // 2 + 1
+    of_few = {4: 0.512, 5: 0.844, 6: 0.611, 7: 0.857, 8: 0.669, 9: 0.872}
+    differences = numpy.abs(numpy.subtract.outer(values, values))[numpy.triu_indices(count, 1)]
+    wanted = math.comb(half, 2) - 1
+    return 2.2219 * numpy.partition(differences, wanted)[wanted] * of_few.get(count, count / (count + (1.4 if count % 2 else 3.8)))
 
 
-def min_p(old, new):
-    """The least p that Mann-Whitney's U can have, two-sided, of so many repetitions."""
-    return 2 / math.comb(old + new, old)
-
-
-def can_tell(old, new):
-    return min_p(old, new) < FALSE_DISCOVERIES
-
-
-def complete_times(rows, device, marked):
-    """What takes all rows: the noise of the device that `device` says each ran on, and Benjamini and Hochberg's q."""
-    spreads = collections.defaultdict(list)
-    rows = [row for row in rows if row["time"] and row["time"]["spread"] is not None]
-    if not rows:
-        return
+def noise_between(values, errors):
+    """What runs differ by beside the errors of their medians, so that both explain the scatter of values, after Paule and Mandel."""
     import numpy  # pylint: disable=import-outside-toplevel
-    for row in rows:
-        if not marked(row):
-            spreads[device(row)].append(row["time"]["spread"])
-    for row in rows:
-        of_device = float(numpy.quantile(spreads[device(row)] or [0], 0.75))
-        unknown = marked(row) or min(row["repetitions"]) < MINIMUM_REPETITIONS
-        row["time"]["noise"] = max(row["time"]["spread"], of_device, UNKNOWN_NOISE if unknown else 0)
-    times = [row["time"] for row in rows if row["time"]["p"] is not None]
-    least = 1.0
-    ordered = sorted(times, key=lambda time: time["p"], reverse=True)
-    for rank, time in zip(range(len(ordered), 0, -1), ordered):
-        least = time["q"] = min(least, time["p"] * len(ordered) / rank)
+    low, high = 0, scale_of(values)
+    for _ in range(12 if errors.any() else 0):
+        middle = (low + high) / 2
+        low, high = (middle, high) if scale_of(values / numpy.hypot(middle or 1, errors)) > 1 else (low, middle)
+    return high
 
 
-def judge_time(time, threshold):
-    """The verdict on a time that has a q."""
-    low, high = time["interval"]
-    def beyond(ratio, near_end):
-        return (time["q"] < FALSE_DISCOVERIES and ratio > 1 + threshold and time["noise"] <= HIGHEST_NOISE
-                and near_end > (1 + NOISE_FACTOR * time["noise"] if time["noise"] > CALM * threshold else 1))
-    if beyond(time["ratio"], low):
-        return "slower"
-    if beyond(1 / time["ratio"], 1 / high):
-        return "faster"
-    return "too noisy to tell" if max(high, 1 / low) > 1 + threshold or time["noise"] > HIGHEST_NOISE else "same"
+@dataclasses.dataclass
+class Timed:
+    """A row that has times in both files, and what their noise depends on."""
+    row: dict
+    device: tuple  # its identity and its name
+    api: str
+    kind: tuple
+    by_host: bool  # whether the host's clock took the times
+    unknown: bool  # whether its run marked it, or its backend adds in any order
+
+
+def judge_times(timed, threshold):
+    """Completes the times of rows with verdicts; returns the verdict of each and the shifts of the run."""
+    import numpy  # pylint: disable=import-outside-toplevel
+    import scipy.special  # pylint: disable=import-outside-toplevel
+    times, counts = [one.row["time"] for one in timed], [one.row["repetitions"] for one in timed]
+    changes = numpy.log([time["ratio"] for time in times])
+    # Without repetitions in both files there is no noise but that between runs; without those of one, a row cannot be told.
+    errors = numpy.array([time["error"] if min(of) > 1 else 0 if max(of) == 1 else math.inf for time, of in zip(times, counts)])
+    degrees = numpy.array([max(1, sum(of) - 2) for of in counts])
+    shifts, scales, tails = (numpy.zeros(len(timed)) for _ in range(3))
+    samples, lone = numpy.full(len(timed), math.inf), numpy.zeros(len(timed))
+    floors = numpy.array([UNKNOWN_NOISE * one.unknown for one in timed])
+    together = []
+    for (device, kind), numbered in result_files.groups(enumerate(timed), lambda of: of[1].device, lambda of: of[1].kind).items():
+        apis = {api: [index for index, _ in of] for (api,), of in result_files.groups(numbered, lambda of: of[1].api).items()}
+        everyone = sum(apis.values(), [])
+        many = {api: of for api, of in apis.items() if len(of) >= SHIFT_ROWS}
+        # Rows of an API that has few have the shift of their device.
+        for of in [everyone] * (len(everyone) >= SHIFT_ROWS) + list(many.values()):
+            shifts[of], samples[of] = numpy.median(changes[of]), len(of)
+        told = [index for index in everyone if errors[index] < math.inf]
+        if len(told) >= NOISE_ROWS:
+            scales[everyone] = noise_between(changes[told] - shifts[told], errors[told])
+        else:
+            lone[everyone] = [SINGLE_NOISE if max(counts[index]) == 1 or timed[index].by_host else UNKNOWN_NOISE for index in everyone]
+        tails[everyone] = TAILS if len(everyone) > FEW_ROWS else max(1, len(everyone) - 1) / 2
+        if len(everyone) >= SHIFT_ROWS:
+            together += [(device, api, kind, of) for api, of in (many or {" and ".join(sorted(apis)): everyone}).items()]
+
+    def student(chance, freedom):
+        values, places = numpy.unique(freedom, return_inverse=True)
+        return -scipy.special.stdtrit(values, chance / 2)[places]
+
+    def margins(chance, unmeasured):
+        # The median of so many rows that the shift is has an error as well.
+        between = student(chance, tails) * scales * numpy.sqrt(1 + math.pi / 2 / samples)
+        within = student(chance, degrees) * errors
+        return numpy.hypot(numpy.maximum(numpy.minimum(between, SINGLE_NOISE), unmeasured), within)
+
+    least, excused = math.log1p(threshold), math.log1p(threshold / 2)
+    rest, effects, tests = changes - shifts, changes - numpy.clip(shifts, -excused, excused), len(timed) + 2 * len(together)
+    # How far a row is from unchanged, whether the shift is a drift or a change of most rows.
+    strengths = numpy.where(rest * effects > 0, numpy.minimum(abs(rest), abs(effects)), 0)
+    # Benjamini and Hochberg: the most rows of which as many pass the level of so many.
+    count, found = len(timed), numpy.zeros(len(timed), bool)
+    while count and (found := strengths > numpy.maximum(margins(FALSE_ALARMS * count / tests, lone), floors)).sum() < count:
+        count = int(found.sum())
+    needed, uncertain = numpy.maximum(margins(FALSE_ALARMS / tests, lone), floors), margins(1 - CONFIDENCE, 0)
+    signs = numpy.where(abs(effects) >= least - ROUNDING, numpy.sign(effects), 0)
+    verdicts = []
+    for index, time in enumerate(times):
+        time["shift"] = math.exp(shifts[index]) if samples[index] < math.inf else None
+        if needed[index] < UNTELLABLE:
+            time["least"] = math.expm1(needed[index])
+        if 0 < uncertain[index] < UNTELLABLE:
+            time["interval"] = [math.exp(changes[index] - uncertain[index]), math.exp(changes[index] + uncertain[index])]
+        if found[index] and signs[index]:
+            verdicts.append("slower" if signs[index] > 0 else "faster")
+        else:
+            verdicts.append("same" if found[index] or abs(rest[index]) + uncertain[index] <= least else "too noisy to tell")
+    said = []
+    for device, api, kind, of in together:
+        shift, on_host = shifts[of[0]], sum(timed[index].by_host or timed[index].unknown for index in of) > len(of) / 2
+        error = student(FALSE_ALARMS / tests, tails[of])[0] * scales[of[0]] * math.sqrt(math.pi / 2 / len(of))
+        verdict = int(numpy.sign(shift)) if abs(shift) >= max(error, UNKNOWN_NOISE if on_host else least - ROUNDING) else 0
+        slow, fast = (int(sum(signs[of] == sign)) for sign in (1, -1))
+        if not (verdict or on_host) and slow > fast and scipy.special.bdtrc(slow - 1, slow + fast, 0.5) < FALSE_ALARMS / tests:
+            verdict = 1
+        said.append({"device": device[1], "api": api, "measured": kind[1], "rows": len(of), "ratio": math.exp(shift),
+                     "interval": [math.exp(shift - error), math.exp(shift + error)], "slow": slow, "fast": fast,
+                     "verdict": {1: "slower", -1: "faster"}.get(verdict, "same")})
+    return verdicts, said
+
+
+def is_clearly_slower(times, other, marked, threshold=Rule.threshold):
+    """Whether `other` takes longer than `times`, of two rows of one run: beyond the threshold, and beyond what repetitions vary by."""
+    import scipy.special  # pylint: disable=import-outside-toplevel
+    if min(len(times), len(other)) < 3:
+        return False
+    found = compare_times(times, other)
+    margin = -scipy.special.stdtrit(len(times) + len(other) - 2, (1 - CONFIDENCE) / 2) * found["error"]
+    return math.log(found["ratio"]) > max(math.log1p(threshold), margin, UNKNOWN_NOISE if marked else 0)
 
 
 def grown(old, new, factor):
@@ -278,7 +399,7 @@ def grown(old, new, factor):
     for key in [] if old.chaotic or new.chaotic else old.errors.keys() & new.errors.keys():
         before, after = old.errors[key], new.errors[key]
         # A missing total error is not an infinite one: a study may not have asked for it.
-        if before is None or (after is None and key != "measured"):
+        if before is None or after is None and key.startswith("total"):
             continue
         floor = max(FLOAT64_NOISE, old.floors.get(key) or 0, new.floors.get(key) or 0, old.by_chance.get(key, 0))
         if after is None or after > factor * max(before, floor):
@@ -296,30 +417,38 @@ def moved(counters, less_is_better, threshold):
 
 
 def pair(old, new, options):
-    """A list of compared rows, as results/diff.schema.json has them."""
-    compared, marked = [], {}
+    """A list of compared rows and one of the shifts of the run, as results/diff.schema.json has them."""
+    compared, timed, reasons = [], [], {}
     for identity, place in dict.fromkeys([*old.rows, *new.rows]):
         before, after = old.rows.get((identity, place), []), new.rows.get((identity, place), [])
+        whole = tuple(of for of in place if of[0] != "measured")
+        if whole != place and (((identity, whole) in old.rows) != ((identity, whole) in new.rows) or
+                               old.kinds.isdisjoint(kinds := {row.kind for row in before + after}) or new.kinds.isdisjoint(kinds)):
+            continue  # the whole row is gone or new, or the file does not measure this of any row
         for index in range(max(len(before), len(after))):
             a, b = (rows[index] if index < len(rows) else None for rows in (before, after))
             row = dict(zip(IDENTITY, identity), place={key: json.loads(value) for key, value in place},
-                       contender=(b or a).name, verdict="", detail="",
+                       contender=(b or a).name, verdict="", detail="", unit="times_limit" if options.across_devices else (b or a).unit,
                        repetitions=[len(r.times) if r else 0 for r in (a, b)], time=None, errors=None, counters=None)
             compared.append(row)
             if a and b:
                 row["errors"] = {key: [a.errors[key], b.errors[key]] for key in a.errors if key in b.errors}
                 differ = [f"{key} {dict(a.measure)[key]} -> {value}" for key, value in b.measure
                           if dict(a.measure).get(key, value) != value]
-                if not differ:
-                    times = [r.times or ([r.time] if r.time else []) for r in (a, b)]
-                    row["time"] = compare_times(*times) if all(times) else None
-                    marked[id(row)] = "; ".join(dict.fromkeys(a.noisy + b.noisy))
+                if not differ and a.times and b.times:
+                    row["time"] = compare_times(a.times, b.times)
                 row["verdict"], row["detail"] = judge_state(a, b, row, differ, options)
                 row["counters"] = {name: [statistics.median(one.counters[name]) for one in (a, b)] for name in a.counters
                                    if a.counters[name] and b.counters.get(name)}
                 worse, better = moved(row["counters"], new.less_is_better | old.less_is_better, options.threshold)
                 if row["verdict"] in ("", "same") and (worse or better):
                     row["verdict"], row["detail"] = f"counter {'worse' if worse else 'better'}", "; ".join(filter(None, (worse, better)))
+                if row["time"] and row["verdict"] in ("", "error grew", "counter worse", "counter better"):
+                    on = new.backends.get(row["backend"], {})
+                    any_order = not on.get("deterministic", True)
+                    reasons[id(row)] = "; ".join(dict.fromkeys(a.noisy + b.noisy + ["the backend adds in any order"] * any_order))
+                    timed.append(Timed(row, new.card(row["backend"]), result_files.limits_of(on) or "any API", b.kind,
+                                       on.get("clock") == "steady_clock" or b.kind not in DEVICE_TIMES, bool(reasons[id(row)])))
             elif b:
                 failed = identity in old.unmeasured["failed"]
                 row["verdict"], row["detail"] = (("now fails", b.failure) if b.failure else
@@ -329,47 +458,19 @@ def pair(old, new, options):
             else:
                 reason = new.unmeasured["skipped"].get(identity)
                 row["verdict"], row["detail"] = "gone", f"skipped: {reason}" if reason else ""
-    complete_times(compared, lambda row: new.device(row["backend"]), lambda row: marked[id(row)])
-    for row in compared:
-        if row["time"] and row["verdict"] in ("", "error grew", "counter worse", "counter better"):
-            verdict, detail = judge_repetitions(row, options.threshold)
-            if marked[id(row)] and verdict != "same":
-                detail = "; ".join(filter(None, (detail, marked[id(row)])))
-            if not row["verdict"]:
-                row["verdict"], row["detail"] = verdict, detail
-            elif verdict == "slower" and row["verdict"] not in WORSE:
-                row["verdict"], row["detail"] = verdict, "; ".join(filter(None, (detail, row["detail"])))
-            elif verdict in ("slower", "faster"):
-                row["detail"] += f"; {verdict}"
+    verdicts, shifts = judge_times(timed, options.threshold) if timed else ([], [])
+    for row, verdict in zip((one.row for one in timed), verdicts):
+        if not row["verdict"] or verdict == "slower" and row["verdict"] not in WORSE:
+            row["verdict"], row["detail"] = verdict, "; ".join(filter(None, (reasons[id(row)] * (verdict != "same"), row["detail"])))
+        elif verdict in ("slower", "faster"):
+            row["detail"] += f"; {verdict}"
     known = {tuple(row[key] for key in IDENTITY) for row in compared if row["verdict"].endswith("fails")}
     for identity, reason in new.unmeasured["failed"].items():
         if identity not in known:
             verdict = "still fails" if identity in old.unmeasured["failed"] else "now fails"
             compared.append(dict(zip(IDENTITY, identity), place={}, contender=" ".join(identity[1:4]), verdict=verdict,
-                                 detail=reason, repetitions=[0, 0], time=None, errors=None, counters=None))
-    return sorted(compared, key=lambda row: VERDICTS.index(row["verdict"]))
-
-
-def judge_repetitions(row, threshold):
-    """The verdict on a time and its detail, in words."""
-    old, new = row["repetitions"]
-    verdict = judge_time(row["time"], threshold) if row["time"]["q"] is not None else ""
-    if verdict in ("slower", "faster") or min(old, new) >= MINIMUM_REPETITIONS:
-        return verdict, ""
-    if not old or not new:
-        return "too few repetitions", f"the file has one time of each, {MINIMUM_REPETITIONS} are needed"
-    return "too few repetitions", (f"{old} and {new}, of which p is {min_p(old, new):.2g} at best; {MINIMUM_REPETITIONS} "
-                                   "are needed")
-
-
-def is_clearly_slower(times, other, marked, threshold=Rule.threshold):
-    """Whether `other` takes longer than `times`, of one machine and of different runs: as the rule has it of two results,
-    but for U, which answers whether a row changed and asks for more repetitions than a choice among rows does."""
-    if min(len(times), len(other)) < 3:
-        return False
-    found = compare_times(times, other)
-    noise = max(found["spread"], UNKNOWN_NOISE if marked else 0)
-    return found["interval"][0] > 1 + max(threshold, NOISE_FACTOR * noise if noise > CALM * threshold else 0)
+                                 detail=reason, unit="s", repetitions=[0, 0], time=None, errors=None, counters=None))
+    return sorted(compared, key=lambda row: VERDICTS.index(row["verdict"])), shifts
 
 
 def judge_state(a, b, row, differ, options):
@@ -389,60 +490,101 @@ def judge_state(a, b, row, differ, options):
     return "same", ""
 
 
-def devices(old, new, options):
-    """Notes on what the two files ran on; refuses two devices unless that is asked for."""
-    backends = [{identity[1] for identity, _ in result.rows} for result in (old, new)]
+def check_devices(old, new, options):
+    """Refuses files without a common backend, and two devices unless these are asked for."""
+    backends = [result.backends_of_rows for result in (old, new)]
     tried = [of | {identity[1] for identity in result.unmeasured["failed"]} for of, result in zip(backends, (old, new))]
     if not tried[0] & tried[1]:
         raise BadInput(f"{new.path}: rows: {', '.join(sorted(tried[1])) or 'none'}: expected a backend that {old.path} has: "
                        f"{', '.join(sorted(tried[0])) or 'none'}")
-    cards = False
     for backend in sorted(backends[0] & backends[1]):
-        (before, card), (after, other_card) = old.device(backend), new.device(backend)
+        before, after = old.device(backend)[0], new.device(backend)[0]
         if before != after and not options.across_devices:
             raise BadInput(f"{new.path}: context.voxspring.backends.{backend}.device: {json.dumps(after)}: expected "
                            f"{json.dumps(before)}, as in {old.path}, or --across-devices to compare fractions of their limits")
-        cards |= before == after and card != other_card
-    notes = ["the card is another one of the same model"] if cards else []
-    for key in ("gpu", "driver", "gl_renderer", "cpu", "compiler", "flags", "study_flags", "cuda_compiler", "cuda_flags"):
-        before, after = old.context.get(key), new.context.get(key)
-        if before != after and key in old.context and key in new.context:
-            notes.append(f"{key}: {before} -> {after}")
-    studies = [old.study, new.study]
-    if studies[0] != studies[1]:
-        notes.append(f"the studies differ ({studies[0]}, {studies[1]}), and with them what ran in between")
-    return notes
 
 
-def common_shift(rows, result, threshold):
-    """Notes on devices whose rows all moved the same way, which one kernel does not explain."""
-    ratios = collections.defaultdict(list)
-    for row in rows:
-        if row["time"]:
-            ratios[result.device(row["backend"])[0]].append(row["time"]["ratio"])
-    return [f"all {len(of)} rows on {device} moved together, x {statistics.median(of):.3f} ({min(of):.3f} to {max(of):.3f}):"
-            " clocks, load, driver or shared code rather than one kernel"
-            for device, of in ratios.items() if len(of) >= 4 and (min(of) > 1 or max(of) < 1)
-            and abs(math.log(statistics.median(of))) > math.log1p(threshold) / 2]
+def setup(old, new):
+    """What differs in how the machines of two results were set up and what they were doing, as far as both say it."""
+    def flat(value, name=""):
+        if not isinstance(value, dict):
+            return {name: value}
+        return {key: one for own, of in value.items() if own not in OF_A_RUN for key, one in flat(of, own).items()}
+
+    said = []
+    for result in (old, new):
+        context = {(key, ""): value for key, value in flat(result.json["context"]).items()}
+        context |= {(key, name): value for name, on in result.backends.items() for key, value in on.items() if key != "device"}
+        if clocks := [row[key] for name in PLACES for row in result.json.get(name, []) for key in CLOCKS if row.get(key)]:
+            context["the card's least clock in MHz, as rows were measured", ""] = statistics.median(clocks)
+        if load := result.json["context"].get("load_avg"):
+            context["load_avg per processor", ""] = round((load[0] or 0) / (result.json["context"].get("num_cpus") or 1), 2)
+        said.append(context)
+    found = collections.defaultdict(list)
+    for key, name in sorted(said[0].keys() & said[1].keys()):
+        before, after = said[0][key, name], said[1][key, name]
+        if before != after and not (key in NEAR and abs(before - after) < NEAR[key]):
+            found[key, result_files.shown(before, 200), result_files.shown(after, 200)].append(name)
+    return [f"{key}{' of ' * any(names)}{', '.join(names[:3])}{' and others' * (len(names) > 3)}: {before} -> {after}"
+            for (key, before, after), names in found.items()]
+
+
+def absent(old, new):
+    """The backends and the measurements that the first of two files has alone."""
+    return sorted(old.backends_of_rows - new.backends_of_rows) + sorted(name for _, name in old.kinds - new.kinds)
+
+
+def notes_on(old, new, rows, shifts, options):
+    """What is to be said of two results beside their rows."""
+    notes = []
+    said = [shift for shift in shifts if abs(math.log(shift["ratio"])) > SAID_SHIFT]
+    if said:
+        notes.append("the run as a whole moved by clocks, load, driver or shared code, and rows are judged relative to that: " + ", ".join(
+            f"{of['api']} on {of['device']}, {of['measured']} of {of['rows']} rows, x {of['ratio']:.3f}" for of in said))
+    told = [row for row in rows if row["time"] and row["time"]["least"] is not None]
+    if told:
+        changes = [f"of {size:.0%} in {sum(row['time']['least'] <= size for row in told)}"
+                   for size in dict.fromkeys((options.threshold, 0.1))]
+        notes.append(f"of {len(told)} times, a lone change would be found {', '.join(changes)}")
+    grew = [(after / before, row) for row in rows for before, after in (row["errors"] or {}).values()
+            if before and after and after > before and row["verdict"] != "error grew"]
+    if grew:
+        most, row = max(grew, key=lambda one: one[0])
+        notes.append(f"{len(grew)} errors grew by less than what counts, at most x {most:.3g} ({row['scene']} {row['contender']})")
+    if gone := absent(old, new):
+        notes.append(f"no row any more of {result_files.listed(gone)}")
+    if not any(row["verdict"] in JUDGED for row in rows):
+        notes.append("nothing was judged: no row of both files is comparable")
+    if old.study != new.study:
+        notes.append(f"the studies differ ({old.study}, {new.study}), and with them what ran in between")
+    cut_short = [result.path.name for result in (old, new) if result.context.get("unfinished")]
+    return notes + [f"{name} is unfinished: its study was cut short" for name in cut_short]
 
 
 def document(old_path, new_path, options):
     """What diff.schema.json describes, of two files; options is a Rule."""
     old, new = (Result(path, options.across_devices) for path in (old_path, new_path))
     renamed = rename(old, new)
-    rows = pair(old, new, options)
-    notes = devices(old, new, options) + common_shift(rows, new, options.threshold)
+    check_devices(old, new, options)
+    rows, shifts = pair(old, new, options)
+    differs, notes = setup(old, new), notes_on(old, new, rows, shifts, options)
     if renamed:
         notes.append(f"{renamed} contenders have tuning parameters at their default that the other file lacks")
     counts = collections.Counter(row["verdict"] for row in rows)
     about = [{"file": result.path.name, "date": str(result.json["context"].get("date", "")),
               "commit": str(result.context.get("commit", "unknown")), "clean": result.context.get("clean"),
               "study": result.study} for result in (old, new)]
-    return {"version": 1, "old": about[0], "new": about[1],
+    fails = [f"{counts[verdict]} {verdict}" for verdict in WORSE if counts[verdict]]
+    fails += [f"{of['api']} on {of['device']} is slower as a whole: x {of['ratio']:.3f}, {of['slow']} of {of['rows']} rows"
+              for of in shifts if of["verdict"] == "slower"]
+    for name in options.fail_on:
+        fails += [f"setup: {text}" for text in differs] if name == "setup" else [
+            f"{counts[verdict]} {verdict}" for verdict in FAIL_ON[name] if counts[verdict]]
+        fails += [f"no {gone}" for gone in absent(old, new)] if name == "missing" else []
+    return {"version": 2, "old": about[0], "new": about[1],
             "time": "times_limit" if options.across_devices else "seconds_per_step",
-            "rule": {"threshold": options.threshold, "noise_factor": NOISE_FACTOR, "calm": CALM,
-                     "highest_noise": HIGHEST_NOISE, "unknown_noise": UNKNOWN_NOISE, "error_factor": options.error_factor,
-                     "minimum_repetitions": MINIMUM_REPETITIONS, "false_discoveries": FALSE_DISCOVERIES,
-                     "confidence": CONFIDENCE, "resamples": RESAMPLES, "seed": SEED},
-            "notes": notes, "counts": {verdict: counts[verdict] for verdict in VERDICTS if counts[verdict]},
-            "worse": any(counts[verdict] for verdict in WORSE), "rows": rows}
+            "rule": {"threshold": options.threshold, "error_factor": options.error_factor, "false_alarms": FALSE_ALARMS,
+                     "confidence": CONFIDENCE, "unknown_noise": math.expm1(UNKNOWN_NOISE), "single_noise": math.expm1(SINGLE_NOISE)},
+            "setup": differs, "shifts": shifts, "notes": notes,
+            "counts": {verdict: counts[verdict] for verdict in VERDICTS if counts[verdict]},
+            "worse": bool(fails), "fails": fails, "rows": rows}

@@ -1,15 +1,19 @@
 #!/usr/bin/env python3
 """Compares two results row by row: what became faster or slower, whose error grew, what fails now.
 
-Usage: diff.py OLD NEW [--markdown | --json] [--all] [--threshold 0.05] [--error-factor 1.5] [--across-devices]
+Usage: diff.py OLD NEW [--format FORM] [--all] [--fail-on WHAT]... [--threshold 0.05] [--error-factor 1.5] [--across-devices]
 
-OLD and NEW are results, RESULT.json or RESULT.json.gz. Exit code: 0 nothing is worse, 1 something is (slower, error grew,
-now fails), 2 bad input.
+OLD and NEW are results, RESULT.json or RESULT.json.gz. --format bmf and github-action-benchmark write the times of NEW, one series a case,
+as Bencher (`bencher run --adapter json`) and github-action-benchmark (`tool: customSmallerIsBetter`) read them.
+
+Exit code: 0 if nothing is worse; 1 if a row is slower, has a larger error, a worse counter or fails now, if the run is slower as a whole,
+or if --fail-on says so; 2 for bad input.
 
 The rule, which the page of results follows as well:
 """
 
 import argparse
+import collections
 import json
 import math
 import os
@@ -27,6 +31,8 @@ COLOURS = {"now fails": "1;31", "error grew": "1;31", "slower": "31", "faster": 
 # The width of lines in a pipe, and the least width that a row's columns need.
 WIDTH, LEAST_WIDTH = 80, 60
 LIMIT = " x limit"
+EXPORTS = ("bmf", "github-action-benchmark")
+FORMS = ("terminal", "markdown", "json", *EXPORTS)
 
 
 def refuse(message):
@@ -37,12 +43,12 @@ def refuse(message):
 def time_text(value, unit):
     if unit == "times_limit":
         return f"{value:.3g}{LIMIT}"
-    scale, unit = next((pair for pair in ((1, "s"), (1e-3, "ms")) if value >= pair[0]), (1e-6, "us"))
-    return f"{value / scale:.{3 if value < 1e-3 else 4}g} {unit}"
+    scale, prefix = next((pair for pair in ((1, ""), (1e-3, "m")) if value >= pair[0]), (1e-6, "u"))
+    return f"{value / scale:.{3 if value < 1e-3 else 4}g} {prefix}{unit}"
 
 
-def cells(row, unit):
-    time = row["time"]
+def cells(row):
+    time, unit = row["time"], row["unit"]
     texts = [row["verdict"], row["scene"], row["contender"]] + ["-"] * 5
     if time:
         low, high = time["interval"]
@@ -67,6 +73,10 @@ def heading(found):
     return f"{about(found['old'])} -> {about(found['new'])}"
 
 
+def remarks(found):
+    return found["notes"] + [f"setup: {change}" for change in found["setup"]] + [f"fails: {why}" for why in found["fails"]]
+
+
 def markdown(found, shown):
     def line(texts):
         return "| " + " | ".join(text.replace("|", "\\|").replace("\n", " ") for text in texts) + " |"
@@ -74,8 +84,8 @@ def markdown(found, shown):
     if shown:
         lines += [line(HEADER), "| --- | --- | --- | --: | --: | --: | --: | --: | --- |"]
         lines += [line([f"**{row['verdict']}**" if row["verdict"] in comparison.WORSE else row["verdict"],
-                        *cells(row, found["time"])[1:]]) for row in shown] + [""]
-    print("\n".join(lines + [f"- {note}" for note in found["notes"]]).rstrip())
+                        *cells(row)[1:]]) for row in shown] + [""]
+    print("\n".join(lines + [f"- {note}" for note in remarks(found)]).rstrip())
 
 
 def place_of(row):
@@ -89,12 +99,12 @@ def place_of(row):
     return ", ".join(words(key, value) for key, value in row["place"].items() if value != "")
 
 
-def times_line(row, unit):
+def times_line(row):
     """Times and what they say, in columns that all rows share."""
-    time = row["time"]
+    time, unit = row["time"], row["unit"]
     low, high = time["interval"]
     interval = "" if low is None else f"(95%: {low:.3f} to {high:.3f})"
-    counts = f"n = {', '.join(map(str, dict.fromkeys(row['repetitions'])))}" if any(row["repetitions"]) else ""
+    counts = f"n = {', '.join(map(str, dict.fromkeys(row['repetitions'])))}" if max(row["repetitions"]) > 1 else ""
     spread = "" if time["spread"] is None else f", spread {100 * time['spread']:.1f} %"
     old, new = (time_text(time[side], unit) for side in ("old", "new"))
     return f"{old.removesuffix(LIMIT):>8} -> {new:<8} x {time['ratio']:.3f} {interval:<22} {counts}{spread}".rstrip()
@@ -119,13 +129,36 @@ def terminal(found, shown):
         for row in rows:
             show(", ".join(filter(None, (f"{row['scene']} {row['contender']}", place_of(row)))), 2, COLOURS.get(verdict, ""))
             if row["time"]:
-                print(" " * 4 + times_line(row, found["time"]))
+                print(" " * 4 + times_line(row))
             for line in filter(None, row["detail"].split("\n")):
                 show(line, 4)
     print()
-    for note in found["notes"]:
-        show(f"note: {note}", 0)
+    for note in remarks(found):
+        show(note if note.startswith(("setup", "fails")) else f"note: {note}", 0)
     show(summary(found), 0)
+
+
+def series(path):
+    """(name, unit, the number and the quartiles of its times) of each case of a result. Services take times in nanoseconds."""
+    names = collections.Counter()
+    for (identity, place), rows in comparison.Result(path, False).rows.items():
+        where = place_of({"place": {key: json.loads(value) for key, value in place}})
+        for row in rows:
+            name = ", ".join(filter(None, (f"{identity[0]} {row.name}", where)))
+            names[name] += 1
+            if row.times:
+                unit, scale = ("ns", 1e9) if row.unit == "s" else (row.unit, 1)
+                yield (name + f" ({names[name]})" * (names[name] > 1), unit, len(row.times),
+                       *(scale * quartile for quartile in comparison.quartiles(row.times)))
+
+
+def exported(form, path, about):
+    """As Bencher's metric format, whose measure `latency` is in nanoseconds, or as github-action-benchmark's customSmallerIsBetter."""
+    if form == "bmf":
+        return {name: {"latency" if unit == "ns" else "energy": {"value": middle} | (
+            {"lower_value": low, "upper_value": high} if count > 1 else {})} for name, unit, count, low, middle, high in series(path)}
+    return [{"name": name, "unit": unit, "value": middle, "extra": f"commit {about['commit']}, n = {count}"} | (
+        {"range": f"± {(high - low) / 2:.3g}"} if count > 1 else {}) for name, unit, count, low, middle, high in series(path)]
 
 
 def number_above(least):
@@ -146,8 +179,11 @@ def main():
     parser.add_argument("old", type=pathlib.Path, metavar="OLD.json")
     parser.add_argument("new", type=pathlib.Path, metavar="NEW.json")
     form = parser.add_mutually_exclusive_group()
-    form.add_argument("--markdown", action="store_true", help="a table for a pull request")
-    form.add_argument("--json", action="store_true", help="every row, as diff.schema.json says")
+    form.add_argument("--format", choices=FORMS, default=FORMS[0], help="bmf and github-action-benchmark write the times of NEW")
+    form.add_argument("--markdown", action="store_const", dest="format", const="markdown", help="a table for a pull request")
+    form.add_argument("--json", action="store_const", dest="format", const="json", help="every row, as diff.schema.json says")
+    parser.add_argument("--fail-on", action="append", choices=comparison.FAIL_ON, default=[],
+                        help="also fail if a row is gone or no longer comparable, too noisy to tell, or the machine was set up otherwise")
     parser.add_argument("--all", action="store_true", help="in a table, rows that are the same as well")
     parser.add_argument("--threshold", type=number_above(0), default=comparison.Rule.threshold, metavar="FRACTION",
                         help="the least change of the time that counts (%(default)s)")
@@ -158,15 +194,17 @@ def main():
     options = parser.parse_args()
     try:
         found = comparison.document(options.old, options.new, comparison.Rule(
-            options.threshold, options.error_factor, options.across_devices))
+            options.threshold, options.error_factor, options.across_devices, tuple(dict.fromkeys(options.fail_on))))
     except result_files.BadInput as error:
         refuse(error)
     except ImportError as absent:
         refuse(f"{absent}: install Debian's python3-scipy and python3-fastjsonschema, or with pip scipy and fastjsonschema")
     shown = [row for row in found["rows"] if options.all or row["verdict"] != "same"]
-    if options.json:
+    if options.format in EXPORTS:
+        print(json.dumps(exported(options.format, options.new, found["new"]), indent=2, ensure_ascii=False))
+    elif options.format == "json":
         print(json.dumps(found, indent=2))
-    elif options.markdown:
+    elif options.format == "markdown":
         markdown(found, shown)
     else:
         terminal(found, shown)

@@ -2,24 +2,32 @@
 """How often diff.py is wrong: compares pairs of results of one program on one card, between which nothing has changed, so that each row
 that it calls faster, slower, or worse in its error is a false alarm.
 
-Usage: false_alarms.py [--in-pairs] [--multiplied] [--threshold 0.05] [--cpu-clock] RESULT RESULT [RESULT...]
+Usage: false_alarms.py [--in-pairs] [--threshold 0.05] RESULT RESULT [RESULT...]
+       false_alarms.py --resample PAIRS [--drift 0.006] [--threshold 0.05] RESULT [RESULT...]
 
-RESULT is a .json or .json.gz file of the same study; every two of them are a pair, or with --in-pairs each and the next. Seven runs are
+RESULT is a .json or .json.gz file of one study; every two of them are a pair, or with --in-pairs each and the next. Seven runs are
 twenty-one pairs:
 
     for i in 1 2 3 4 5 6 7; do voxspring study table1 --out table1-$i.json; done
     python3 results/false_alarms.py table1-*.json
 
---multiplied says as well what becomes of pairs whose second result has other times or errors, by the rule and by U and the interval alone.
---cpu-clock judges processor time, which other programs do not stop, instead of time: for one thread (OMP_NUM_THREADS=1).
+--resample makes such pairs of single results, of studies that share rows and were measured by one commit on one card. Either side of a
+pair has repetitions drawn from those of the file, with replacement. The second side takes another time by what really differed: a row by
+the ratio of a row of its backend (of its API, where its backend shares few rows) in two of the files, and an API as a whole by the drift,
+a standard deviation. So the rows' noise is measured, and the pairs are not.
 
-Exit code: 0 there is none; 1 there are some; 2 bad input.
+Exit code: 0 there is no false alarm, or pairs were resampled; 1 there are some; 2 bad input.
 """
 
 import argparse
 import collections
+import copy
+import dataclasses
 import itertools
+import math
 import pathlib
+import random
+import statistics
 import sys
 
 import comparison
@@ -27,81 +35,123 @@ import diff
 import result_files
 
 ALARMS = ("faster", "slower", "error grew", "counter better", "counter worse", "now fails")
-JUDGED = ("same", *ALARMS)
-CHANGES = {"as they are": (1, 1), "second 1.1 times as slow": (1.1, 1), "second 1.1 times as fast": (1 / 1.1, 1),
-           "second with twice the error": (1, 2)}
-# How either rule decides: threshold, times of the noise, highest noise.
-ALONE = (1e-9, 0, float("inf"))
+JUDGED = ("same", "too noisy to tell", *ALARMS)
+ENOUGH = 8  # so many ratios of rows make a distribution to draw from
+SEED = 1
 
 
-def origin(path):
+def origin(result, resample):
     """What two results have to have in common."""
-    context = result_files.load(path)["context"]["voxspring"]
-    cards = sorted({backend.get("uuid") or backend["device"] for backend in context["backends"].values()})
-    return {"study": context["study"]["name"], "commit": context["commit"], "devices": ", ".join(cards)}
+    cards = sorted({backend.get("uuid") or backend["device"] for backend in result.backends.values()})
+    return {"commit": result.context["commit"]} | ({} if resample else {"study": result.study, "devices": ", ".join(cards)})
 
 
-def compared(pair, rule, slow_down=1, error_growth=1):
-    """The rows of two files, with the times and errors of the second multiplied."""
-    old, new = (comparison.Result(path, False) for path in pair)
-    comparison.rename(old, new)
-    for row in sum(new.rows.values(), []):
-        row.times = [slow_down * time for time in row.times]
-        row.errors = {key: value and error_growth * value for key, value in row.errors.items()}
-    return comparison.pair(old, new, rule)
+def alarms_of(old, new, rule):
+    """The rows of two results, and those rows and shifts of the run among them that are false alarms."""
+    rows, shifts = comparison.pair(old, new, rule)
+    return rows, [one for one in rows + shifts if one["verdict"] in ALARMS]
 
 
-def multiplied(pairs, threshold):
-    """Prints what either rule says of each change."""
-    own = (threshold, comparison.NOISE_FACTOR, comparison.HIGHEST_NOISE)
-    for name, how in (("the rule", own), ("U and interval alone", ALONE)):
-        least, comparison.NOISE_FACTOR, comparison.HIGHEST_NOISE = how
-        for change, factors in CHANGES.items():
-            judged = [compared(pair, comparison.Rule(least), *factors) for pair in pairs]
-            failing = sum(any(row["verdict"] in comparison.WORSE for row in rows) for rows in judged)
-            print(f"{name}, {change}: {failing} of {len(pairs)} pairs worse")
-            rows = sum(judged, [])
-            calm = [row for row in rows if row["time"] and row["time"]["noise"] <= comparison.CALM * threshold]
-            for what, of in (("rows", rows), ("rows of little noise", calm)):
-                counts = collections.Counter(row["verdict"] for row in of)
-                print(f"    {len(of)} {what}: " + ", ".join(f"{counts[one]} {one}" for one in comparison.VERDICTS if counts[one]))
-    _, comparison.NOISE_FACTOR, comparison.HIGHEST_NOISE = own
+def of_pairs(results, in_pairs, rule):
+    """Prints what is said of pairs of results; returns the number of false alarms."""
+    pairs = list(zip(results[::2], results[1::2])) if in_pairs else list(itertools.combinations(results, 2))
+    counts, number, failing = collections.Counter(), 0, 0
+    for old, new in pairs:
+        rows, alarms = alarms_of(old, new, rule)
+        counts.update(row["verdict"] for row in rows)
+        number += len(alarms)
+        failing += bool(alarms)
+        for one in alarms:
+            name = f"{one['scene']} {one['contender']}" if "scene" in one else f"all of {one['api']}"
+            ratio = one["ratio"] if "ratio" in one else one["time"] and one["time"]["ratio"]
+            print(f"{one['verdict']}: {name}{f', x {ratio:.3f}' if ratio else ''} ({old.path.name} -> {new.path.name})")
+    rest = "".join(f"; {count} {verdict}" for verdict, count in counts.items() if verdict not in JUDGED)
+    print(f"{len(pairs)} pairs of {results[0].study} (commit {results[0].context['commit']}): {failing} with a false alarm, {number} "
+          f"false alarms in {sum(counts[verdict] for verdict in JUDGED)} rows, {counts['too noisy to tell']} of them too noisy to tell{rest}")
+    return number
+
+
+def api_of(result, backend):
+    return result_files.limits_of(result.backends.get(backend, {}))
+
+
+def differences(results):
+    """By backend and by API: how far unchanged rows of two studies lie from the shift of their API, as logarithms of ratios."""
+    found = collections.defaultdict(list)
+    for old, new in itertools.combinations(results, 2):
+        for row in comparison.pair(old, new, comparison.Rule())[0]:
+            if row["time"] and not row["place"]:
+                away = math.log(row["time"]["ratio"] / (row["time"]["shift"] or 1))
+                found["backend", row["backend"]].append(away)
+                found["API", api_of(new, row["backend"])].append(away)
+    return found
+
+
+def resampled(result, generator, away=None, drift=0):
+    """Another run of a result's rows that have repetitions."""
+    drifts = collections.defaultdict(lambda: generator.gauss(0, drift))
+    other = copy.copy(result)
+    other.rows = {}
+    for (identity, place), (row, *_) in result.rows.items():
+        if len(row.times) > 1:
+            api, factor = api_of(result, identity[1]), 1
+            if away is not None:
+                known = away["backend", identity[1]]
+                known = known if len(known) >= ENOUGH else away["API", api] or [0]
+                factor = math.exp(drifts[api] + generator.choice(known) * generator.choice((-1, 1)))
+            times = [factor * time for time in generator.choices(row.times, k=len(row.times))]
+            other.rows[identity, place] = [dataclasses.replace(row, times=times)]
+    return other
+
+
+def of_resampled(results, count, drift, rule):
+    """Prints what is said of pairs that are made of single results."""
+    away = differences(results)
+    print("; ".join(f"{api}: {len(of)} ratios of unchanged rows, half of them within {statistics.median(map(abs, of)):.2%}, all within "
+                    f"{max(map(abs, of)):.2%}" for (kind, api), of in away.items() if kind == "API"))
+    for result in results:
+        generator, whose, failing, found, can = random.Random(SEED), collections.Counter(), 0, 0, 0
+        places = list(resampled(result, generator).rows)
+        for _ in range(count if places else 0):
+            old, new = resampled(result, generator), resampled(result, generator, away, drift)
+            rows, alarms = alarms_of(old, new, rule)
+            whose.update(one.get("backend", "a whole API") for one in alarms)
+            failing += bool(alarms)
+            can += sum(row["time"]["least"] is not None and row["time"]["least"] <= 0.1 for row in rows) / len(rows)
+            chosen = generator.choice(places)
+            new.rows[chosen] = [dataclasses.replace(row, times=[1.1 * time for time in row.times]) for row in new.rows[chosen]]
+            found += any(one["verdict"] == "slower" and tuple(one.get(key) for key in comparison.IDENTITY) == chosen[0]
+                         for one in alarms_of(old, new, rule)[1])
+        if places:
+            print(f"{result.path.parent.name}/{result.study}: {len(places)} rows, {count} pairs: {failing} with a false alarm "
+                  f"({failing / count:.1%}){''.join(f', {of} of {name}' for name, of in whose.items())}; one row 10% slower: found in "
+                  f"{found / count:.1%}, as {can / count:.1%} of the rows should be")
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--in-pairs", action="store_true")
-    parser.add_argument("--multiplied", action="store_true")
+    parser.add_argument("--resample", type=int, default=0, metavar="PAIRS")
+    parser.add_argument("--drift", type=diff.number_above(0), default=0.006)
     parser.add_argument("--threshold", type=diff.number_above(0), default=comparison.Rule.threshold)
-    parser.add_argument("--cpu-clock", dest="clock", action="store_const", const="cpu_time", default=comparison.CLOCK)
     parser.add_argument("results", nargs="+", type=pathlib.Path, metavar="RESULT")
     options = parser.parse_args()
-    comparison.CLOCK, paths = options.clock, options.results
-    alarms, counts = [], collections.Counter()
+    rule = comparison.Rule(options.threshold)
     try:
-        if len(paths) < 2:
-            raise result_files.BadInput(f"command line: RESULT: {paths[0]} alone is not accepted; expected two or more")
-        first = origin(paths[0])
-        for path in paths[1:]:
-            for key, value in origin(path).items():
+        if len(options.results) < 2 and not options.resample:
+            raise result_files.BadInput(f"command line: RESULT: {options.results[0]} alone is not accepted; expected two or more")
+        results = [comparison.Result(path, False) for path in options.results]
+        first = origin(results[0], options.resample)
+        for result in results:
+            for key, value in origin(result, options.resample).items():
                 if value != first[key]:
-                    raise result_files.BadInput(f"{path}: {key}: {value} is not accepted; expected {first[key]}, as {paths[0]} has")
-        pairs = list(zip(paths[::2], paths[1::2])) if options.in_pairs else list(itertools.combinations(paths, 2))
-        for pair in pairs:
-            rows = compared(pair, comparison.Rule(options.threshold))
-            counts.update(row["verdict"] for row in rows)
-            alarms += [(row, " -> ".join(path.name for path in pair)) for row in rows if row["verdict"] in ALARMS]
-        if options.multiplied:
-            multiplied(pairs, options.threshold)
+                    raise result_files.BadInput(f"{result.path}: {key}: {value} is not accepted; expected {first[key]}, as "
+                                                f"{results[0].path} has")
     except result_files.BadInput as error:
         diff.refuse(error)
-    for row, where in alarms:
-        ratio = f", x {row['time']['ratio']:.3f}" if row["time"] else ""
-        print(f"{row['verdict']}: {row['scene']} {row['contender']}{ratio} ({where})")
-    rest = ", ".join(f"{count} {verdict}" for verdict, count in counts.items() if verdict not in JUDGED)
-    print(f"{len(pairs)} pairs of {first['study']} (commit {first['commit']}): {len(alarms)} false alarms in "
-          f"{sum(counts[verdict] for verdict in JUDGED)} rows that can be judged" + f"; {rest}" * bool(rest))
-    return 1 if alarms else 0
+    if not options.resample:
+        return 1 if of_pairs(results, options.in_pairs, rule) else 0
+    return of_resampled(results, options.resample, options.drift, rule)
 
 
 if __name__ == "__main__":

@@ -581,7 +581,7 @@ class Haptic(OwnStudy):
                                                                       "renderer")}
         SCHEMA.validate(result | {"haptic": [before]})
         out, old = self.folder / "result.json", self.folder / "old.json"
-        self.assertEqual([row["place"] for row in self.compare(out, out)["rows"]],
+        self.assertEqual([row["place"] for row in self.compare(out, out)["rows"] if "measured" not in row["place"]],
                          [{"hertz": 500.0, "edited": row["edited"], "drawn": row["drawn"]} for row in undrawn + drawn])
         # Rows from before drawing existed equal today's undrawn rows.
         old.write_text(json.dumps(result | {"haptic": [before]}))

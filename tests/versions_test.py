@@ -118,14 +118,14 @@ class OtherVersions(InTemporaryFolder):
         new = read(OLD) | {"schema_version": 1}
         same = run(sys.executable, "results/diff.py", OLD, self.write("new.json", new), "--json")
         self.assertEqual(same.returncode, 0, same.stderr)
-        self.assertEqual(read_counts(same), {"same": 2})
+        self.assertEqual(read_counts(same), {"same": 4}, "a step and a start of each row")
         slower = copy.deepcopy(new)
         for row in slower["benchmarks"]:
             if row["backend"] == "cuda_implicit_cached":
                 row["real_time"] *= 1.5
         compared = run(sys.executable, "results/diff.py", OLD, self.write("slower.json", slower), "--json")
         self.assertEqual(compared.returncode, 1, compared.stderr)
-        self.assertEqual(read_counts(compared), {"same": 1, "slower": 1})
+        self.assertEqual(read_counts(compared), {"same": 3, "slower": 1})
 
     @unittest.skipUnless(REPORT_PYTHON.exists(), "the packages of results/requirements.txt are not installed")
     def test_an_old_result_is_on_the_page(self):

@@ -613,7 +613,8 @@ def judged(first, last):
         found = comparison.document(first.path, last.path, RULE)
     except reading.BadInput as error:
         return {}, str(error)
-    rows = [{**row, "contender": reading.short_contender(row["contender"])} for row in found["rows"] if row["time"]]
+    rows = [{**row, "contender": reading.short_contender(row["contender"])} for row in found["rows"]
+            if row["time"] and "measured" not in row["place"]]
     return {(row["scene"], row["contender"]): row for row in rows}, ""
 
 
