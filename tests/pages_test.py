@@ -30,7 +30,6 @@ ALLOWED = {
     ("harness/scenes/README.md", "within 2% of the true limit"): "the bound that stability_test holds",
     ("harness/scenes/README.md", "21% of the grid"): "how the phantom is defined",
     ("results/README.in.md", "given from 3 % on"): "result_files.MIN_SPREAD",
-    ("results/README.in.md", "with the 95% interval"): "a level of confidence",
     ("results/README.in.md", "only a change beyond 30%"): "comparison.UNKNOWN_NOISE",
 }
 
