@@ -935,6 +935,11 @@ class Parts(InTemporaryFolder):
                          rf"of {len(medians('figure7'))} times 1 slower")
         self.assertEqual(finding(self.out, "history")[0], "cuda_scatter position on heart takes 1.75 times its time, figure7 at 0123456")
         self.assertIn("0123456 01-02 03:04", self.out.read_text())
+        # A run that is slower as a whole is told, though no row stands out from it.
+        slower = self.later(result)
+        for row in slower["benchmarks"]:
+            row["real_time"] *= 1.3
+        self.assertRegex(self.history(result, slower), r"CUDA takes 1\.30 times its time as a whole from commit .* of 44 times 4[0-4] same")
         # One file has no history.
         self.assertIsNone(self.history(result))
 

@@ -608,22 +608,27 @@ RULE = comparison.Rule()
 
 
 def judged(first, last):
-    """By (dataset, strategy) the row that diff.py has for two files; empty, and why, where it refuses them."""
+    """By (dataset, strategy) the row that diff.py has for two files, and what moved as a whole; empty, and why, where it refuses them."""
     try:
         found = comparison.document(first.path, last.path, RULE)
     except reading.BadInput as error:
-        return {}, str(error)
+        return {}, [], str(error)
     rows = [{**row, "contender": reading.short_contender(row["contender"])} for row in found["rows"]
             if row["time"] and "measured" not in row["place"]]
-    return {(row["scene"], row["contender"]): row for row in rows}, ""
+    whole = [shift for shift in found["shifts"] if shift["verdict"] != "same" and shift["measured"] == "real_time"]
+    return {(row["scene"], row["contender"]): row for row in rows}, whole, ""
 
 
-def changes(rows, first, last):
-    """How times changed between two files, in a line and in more words: the largest change, and the number of rows per verdict."""
+def changes(rows, whole, first, last):
+    """How times changed between two files, in a line and in more words: of all rows, or the largest change, and rows per verdict."""
     commits = f"from commit {first.short_commit} to {last.short_commit}"
     counts = collections.Counter(row["verdict"] for row in rows)
     verdicts = listed(f"{counts[verdict]} {verdict}" for verdict in comparison.VERDICTS if counts[verdict])
     moved = [row for row in rows if row["verdict"] in ("slower", "faster")]
+    if whole:
+        line = "; ".join(f"{shift['api']} takes {shift['ratio']:.2f} times its time as a whole" for shift in whole)
+        return f"{line}, {first.study} at {last.short_commit}", (
+            f"{line} {commits} ({first.study}): rows are judged relative to that, of {len(rows)} times {verdicts}")
     if not moved:
         line = f"no change of a time in {first.study} can be told"
         return line, f"{line} {commits} ({verdicts})"
@@ -638,7 +643,7 @@ def changes(rows, first, last):
 def repeated(page):
     """Rows of strategies that several files of one study on one machine have, with the verdict on the first and the last of these."""
     found = []
-    for (machine, study), (_, verdicts, _) in page.histories.items():
+    for (machine, study), (_, verdicts, *_) in page.histories.items():
         rows = [row for row in page.measured if (row["machine"], row["study"]) == (machine, study)]
         for (scene, contender), own in groups(rows, "scene", "contender").items():
             verdict = verdicts.get((scene, contender), {"verdict": "not compared", "time": {"ratio": None, "interval": [None, None]}})
@@ -655,10 +660,10 @@ def repeated(page):
 def history(figure, rows):
     runs = {(row["machine"], row["study"], row["date"]) for row in figure.rows}
     figure.results = [result for result in figure.results if (result.machine, result.study, result.date) in runs]
-    files, verdicts, refused = figure.page.histories[rows[0]["machine"], rows[0]["study"]]
+    files, verdicts, whole, refused = figure.page.histories[rows[0]["machine"], rows[0]["study"]]
     nothing = f"nothing can be told of {files[0].study}"
     if verdicts:
-        return changes(list(verdicts.values()), files[0], files[-1])
+        return changes(list(verdicts.values()), whole, files[0], files[-1])
     return nothing, f"{nothing}: {refused or 'its runs share no time'}"
 
 
