@@ -199,6 +199,7 @@ TEST(Volume, ThresholdAndLabels) {
               "that some voxel is active");
     const Words absent = {"7", "4"};
     EXPECT_EQ(refused([&] { with_labels(volume, absent); }), "labels: 4");
+    EXPECT_THAT(refusal([&] { with_labels(volume, absent); }), EndsWith(": -3, 1, 2, 7"));
     EXPECT_EQ(refused([&] { with_labels(volume, std::nullopt); }), "voxel 1: -0.5");
     const Volume zeros = read(nrrd(nrrd_fields("uint8"), std::string(12, '\0')));
     EXPECT_EQ(refused([&] { with_labels(zeros, std::nullopt); }), "labels: a volume of zeros");
@@ -216,6 +217,19 @@ TEST(Volume, AtMost255Labels) {
     EXPECT_EQ(labelled().grid.label.back(), 255);
     many[0] = 256;
     EXPECT_EQ(refused(labelled), "labels: more than 255 labels");
+}
+
+TEST(Volume, AnAbsentLabelIsRefusedWithTheLowestThatOccur) {
+    const auto refused_with = [](std::vector<double> voxels) {
+        voxels.resize(12);
+        const Volume volume = read(nrrd(nrrd_fields("double"), bytes_of_values<double>(voxels)));
+        return refusal([&] { with_labels(volume, Words{"99"}); });
+    };
+    EXPECT_THAT(refused_with({12, 11, 10, 9, 8, 7, 6, 5, 4, 3}),
+                EndsWith(": 3, 4, 5, 6, 7, 8, 9, 10, 11, 12"));
+    EXPECT_THAT(refused_with({12, 11, 10, 9, 8, 7, 6, 5, 4, 3, -2}),
+                HasSubstr(": -2, 3, 4, 5, 6, 7, 8, 9, 10, 11 and"));
+    EXPECT_THAT(refused_with({0.5, 2.5}), HasSubstr("no value but 0"));
 }
 
 TEST(Volume, NiftiScalingIsApplied) {
@@ -1072,7 +1086,7 @@ TEST(Segments, OfOneLayer) {
     EXPECT_EQ(all.counts, (Counts{{"wall", 2}, {"valve: left", 2}, {"Segment_3", 0}}));
     EXPECT_EQ(all.notes, (Words{"segment Segment_3 has no voxel",
                                 "1 voxel has a value that no segment has, and is left out"}));
-    EXPECT_THROW(with_labels(volume, Words{"Segment_3"}), BadInput);
+    EXPECT_THAT(refusal([&] { with_labels(volume, Words{"Segment_3"}); }), EndsWith(": wall, valve: left"));
     EXPECT_EQ(above_threshold(volume, 2).grid.label, (std::vector<std::uint8_t>{0, 0, 0, 0, 0, 1}));
 }
 

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
+#include <iterator>
 #include <limits>
 #include <map>
 #include <numeric>
@@ -120,8 +121,30 @@ std::string names_of(const std::vector<Label>& labels) {
     return fmt::format("{}", fmt::join(names, ", "));
 }
 
-[[noreturn]] void refuse_absent(const Volume& volume, const std::string& label) {
-    throw BadInput(volume.file, "labels", label, "labels that some voxel carries");
+/// `present`: names of the labels that voxels carry, separated by commas.
+[[noreturn]] void refuse_absent(const Volume& volume, const std::string& label, const std::string& present) {
+    throw BadInput(volume.file, "labels", label, "labels that some voxel carries: " + present);
+}
+
+/// The lowest labels other than 0 that voxels carry. Values that are no labels, of which a volume may have
+/// many, are passed over.
+std::string first_labels(const Volume& volume) {
+    constexpr std::size_t listed = 10;
+    Rounding rounding(volume);
+    std::set<std::int64_t> lowest;  // one more than are listed
+    double latest = 0;
+    for_each_value(volume, 0, [&](std::size_t, double value) {
+        if (value == latest) return;
+        latest = value;
+        const auto label = rounding.label(value);
+        if (!label || *label == 0) return;
+        lowest.insert(*label);
+        if (lowest.size() > listed + 1) lowest.erase(std::prev(lowest.end()));
+    });
+    if (lowest.empty()) return "no value but 0 is a whole number";
+    const bool more = lowest.size() > listed;
+    if (more) lowest.erase(std::prev(lowest.end()));
+    return fmt::format("{}{}", fmt::join(lowest, ", "), more ? " and higher ones" : "");
 }
 
 LabelledGrid with_numbers(const Volume& volume, const std::optional<std::vector<std::string>>& words) {
@@ -161,7 +184,7 @@ LabelledGrid with_numbers(const Volume& volume, const std::optional<std::vector<
         result.grid.label[voxel] = latest_material;
     });
     for (std::size_t m = 0; m < numbers.size(); ++m) {
-        if (voxels[m + 1] == 0) refuse_absent(volume, result.labels[m].name);
+        if (voxels[m + 1] == 0) refuse_absent(volume, result.labels[m].name, first_labels(volume));
         result.counts.emplace_back(result.labels[m].name, voxels[m + 1]);
     }
     rounding.say(result.notes);
@@ -252,7 +275,13 @@ LabelledGrid with_segments(const Volume& volume, const std::optional<std::vector
         if (rank[s] == 0) continue;
         result.counts.emplace_back(segments[s].name, voxels[s]);
         if (voxels[s] > 0) continue;
-        if (words) refuse_absent(volume, segments[s].name);
+        if (words) {
+            std::vector<Label> present;
+            for (std::size_t other = 0; other < segments.size(); ++other) {
+                if (voxels[other] > 0) present.push_back(all[other]);
+            }
+            refuse_absent(volume, segments[s].name, names_of(present));
+        }
         result.notes.push_back("segment " + segments[s].name + " has no voxel");
     }
     // Only segments that have voxels become materials.
