@@ -30,6 +30,7 @@ using ::testing::ElementsAre;
 using ::testing::EndsWith;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
+using ::testing::Not;
 using ::testing::StartsWith;
 using ::testing::ThrowsMessage;
 
@@ -725,9 +726,12 @@ TEST(Scene, AVolumeByItselfSagsByAsManyVoxelsInAnyUnit) {
     };
     const Scene unit = bar({1, 1, 1});
     EXPECT_EQ(unit.problem.gravity, load_scene("heart").problem.gravity);
-    // Pins and gravity were chosen for the user, who hears of both.
+    // The user hears of all that was chosen: gravity, which has an option, apart from the rest.
     ASSERT_EQ(unit.notes.size(), 2u);
-    EXPECT_THAT(unit.notes[0], HasSubstr("pinned from x 0 to 3"));
+    EXPECT_THAT(unit.notes[0],
+                AllOf(HasSubstr("above 0"), HasSubstr("pinned from x 0 to 3"),
+                      HasSubstr("damping 0.00115 per step"), HasSubstr("stiffness 1, mass 1"),
+                      HasSubstr("face and edge springs"), HasSubstr("0.5 of the stable time step")));
     EXPECT_THAT(unit.notes[1], StartsWith("gravity is (0.0008, 0, -0.002)"));
     const std::vector<glm::dvec3> expected = sag_in_voxels(unit);
     EXPECT_GT(glm::length(expected.back()), 0.02);
@@ -743,6 +747,11 @@ TEST(Scene, AVolumeByItselfSagsByAsManyVoxelsInAnyUnit) {
     const Scene chosen = bar({0.5F, 0.5F, 2}, upwards);
     EXPECT_EQ(chosen.problem.gravity, glm::dvec3(0, 1, 0));
     EXPECT_EQ(chosen.notes.size(), 1u);
+    VolumeOptions by_threshold, by_label;
+    by_threshold.threshold = 0;
+    by_label.labels = std::vector<std::string>{"1"};
+    for (const VolumeOptions& options : {by_threshold, by_label})
+        EXPECT_THAT(bar({1, 1, 1}, options).notes[0], Not(HasSubstr("above 0")));
 }
 
 TEST(Scene, AVolumeThatFallsOrThatNothingMovesIsSaid) {

@@ -256,21 +256,33 @@ Region on_an_axis_with_slices(Region region, const Lattice& lattice) {
     return region;
 }
 
-/// Pins the scene's regions. Adds a note if the user has not chosen them: a volume file has no scene file.
-void pin_regions(Problem& problem, const SceneFile& scene, std::vector<std::string>& notes) {
+void pin_regions(Problem& problem, const SceneFile& scene) {
     if (scene.pinned.empty()) return;
-    const bool by_itself = scene.dataset.type == DatasetType::volume && !scene.dataset.file_source;
     std::vector<std::uint8_t> pinned(problem.particle_count());
     for (const Region& region : scene.pinned) {
-        const Region chosen = by_itself ? on_an_axis_with_slices(region, problem.lattice) : region;
-        for (const std::size_t i : particles_in(chosen, problem.lattice)) pinned[i] = 1;
-        if (!by_itself) continue;
-        const auto [from, to] = voxels_of(chosen, problem.lattice);
-        notes.push_back(fmt::format(
-            "the body is pinned from {} {} to {}, as the scene heart is; a scene file can pin other voxels",
-            "xyz"[chosen.axis], from[chosen.axis], to[chosen.axis]));
+        for (const std::size_t i : particles_in(region, problem.lattice)) pinned[i] = 1;
     }
     pin(problem, std::move(pinned));
+}
+
+/// Whether the scene is a volume without a scene file: its user has chosen only what options say.
+bool is_volume_by_itself(const SceneFile& scene) {
+    return scene.dataset.type == DatasetType::volume && !scene.dataset.file_source;
+}
+
+/// What is decided for the user of a volume without a scene file, apart from gravity (gravity_of()).
+std::string chosen_for_user(const SceneFile& file_says, const Scene& scene) {
+    const bool above_zero = !file_says.dataset.threshold && scene.volume->labels.empty();
+    const Region& pinned = file_says.pinned.front();
+    const auto [from, to] = voxels_of(pinned, scene.problem.lattice);
+    std::vector<std::string> groups;
+    for (const SpringGroup group : file_says.spring_groups) groups.push_back(to_string(group));
+    return fmt::format(
+        "{} pinned from {} {} to {}, with damping {:g} per step, stiffness {:g}, mass {:g}, {} springs and "
+        "{:g} of the stable time step, as the scene heart is; a scene file can choose otherwise",
+        above_zero ? "voxels above 0 are the body, which is" : "the body is", "xyz"[pinned.axis],
+        from[pinned.axis], to[pinned.axis], file_says.damping, *file_says.stiffness.everywhere,
+        *file_says.mass.everywhere, fmt::join(groups, " and "), file_says.time_step.fraction);
 }
 
 /// What a user may not expect of the whole body: it falls freely, or nothing moves it. Empty if neither is
@@ -404,7 +416,11 @@ Scene build(SceneFile file_says, const std::string& file, const SceneSizeLimits&
     keep_parts(labelled.grid, file_says, file, scene.notes);
     Problem& problem = scene.problem;
     problem = make_problem(file_says, std::move(labelled));
-    pin_regions(problem, file_says, scene.notes);
+    if (is_volume_by_itself(file_says)) {
+        for (Region& region : file_says.pinned) region = on_an_axis_with_slices(region, problem.lattice);
+        scene.notes.push_back(chosen_for_user(file_says, scene));
+    }
+    pin_regions(problem, file_says);
     for (const PointLoad& load : file_says.loads) {
         problem.load.resize(problem.particle_count());
         for (const std::size_t i : particles_in(load.region, problem.lattice)) problem.load[i] += load.force;
