@@ -15,6 +15,7 @@
 #include "backends/layout/march_cost.h"
 #include "backends/layout/march_layout.h"
 #include "backends/layout/particles.h"
+#include "cuda/common/axes_backend.h"
 #include "cuda/common/support_kernels.h"
 #include "cuda/device/compiler.h"
 #include "cuda/device/serialiser.h"
@@ -243,6 +244,20 @@ TEST(Serialisers, AreTold) {
               "streams share 8 queues (CUDA_DEVICE_MAX_CONNECTIONS), and 9 kernels need one each");
     EXPECT_EQ(serialised_by(9, with("CUDA_DEVICE_MAX_CONNECTIONS", "32"), usual), "");
     EXPECT_NE(serialised_by(2, with("CUDA_DEVICE_MAX_CONNECTIONS", "1"), usual), "");
+}
+
+// The borders of a part are lists of elements in 32 bits. A body in one piece has none.
+TEST(Borders, OfAPartThatIsTooLargeForThemAreRefused) {
+    Problem problem = make_lattice_problem(testing::solid({2, 2, 2}), FACE_BITS | EDGE_BITS);
+    const auto refusal = [&] {
+        return class_refusal(problem, Precision::float32, Formulation::increment, "the march");
+    };
+    problem.lattice.dims = {2048, 2048, 1024};
+    EXPECT_EQ(refusal(), "");
+    problem.ghosts = {0};
+    EXPECT_NE(refusal(), "");
+    problem.lattice.dims.z = 1023;
+    EXPECT_EQ(refusal(), "");
 }
 
 /// A part of a body whose borders travel within steps.

@@ -1,13 +1,17 @@
-// Copies through pinned memory by one thread to several devices, over a fake CUDA whose devices are the
-// host's memory. As on a real one, a stream records no event of another device.
+// Copies through pinned memory by one thread to several devices, and launches of many steps, over a fake CUDA
+// whose devices are the host's memory. As on a real one, a stream records no event of another device.
 #include "cuda/device/staged_copy.h"
 
 #include <gtest/gtest.h>
 
+#include <chrono>
 #include <cstdint>
 #include <cstdlib>
 #include <cstring>
+#include <thread>
 #include <vector>
+
+#include "cuda/common/joint_launch.h"
 
 namespace {
 
@@ -40,6 +44,7 @@ cudaError_t cudaFreeHost(void* memory) {
     std::free(memory);
     return cudaSuccess;
 }
+cudaError_t cudaFree(void* memory) { return cudaFreeHost(memory); }
 cudaError_t cudaStreamCreateWithFlags(cudaStream_t* stream, unsigned) {
     *stream = handle_of<cudaStream_t>(current_device);
     return cudaSuccess;
@@ -79,6 +84,24 @@ TEST(StagedCopies, GoToEachDeviceThatAThreadUses) {
         EXPECT_EQ(there, sent) << "to device " << device;
         EXPECT_EQ(back, sent) << "from device " << device;
     }
+}
+
+// The driver of a device with a display ends kernels that run for seconds.
+TEST(JointLaunches, AreShortWhereTheDeviceHasADisplay) {
+    const auto launches = [](bool watched) {
+        const Stream stream;
+        std::vector<int> steps_of_launches;
+        JointLaunch(watched).enqueue(
+            3, JointLaunch::most_steps, stream,
+            [&](int steps, std::uint32_t, std::uint32_t) {
+                steps_of_launches.push_back(steps);
+                std::this_thread::sleep_for(steps * std::chrono::milliseconds(130));  // two exceed a pace
+            },
+            [](int) {});
+        return steps_of_launches;
+    };
+    EXPECT_EQ(launches(true), (std::vector<int>{1, 1, 1}));
+    EXPECT_EQ(launches(false), std::vector<int>{3});
 }
 
 }  // namespace
