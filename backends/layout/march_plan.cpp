@@ -28,9 +28,9 @@ class PlaneMaskTable {
 public:
     explicit PlaneMaskTable(int rows) : rows_(rows) {
         if (rows == 1) {
-            visit_springs<1, true>(*this);
+            visit_springs<1>(*this);
         } else {
-            visit_springs<max_rows, true>(*this);
+            visit_springs<max_rows>(*this);
         }
         for (std::size_t place = 0; place < places; ++place) {
             for (std::uint32_t mask = 0; mask < half_size; ++mask) {

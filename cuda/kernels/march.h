@@ -75,10 +75,13 @@ VOXSPRING_HOST_DEVICE Pull<Real> class_pull(const MarchStep<Real>& step, const V
     return spring;
 }
 
+/// Which springs count when a plane arrives: those within it, those between it and the plane before, or all.
+enum class PlaneSpringsOf { plane, both, between };
+
 /// The springs that a thread evaluates when a plane arrives, added to the forces on its particles in that
 /// plane and the one before. `masked`: only springs whose bits are set count; the forces of others are
 /// dropped by selection.
-template <class Terms, MarchShape shape, bool masked, bool equal_edges, class Real>
+template <class Terms, MarchShape shape, bool masked, bool equal_edges, PlaneSpringsOf which, class Real>
 class PlaneSprings {
 public:
     using Particles = Own<Real, shape.rows>;
@@ -97,14 +100,14 @@ public:
 
     VOXSPRING_HOST_DEVICE void both(int bit, int z, int r, int c, int z2, int r2, int c2) {
         const int k = spring_class(c2 - c, r2 - r, z2 - z);
-        if (!has_class<Terms>(k)) return;
+        if (!counts(z, z2) || !has_class<Terms>(k)) return;
         const Pull<Real> spring = pull(own_[z]->at[r][c] - own_[z2]->at[r2][c2], k, c2 - c, r2 - r, z2 - z);
         add(bit, spring.offset, spring.density, force_[z]->at[r][c]);
         add(bit, spring.offset, -spring.density, force_[z2]->at[r2][c2]);
     }
     VOXSPRING_HOST_DEVICE void half(int bit, int z, int r, int c, int z2, int r2, int c2) {
         const int k = spring_class(c2 - c, r2 - r, z2 - z);
-        if (!has_class<Terms>(k)) return;
+        if (!counts(z, z2) || !has_class<Terms>(k)) return;
         Pull<Real> spring =
             pull(own_[z]->at[r][c] - neighbour(windows_[z2], r2, c2), k, c2 - c, r2 - r, z2 - z);
         if (!masked && c2 == -1) spring.density = spring.density * sides_.left;
@@ -116,6 +119,9 @@ private:
     static constexpr int pitch = shape.pitch(sizeof(Real));
     static constexpr int axis = shape.axis(sizeof(Real));
 
+    static VOXSPRING_HOST_DEVICE constexpr bool counts(int z, int z2) {
+        return which != (z == z2 ? PlaneSpringsOf::between : PlaneSpringsOf::plane);
+    }
     static VOXSPRING_HOST_DEVICE Vector<Real> neighbour(const Real* window, int r, int c) {
         const Real* const row = window + r * pitch;
         if (c == -1 || c == 2) return {row[c], row[axis + c], row[2 * axis + c]};
@@ -196,6 +202,22 @@ VOXSPRING_HOST_DEVICE void integrate_plane(const MarchStep<Real>& step, const Ma
     }
 }
 
+/// Takes a thread's particles from the window that arrived, and adds the forces of springs to them and to
+/// those of the window before.
+template <class Terms, MarchShape shape, bool masked, bool equal_edges, PlaneSpringsOf which, class Real,
+          class Planes>
+VOXSPRING_HOST_DEVICE void add_springs(const MarchStep<Real>& step, const Sides<Real>& sides,
+                                       std::uint64_t word, const Real* arrived, const Real* window,
+                                       const Planes& planes, Own<Real, shape.rows>& above,
+                                       const Own<Real, shape.rows>& own, Own<Real, shape.rows>& force_above,
+                                       Own<Real, shape.rows>& force) {
+    above.load(arrived, shape.pitch(sizeof(Real)), shape.axis(sizeof(Real)));
+    force_above.clear();
+    PlaneSprings<Terms, shape, masked, equal_edges, which, Real> springs(step, sides, word, arrived, window,
+                                                                         above, own, force_above, force);
+    if (!masked || planes.any(word != 0)) visit_springs<shape.rows>(springs);
+}
+
 /// The march of one thread over the planes of an item. `Planes` provides the windows:
 ///
 /// - arrive(): waits for the next plane and returns its window.
@@ -210,8 +232,6 @@ template <class Terms, MarchShape shape, bool masked, bool equal_edges, class Re
 VOXSPRING_HOST_DEVICE void march(const MarchStep<Real>& step, const MarchItem& item,
                                  const MarchOutput<Real>& output, int thread, Planes& planes) {
     using Particles = Own<Real, shape.rows>;
-    using Springs = PlaneSprings<Terms, shape, masked, equal_edges, Real>;
-
     const std::uint64_t* words = masked ? step.words + item.words + thread : nullptr;
     std::uint64_t next_word = masked ? *words : 0;
     // Each word is fetched one plane before it is needed.
@@ -240,27 +260,32 @@ VOXSPRING_HOST_DEVICE void march(const MarchStep<Real>& step, const MarchItem& i
     force.clear();
     int plane = item.begin;
     if (plane == 0) {
-        Springs springs(step, sides, word_of(plane), window, window, own, own, force, force);
-        visit_springs<shape.rows, false>(springs);
+        PlaneSprings<Terms, shape, masked, equal_edges, PlaneSpringsOf::plane, Real> springs(
+            step, sides, word_of(plane), window, window, own, own, force, force);
+        visit_springs<shape.rows>(springs);
         ++plane;
     }
-    const int last = item.end < step.nz ? item.end : step.nz - 1;
     ROLLED
-    for (; plane <= last; ++plane) {
+    for (; plane < item.end; ++plane) {
         planes.refill(plane);
         const std::uint64_t word = word_of(plane);
         const Real* const arrived = planes.arrive();
-        above.load(arrived, shape.pitch(sizeof(Real)), shape.axis(sizeof(Real)));
-        force_above.clear();
-        Springs springs(step, sides, word, arrived, window, above, own, force_above, force);
-        if (!masked || planes.any(word != 0)) visit_springs<shape.rows, true>(springs);
+        add_springs<Terms, shape, masked, equal_edges, PlaneSpringsOf::both>(
+            step, sides, word, arrived, window, planes, above, own, force_above, force);
         planes.release();
         window = arrived;
         if (plane > item.begin) finish(word, own, force);
         own = above;
         force = force_above;
     }
-    if (plane <= item.end) finish(word_of(plane), own, force);
+    const std::uint64_t word = word_of(plane);
+    // The springs within the plane above are those of another item.
+    if (plane < step.nz) {
+        add_springs<Terms, shape, masked, equal_edges, PlaneSpringsOf::between>(
+            step, sides, word, planes.arrive(), window, planes, above, own, force_above, force);
+        planes.release();
+    }
+    finish(word, own, force);
 }
 
 }  // namespace voxspring::cuda

@@ -125,8 +125,8 @@ struct PlaneMask {
 /// by plane (1: the one that arrived, 0: the one before), row and column; a thread's particles are in rows 0
 /// to rows - 1 of columns 0 and 1. visit.both(bit, ...) is a spring between two of them. visit.half(bit, ...)
 /// is a spring to a neighbour, whose thread evaluates it too. With two rows that makes 13.5 springs per
-/// particle; one by one it would be 18. Without `vertical`, only springs within the plane are visited.
-template <int rows, bool vertical, class Visit>
+/// particle; one by one it would be 18.
+template <int rows, class Visit>
 VOXSPRING_HOST_DEVICE void visit_springs(Visit& visit) {
     int bit = 0;
     UNROLLED
@@ -147,8 +147,7 @@ VOXSPRING_HOST_DEVICE void visit_springs(Visit& visit) {
             visit.half(bit++, 1, r, c, 1, r, x);
             if (r > 0) visit.half(bit++, 1, r - 1, c, 1, r, x);
             if (r + 1 < rows) visit.half(bit++, 1, r + 1, c, 1, r, x);
-            if (vertical) visit.half(bit, 0, r, c, 1, r, x);
-            ++bit;
+            visit.half(bit++, 0, r, c, 1, r, x);
         }
     }
     // Springs from plane to plane.
@@ -156,17 +155,10 @@ VOXSPRING_HOST_DEVICE void visit_springs(Visit& visit) {
     for (int r = 0; r < rows; ++r) {
         UNROLLED
         for (int c = 0; c < 2; ++c) {
-            if (vertical) visit.both(bit, 0, r, c, 1, r, c);
-            if (vertical) visit.both(bit + 1, 0, r, c, 1, r, 1 - c);
-            bit += 2;
-            if (r > 0) {
-                if (vertical) visit.both(bit, 0, r, c, 1, r - 1, c);
-                ++bit;
-            }
-            if (r + 1 < rows) {
-                if (vertical) visit.both(bit, 0, r, c, 1, r + 1, c);
-                ++bit;
-            }
+            visit.both(bit++, 0, r, c, 1, r, c);
+            visit.both(bit++, 0, r, c, 1, r, 1 - c);
+            if (r > 0) visit.both(bit++, 0, r, c, 1, r - 1, c);
+            if (r + 1 < rows) visit.both(bit++, 0, r, c, 1, r + 1, c);
         }
     }
     // Springs to the rows in front and behind.
@@ -177,16 +169,14 @@ VOXSPRING_HOST_DEVICE void visit_springs(Visit& visit) {
         for (int c = 0; c < 2; ++c) {
             UNROLLED
             for (int dx = -1; dx <= 1; ++dx) visit.half(bit++, 1, r, c, 1, y, c + dx);
-            if (vertical) visit.half(bit, 0, r, c, 1, y, c);
-            if (vertical) visit.half(bit + 1, 1, r, c, 0, y, c);
-            bit += 2;
+            visit.half(bit++, 0, r, c, 1, y, c);
+            visit.half(bit++, 1, r, c, 0, y, c);
         }
     }
     UNROLLED
     for (int r = 0; r < rows; ++r) {
-        if (vertical) visit.half(bit, 1, r, 0, 0, r, -1);
-        if (vertical) visit.half(bit + 1, 1, r, 1, 0, r, 2);
-        bit += 2;
+        visit.half(bit++, 1, r, 0, 0, r, -1);
+        visit.half(bit++, 1, r, 1, 0, r, 2);
     }
 }
 
