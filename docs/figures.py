@@ -10,6 +10,7 @@ result or the sources say.
 
 import functools
 import json
+import math
 import pathlib
 import re
 import statistics
@@ -85,6 +86,22 @@ APIS = {"cuda_implicit_cached": "CUDA", "vulkan_implicit": "Vulkan", "gl_compute
 
 def seconds_text(seconds):
     return f"{results.three_digits(seconds * 1e6)} us" if seconds >= 1e-7 else f"{results.three_digits(seconds * 1e9)} ns"
+
+
+# The share of the ticks beyond each percentile. At least ten ticks must lie there.
+BEYOND = {"p99": 0.01, "p999": 0.001}
+
+
+def tick_text(row, name):
+    """A percentile of a row of the study haptic; a dash for one of too few ticks, which older files have."""
+    ticks = sum(count for _, count in row["histogram"]) if row.get("histogram") else row["ticks"]
+    seconds = row[f"{name}_seconds"]
+    return "-" if seconds is None or ticks * BEYOND.get(name, math.inf) < 9.999 else seconds_text(seconds)
+
+
+def from_due(rows):
+    """Whether the times of rows of the study haptic begin when a tick was due. Those of older files begin when it was played."""
+    return all(row.get("from_due") for row in rows)
 
 
 def handed_over(rows, backend):

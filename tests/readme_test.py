@@ -31,14 +31,18 @@ class Pages(unittest.TestCase):
         def row(hertz, backend="cpu_parallel", drawn=False, edited=False, fit=50):
             return {"name": f"heart/{backend}/increment/float32", "scene": "heart", "backend": backend, "hertz": hertz, "drawn": drawn,
                     "edited": edited, "median_seconds": 1e-5 / fit, "p99_seconds": 2e-5, "p999_seconds": 3e-5, "worst_seconds": 1e-3,
-                    "missed": 3, "ticks": 2000, "steps_that_fit": fit, "force_error": 1.4e-7}
+                    "missed": 3, "ticks": 20000, "from_due": True, "steps_that_fit": fit, "force_error": 1.4e-7}
         rows = [row(1000), row(1000, drawn=True, fit=48), row(1000, edited=True), row(10000, fit=5), row(1000, "cuda_resident", fit=100)]
         about = {"voxspring": {"gpu": "a card", "commit": "0123456789"}}
         text = str(figures.tables().ticks([{"haptic": [one | {"real_time": True} for one in rows], "context": about}]))
         lines = [[cell.strip() for cell in line.split("|")[1:-1]] for line in text.split("\n") if line.startswith("| heart")]
         self.assertEqual([line[1:3] for line in lines], [["`cuda_resident`", "1"], ["`cpu_parallel`", "1"], ["`cpu_parallel`", "10"]])
-        self.assertEqual(lines[1][4:], ["20 us", "30 us", "1000 us", "3 of 2,003", "50", "4 %", "1e-07"])
+        self.assertEqual(lines[1][4:], ["20 us", "30 us", "1000 us", "3 of 20,003", "50", "4 %", "1e-07"])
         self.assertEqual(lines[0][9], "-", "nobody drew it")
+        few = {"haptic": [row(1000) | {"real_time": True, "ticks": 9990, "from_due": None}], "context": about}
+        old = str(figures.tables().ticks([few]))
+        self.assertIn("| 20 us | - | 1000 us |", old, "fewer than ten ticks lie beyond a percentile of 99.9 %")
+        self.assertIn("; times of this file begin when a tick began", old)
         self.assertIn("a card; the host's thread was real-time; commit 01234567.", text)
 
     def test_figures_are_what_results_and_sources_say(self):

@@ -590,8 +590,8 @@ def period_line(rows):
 @figure_of("latency", histograms, below=period_line)
 def latencies(_, group):
     highest = max(row["hertz"] for row in group)
-    plain = [row for row in group if row["hertz"] == highest and (row["edited"], row["drawn"]) == ("no", "no")]
-    line, more = f"{len(group)} rows are of edits or drawing alone", []
+    plain = [row for row in group if row["hertz"] == highest and (row["edited"], row["drawn"]) == ("no", "no") and row["p999"] is not None]
+    line, more = f"{len(group)} rows are of edits or drawing, or of too few ticks for a percentile of 99.9{SPACE}%", []
     if plain:
         first = min(plain, key=lambda row: row["p999"])
         within = sum(row["p999"] <= row["period"] for row in plain)

@@ -52,7 +52,9 @@ struct Playing {
 struct HapticRow : Row {
     Playing playing = {};
     int ticks = 0;
-    double median_seconds = 0, p99_seconds = 0, p999_seconds = 0, worst_seconds = 0;
+    double median_seconds = 0, worst_seconds = 0;
+    std::optional<double> p99_seconds = {}, p999_seconds = {};  ///< empty: too few ticks
+    std::optional<bool> from_due = {};  ///< true; not in older files, whose ticks begin later
     int missed = 0, steps_that_fit = 0;
     std::optional<double> force_error = {};
     bool real_time = false;
@@ -68,9 +70,10 @@ struct HapticRow : Row {
         of.required("drawn", row.playing.drawn);
         of.required("ticks", row.ticks);
         of.required("median_seconds", row.median_seconds);
-        of.required("p99_seconds", row.p99_seconds);
-        of.required("p999_seconds", row.p999_seconds);
+        of.nullable("p99_seconds", row.p99_seconds);
+        of.nullable("p999_seconds", row.p999_seconds);
         of.required("worst_seconds", row.worst_seconds);
+        of.optional("from_due", row.from_due);
         of.required("missed", row.missed);
         of.required("steps_that_fit", row.steps_that_fit);
         of.nullable("force_error", row.force_error);
@@ -85,6 +88,14 @@ struct HapticRow : Row {
         of.nullable("renderer", row.renderer);
     }
 };
+
+/// A percentile that at least ten values exceed; empty if there are too few values. With fewer it would be a
+/// name for one of the worst.
+std::optional<double> percentile_of_many(const std::vector<double>& sorted, double fraction) {
+    constexpr long least_beyond = 10;
+    const bool enough = std::lround(double(sorted.size()) * (1 - fraction)) >= least_beyond;
+    return enough ? std::optional(percentile(sorted, fraction)) : std::nullopt;
+}
 
 /// The forces on the tool at even intervals of a run through the scene.
 std::vector<glm::dvec3> forces_of(SceneRunner& runner, Backend& backend, int steps) {
@@ -227,6 +238,9 @@ private:
     /// Plays the whole motion in `playing.seconds`, with one tick every 1 / hertz. In a tick the tool's place
     /// is sent, one step is made, and the force is read. Ticks whose time has passed before they can begin
     /// are left out.
+    ///
+    /// A tick takes from the time when it is due until the next force is there, whether it was played or left
+    /// out. Otherwise one long tick would hide those that it prevents.
     HapticRow play(Backend& backend, const Playing& playing) {
         HapticRow row;
         row.playing = playing;
@@ -239,20 +253,26 @@ private:
         Waiting waiting;
         const std::int64_t drawn_before = drawing_ ? drawing_->pictures() : 0;
         const auto start = Clock::now();
+        const auto due = [&](int tick) {
+            return start + std::chrono::duration_cast<Clock::duration>(Seconds(tick / hertz));
+        };
+        const auto answer = [&](int end, Clock::time_point force_there) {
+            for (int tick = int(latencies.size()); tick < end; ++tick)
+                latencies.push_back(seconds_between(due(tick), force_there));
+        };
         for (int tick = 0; tick < ticks;) {
             const SpringEdit* edit = nullptr;
             if (playing.edited && tick / ticks_an_edit >= int(next_edit)) {
                 edit = &edits_[next_edit++ % 2];
                 apply(edited_, *edit);
             }
-            const Seconds due(tick / hertz);
-            waiting.until(start + std::chrono::duration_cast<Clock::duration>(due));
-            const auto begin = Clock::now();
+            waiting.until(due(tick));
             if (edit != nullptr) backend.edit(edited_, *edit);
             const glm::dvec3 force = tick_once(backend, double(tick) / ticks, 1);
             const auto force_there = Clock::now();
             if (!std::isfinite(glm::length(force))) throw std::runtime_error("the force is not finite");
-            latencies.push_back(seconds_between(begin, force_there));
+            answer(tick + 1, force_there);
+            ++row.ticks;
             if (drawing_ && edit != nullptr) drawing_->follow(*edit);
             if (drawing_) drawing_->follow_mesh();
             const int late = int(std::ceil(seconds_between(start, Clock::now()) * hertz));
@@ -260,6 +280,7 @@ private:
             row.missed += next - tick - 1;
             tick = next;
         }
+        answer(ticks, Clock::now());
         if (drawing_) {
             const auto drawn = double(drawing_->pictures() - drawn_before);
             row.pictures_per_second = drawn / seconds_between(start, Clock::now());
@@ -268,11 +289,11 @@ private:
             row.displacements_by = drawing_->displacements_by();
             row.renderer = shared_->context.capabilities().device;
         }
-        row.ticks = int(latencies.size());
         std::sort(latencies.begin(), latencies.end());
         row.median_seconds = percentile(latencies, 0.5);
-        row.p99_seconds = percentile(latencies, 0.99);
-        row.p999_seconds = percentile(latencies, 0.999);
+        row.p99_seconds = percentile_of_many(latencies, 0.99);
+        row.p999_seconds = percentile_of_many(latencies, 0.999);
+        row.from_due = true;
         row.worst_seconds = latencies.back();
         row.histogram = histogram_of(latencies);
         row.waited_seconds = waiting.seconds();
@@ -532,8 +553,11 @@ void HapticStudy::print(const Result& result, std::ostream& out, TableWidth widt
         if (row.hand_over_seconds) hand_overs.push_back(*row.hand_over_seconds);
         if (row.picture_seconds) pictures.push_back(*row.picture_seconds);
     }
-    const auto seconds = [](double HapticRow::*figure) {
-        return [figure](const HapticRow& row) { return si(row.*figure, "s"); };
+    const auto seconds = [](auto figure) {
+        return [figure](const HapticRow& row) {
+            const std::optional<double> found = row.*figure;
+            return found ? si(*found, "s") : "-";
+        };
     };
     print_rows<HapticRow>(
         rows,
