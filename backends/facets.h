@@ -238,6 +238,10 @@ public:
     /// the edits made since. Every step gives the bits that it would give after another upload().
     virtual void rewind() {}
 
+    /// A text that is the same as often as the state of this object has the same bits after the same number
+    /// of steps. Far quicker than download() of a large body. Empty: the backend has none.
+    virtual std::string state_fingerprint() { return {}; }
+
     /// Makes the device check the state while it steps, from the next upload() or rewind() on. A check
     /// changes no bit of the state. Until the first call nothing is checked.
     virtual void monitor(const DivergenceMonitor&) {}

@@ -174,13 +174,21 @@ TEST_P(Conformance, UploadRewindsAndRepeatsToTheBit) {
     backend->upload(problem, start);
     backend->step(10);
     const State once = backend->download();
+    const std::string fingerprint = backend->state_fingerprint();
     backend->upload(problem, start);
     for (int n = 0; n < 10; ++n) backend->step(1);
     const State again = backend->download();
     if (backend->capabilities().deterministic) {
         EXPECT_EQ(once.displacement, again.displacement);
         EXPECT_EQ(once.increment, again.increment);
+        EXPECT_EQ(fingerprint, backend->state_fingerprint());
     }
+    if (fingerprint.empty()) return;
+    State other = start;
+    other.displacement.back().z += 1e-3;
+    backend->upload(problem, other);
+    backend->step(10);
+    EXPECT_NE(fingerprint, backend->state_fingerprint()) << "the last particle is elsewhere";
 }
 
 TEST_P(Conformance, RewindsToTheStartThatItKeptToTheBit) {

@@ -46,6 +46,7 @@
 #include "harness/process/worker_main.h"
 #include "harness/study/timing_runner.h"
 #include "harness/verification/reference.h"
+#include "harness/verification/verify.h"
 #include "tests/volume_files.h"
 
 namespace voxspring::testing {
@@ -181,6 +182,7 @@ public:
         device.call("download");
         return sound_->download();
     }
+    std::string state_fingerprint() override { return fingerprint_of(sound_->download()); }
 
 private:
     void begin(const Problem& problem, const State& state) override {
@@ -721,7 +723,8 @@ TEST_F(StudyFile, EndsTheProcessesOfRefusedCasesBeforeTimes) {
     EXPECT_EQ(result.at("verification").size(), 1u);
 }
 
-// Reading and judging a state takes all cores, and for a large scene gigabytes of memory.
+// Reading and judging a state takes all cores, and for a large scene gigabytes of memory. A backend that has
+// a fingerprint of its state is asked for that instead.
 TEST_F(StudyFile, ReadsNoStateBeforeTheLastBatchOfAll) {
     write(R"({"backends": ["losing_*"], "scenes": [{"scene": "box@3"}], "repetitions": 4, "steps": 2})");
     device = {};

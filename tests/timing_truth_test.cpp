@@ -5,6 +5,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <memory>
 #include <numeric>
 #include <random>
@@ -87,10 +88,47 @@ private:
     double seconds_ = 0;
 };
 
+/// cpu_reference, which in one repetition makes a step too few.
+class WrongOnce : public WrappedBackend {
+public:
+    static constexpr int wrong = 4;  ///< number of the repetition
+    explicit WrongOnce(bool deterministic) : deterministic_(deterministic) {}
+    Capabilities capabilities() const override {
+        Capabilities capabilities = WrappedBackend::capabilities();
+        capabilities.deterministic = deterministic_;
+        return capabilities;
+    }
+    /// Every batch is one call, and the first one is the warm-up.
+    void step(int count) override { WrappedBackend::step(batch_++ == wrong ? count - 1 : count); }
+
+private:
+    const bool deterministic_;
+    int batch_ = 0;
+};
+
+/// cpu_reference, whose states differ by a bit from run to run, as those of atomics do.
+class InAnyOrder final : public WrongOnce {
+public:
+    InAnyOrder() : WrongOnce(false) {}
+    void step(int count) override { inner().step(count); }
+    State download() override {
+        State state = WrappedBackend::download();
+        double& x = state.displacement.back().x;
+        if (++reads_ % 2 == 0) x = std::nextafter(x, 1);
+        return state;
+    }
+
+private:
+    int reads_ = 0;
+};
+
 const std::vector<Registered> registered = [] {
     std::vector<Registered> all;
     for (const Truth& truth : truths())
         all.push_back(registered_for_test(truth.name, [&] { return std::make_unique<Simulated>(truth); }));
+    all.push_back(registered_for_test("once_wrong", [] { return std::make_unique<WrongOnce>(true); }));
+    all.push_back(registered_for_test("once_wrong_any", [] { return std::make_unique<WrongOnce>(false); }));
+    all.push_back(registered_for_test("once_any_order", [] { return std::make_unique<InAnyOrder>(); }));
     return all;
 }();
 
@@ -184,6 +222,29 @@ TEST_F(TimingTruth, VerdictsOfNoiseAreThoseOfTheKnownTimes) {
     EXPECT_THAT(printed.str(),
                 ::testing::HasSubstr("~ 1 of 6 times not to be trusted, its repetitions are of two "
                                      "kinds: box@4: truth_two_kinds increment float64 (8% apart)"));
+}
+
+// Catches a repetition that nobody looks at, and one that is compared by its bits where these may differ.
+TEST(EveryRepetition, IsJudged) {
+    Study study;
+    study.name = "judged";
+    study.repetitions = repetitions;
+    study.settings = {{"total_error", false}, {"start_times", false}};
+    study.backends = {"once_*", "cpu_reference"};
+    study.scenes = {{"box@4", steps, {}}};
+    const Result result = run_study(study, {});
+    std::map<std::string, bool> passed;
+    for (const Row& row : result.rows("verification")) {
+        EXPECT_EQ(row.verdict->repetitions_judged, repetitions) << row.identity.backend;
+        passed[row.identity.backend] = row.verdict->passed;
+        if (row.verdict->passed) continue;
+        EXPECT_THAT(row.reason.value_or(""), ::testing::HasSubstr("repetition 4 of 9"))
+            << row.identity.backend;
+    }
+    const std::map<std::string, bool> expected = {
+        {"once_wrong", false}, {"once_wrong_any", false}, {"once_any_order", true}, {"cpu_reference", true}};
+    EXPECT_EQ(passed, expected);
+    EXPECT_EQ(result.rows("failed").size(), 2u);
 }
 
 }  // namespace

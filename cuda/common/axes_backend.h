@@ -19,6 +19,7 @@
 #include "cuda/common/device_borders.h"
 #include "cuda/common/divergence_check.h"
 #include "cuda/common/measure.h"
+#include "cuda/device/buffer_hash.h"
 
 namespace voxspring::cuda {
 
@@ -85,6 +86,14 @@ public:
         out(packed.current, positions_[now]);
         out(packed.before, by_increments(formulation_) ? increment_ : positions_[1 - now]);
         return unpack_march<Real>(problem(), packed, formulation_);
+    }
+    std::string state_fingerprint() final {
+        synchronize();
+        BufferHash hash(stream());
+        const auto now = std::size_t(current());
+        hash.add(positions_[now]);
+        hash.add(by_increments(formulation_) ? increment_ : positions_[1 - now]);
+        return hash.text();
     }
 
     BorderFacet* borders() override { return gives_borders() ? this : nullptr; }

@@ -23,6 +23,7 @@
 #include "cuda/common/divergence_check.h"
 #include "cuda/common/edit.h"
 #include "cuda/common/feed.h"
+#include "cuda/device/buffer_hash.h"
 #include "cuda/device/kernel.h"
 #include "cuda/device/texture.h"
 #include "cuda/kernels/tool.h"
@@ -108,6 +109,16 @@ public:
         out(packed.increment, increment_);
         out(packed.increment_low, increment_low_);
         return unpack(problem(), packed, placement_, family_.formulation);
+    }
+    std::string state_fingerprint() final {
+        this->synchronize();
+        BufferHash hash(stream());
+        hash.add(words_[std::size_t(current())]);
+        if (!by_increments(family_.formulation)) hash.add(words_[std::size_t(1 - current())]);
+        hash.add(low_[std::size_t(current())]);
+        hash.add(increment_);
+        hash.add(increment_low_);
+        return hash.text();
     }
 
     FeedFacet* feeds() override { return this; }

@@ -1,6 +1,7 @@
 #include "harness/results/row.h"
 
 #include <algorithm>
+#include <cmath>
 #include <nlohmann/json.hpp>
 #include <utility>
 
@@ -64,6 +65,24 @@ bool BenchmarkPart::is_median() const {
 
 bool BenchmarkPart::is_time() const {
     return !aggregate_name || *aggregate_name == "mean" || *aggregate_name == "median";
+}
+
+std::optional<bool> VerdictPart::verified() const {
+    if (!strained_share) return std::nullopt;
+    return passed &&
+           std::max(*strained_share, strained_start ? strained_start->share : 0) >= min_strained_share;
+}
+
+std::optional<double> VerdictPart::threshold() const {
+    const auto of = [](std::optional<double> bound, std::optional<double> motion) -> std::optional<double> {
+        if (!bound || !std::isfinite(*bound) || !(motion > 0.0)) return {};
+        return *bound / *motion;
+    };
+    const auto first = [&](const auto& part) {
+        const auto rms = of(part.tolerance_rms, part.motion_rms);
+        return rms ? rms : of(part.tolerance, part.motion_max);
+    };
+    return strained_start ? first(*strained_start) : first(*this);
 }
 
 std::string Row::case_name() const { return identity.name.substr(0, identity.name.find("/iterations:")); }

@@ -155,6 +155,26 @@ struct ReferencePart {
     }
 };
 
+/// The errors of a run from a start in which every spring is strained.
+struct StrainedPart {
+    double share = 0;  ///< of the springs, strained by more than `tolerance` at the end
+    std::optional<double> error_max = {}, error_rms = {}, error_mean = {};
+    std::optional<double> tolerance = {}, tolerance_rms = {}, tolerance_mean = {};
+    std::optional<double> motion_max = {}, motion_rms = {};
+
+    static void fields(auto& part, auto& of) {
+        of.required("strained_share", part.share);
+        of.nullable("error_max", part.error_max);
+        of.nullable("error_rms", part.error_rms);
+        of.nullable("error_mean", part.error_mean);
+        of.nullable("tolerance", part.tolerance);
+        of.nullable("tolerance_rms", part.tolerance_rms);
+        of.nullable("tolerance_mean", part.tolerance_mean);
+        of.nullable("motion_max", part.motion_max);
+        of.nullable("motion_rms", part.motion_rms);
+    }
+};
+
 /// Whether a state agrees with the reference.
 struct VerdictPart {
     bool passed = false, finite = false;
@@ -162,6 +182,17 @@ struct VerdictPart {
     /// Figures of the perturbed reference; empty if none was run.
     std::optional<double> spread_max = {}, spread_rms = {}, motion_max = {}, motion_rms = {};
     std::optional<WorkCount> work = {};
+    // Not in older files, in which the last repetition alone was judged.
+    std::optional<int> repetitions_judged = {};
+    std::optional<double> error_mean = {}, tolerance_mean = {};
+    std::optional<double> strained_share = {};        ///< of the springs, by the scene's own start
+    std::optional<StrainedPart> strained_start = {};  ///< of a run whose own start strains too few springs
+
+    /// Whether a backend that computes the springs wrongly would have failed; empty if that is not known.
+    std::optional<bool> verified() const;
+    /// The bound on the rms error, or else on the largest one, over the motion, in the run that strains the
+    /// springs. Empty: neither is judged.
+    std::optional<double> threshold() const;
 
     static void fields(auto& part, auto& of) {
         of.required("passed", part.passed);
@@ -174,6 +205,11 @@ struct VerdictPart {
         of.nullable("motion_max", part.motion_max);
         of.nullable("motion_rms", part.motion_rms);
         of.optional("work", part.work);
+        of.optional("repetitions_judged", part.repetitions_judged);
+        of.nullable("error_mean", part.error_mean);
+        of.nullable("tolerance_mean", part.tolerance_mean);
+        of.optional("strained_share", part.strained_share);
+        of.optional_object("strained_start", part.strained_start);
     }
 };
 

@@ -60,6 +60,12 @@ public:
         visit(inner);
     }
 
+    /// The key is absent if there is no value, and otherwise an object.
+    template <class T>
+    void optional_object(const char* key, const std::optional<T>& value) {
+        if (value) object(key, [&](RowWriter& inner) { T::fields(*value, inner); });
+    }
+
 private:
     nlohmann::json& json_;
 };
@@ -96,6 +102,10 @@ public:
         if (!has(key)) return;
         RowReader inner(json_.at(key));
         visit(inner);
+    }
+    template <class T>
+    void optional_object(const char* key, std::optional<T>& value) {
+        if (has(key)) object(key, [&](RowReader& inner) { T::fields(value.emplace(), inner); });
     }
 
 private:

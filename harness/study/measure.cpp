@@ -18,6 +18,7 @@
 #include "harness/results/capabilities.h"
 #include "harness/results/google_benchmark.h"
 #include "harness/scene/scene_runner.h"
+#include "harness/study/random_starts.h"
 
 namespace voxspring {
 namespace {
@@ -31,14 +32,22 @@ StepWork step_work_of(const nlohmann::json& json) {
             .exchanges = json.at("exchanges")};
 }
 
+/// A run of the same steps from a start in which every spring is strained. It verifies backends for which the
+/// scene's own start strains too few springs: in few steps most of a large body falls freely.
+struct StrainedRun {
+    Scene scene;
+    std::optional<ReferenceSolution> solution;  ///< empty: no case has needed it yet
+};
+
 /// What the measurements of all cases of a scene share.
 struct MeasurementContext {
     const Scene& scene;
     const Batch& batch;
     const ReferenceSolution& solution;
     SharedState& state;
-    State& left;                     ///< room for what a case leaves
-    int edits;                       ///< within a batch
+    State& left;  ///< room for what a case leaves
+    int edits;    ///< within a batch
+    const StrainedRun& strained;
     const Card* card;                ///< null: no card is watched
     const std::vector<Case>& cases;  ///< all cases, whether they have a process yet or not
 
@@ -62,12 +71,16 @@ std::string name_of_repetition(int number) { return "repetition " + std::to_stri
 class TimedCase {
 public:
     TimedCase(Case& benchmark_case, const MeasurementContext& context)
-        : case_(benchmark_case), context_(context) {
+        : case_(benchmark_case),
+          context_(context),
+          own_share_(strained_share(context.solution, benchmark_case.spec())) {
         if (const nlohmann::json* reason = case_.scope().find("failed")) failure_ = *reason;
         while (known(name_of_repetition(done_ + 1))) count(kept(name_of_repetition(done_ + 1)));
+        known_before_ = done_;
     }
 
-    std::string label() const { return case_.spec().label(); }
+    const BackendSpec& spec() const { return case_.spec(); }
+    std::string label() const { return spec().label(); }
     /// How many repetitions are missing; 0 if the case has failed.
     int missing() const {
         constexpr int least = 2;
@@ -77,7 +90,8 @@ public:
     }
     /// Whether the case needs no further measurement.
     bool finished() const {
-        return !failure_.empty() || (missing() == 0 && !unjudged_ && (context_.edits == 0 || known("edits")));
+        return !failure_.empty() || (missing() == 0 && !unjudged_ &&
+                                     (context_.edits == 0 || known("edits")) && !lacks_strained_start());
     }
 
     /// Starts a compilation in the case's process, if that pays, and returns whether it did. It does not pay
@@ -139,7 +153,9 @@ public:
             const std::string name = name_of_repetition(done_ + 1);
             nlohmann::json answer = timed(name);
             count(answer);
-            if (missing() == 0) {
+            const bool is_last = missing() == 0;
+            if (context_.batch.rewind) look_at_state(answer, is_last);
+            if (is_last) {
                 unjudged_ = std::move(answer);
             } else {
                 case_.scope().keep(name, answer);
@@ -158,7 +174,7 @@ public:
     bool is_reading() const { return reading_; }
     /// Waits for the state and takes it.
     void finish_reading() {
-        if (!reading_) return;
+        if (!std::exchange(reading_, false)) return;
         attempt([&] {
             context_.state.take(case_.finish("reading the state that it left"), context_.left);
             read_ = true;
@@ -166,17 +182,40 @@ public:
     }
     /// Judges the state that finish_reading() took.
     void judge_state() {
-        if (!read_) return;
+        if (!std::exchange(read_, false)) return;
         attempt([&] {
-            (*unjudged_)["verified"] = to_json(judged());
+            Row verified = judged();
+            const std::string reason = other_repetition();
+            if (verified.verdict->passed && !reason.empty()) {
+                verified.verdict->passed = false;
+                verified.reason = reason;
+            }
+            verified.verdict->repetitions_judged = repetitions_judged();
+            (*unjudged_)["verified"] = to_json(verified);
             case_.scope().keep(name_of_repetition(done_), *std::exchange(unjudged_, std::nullopt));
         });
     }
 
     void measure_edits() {
-        if (context_.edits == 0 || finished()) return;
+        if (context_.edits == 0 || known("edits")) return;
         attempt([&] { case_.scope().keep("edits", case_.ask({{"do", "edits"}}, "timing its edits")); });
     }
+
+    /// Whether the scene's own start strains too few springs to verify the case.
+    bool needs_strained_start() const { return own_share_ < min_strained_share; }
+    bool lacks_strained_start() const {
+        return failure_.empty() && needs_strained_start() && !known("strained");
+    }
+    /// Runs a batch from the strained start in the case's process, after everything that is timed.
+    void begin_strained_start() {
+        if (!lacks_strained_start()) return;
+        attempt([&] {
+            case_.begin({{"do", "strained"}});
+            reading_ = true;
+        });
+    }
+    /// Judges the state that finish_reading() took.
+    void judge_strained_start();
 
     /// Adds the rows of the case, which has this number in its scene.
     void add_rows(StudyBench& bench, int number);
@@ -200,6 +239,9 @@ private:
     }
     nlohmann::json timed(const std::string& name);
     Row judged() const;
+    void look_at_state(nlohmann::json& answer, bool is_last);
+    int repetitions_judged() const;
+    std::string other_repetition() const;
     void look_at_card(nlohmann::json& answer);
 
     template <class Visit>
@@ -217,9 +259,11 @@ private:
 
     Case& case_;
     const MeasurementContext& context_;
-    std::string failure_;  ///< empty: no failure so far
-    int done_ = 0;         ///< repetitions
-    double seconds_ = 0;   ///< sum of their times
+    const double own_share_;  ///< of the springs that the scene's own start strains
+    std::string failure_;     ///< empty: no failure so far
+    int done_ = 0;            ///< repetitions
+    int known_before_ = 0;    ///< repetitions that the journal has of an earlier session
+    double seconds_ = 0;      ///< sum of their times
     bool compiling_ = false, counting_ = false, warming_up_ = false, reading_ = false, read_ = false;
     std::optional<nlohmann::json> unjudged_;  ///< the last repetition
 };
@@ -244,7 +288,10 @@ Row TimedCase::judged() const {
                                    .finite = comparison.finite,
                                    .error_rms = comparison.rms,
                                    .tolerance = comparison.tolerance,
-                                   .tolerance_rms = comparison.tolerance_rms};
+                                   .tolerance_rms = comparison.tolerance_rms,
+                                   .error_mean = comparison.mean,
+                                   .tolerance_mean = comparison.tolerance_mean,
+                                   .strained_share = own_share_};
     if (const Spread* const spread = spread_of(context_.solution, rounding_model_of(case_.spec()))) {
         verified.verdict->spread_max = spread->max;
         verified.verdict->spread_rms = spread->rms;
@@ -253,6 +300,67 @@ Row TimedCase::judged() const {
     }
     if (!comparison.passed()) verified.reason = comparison.reason;
     return verified;
+}
+
+void TimedCase::judge_strained_start() {
+    if (!std::exchange(read_, false)) return;
+    attempt([&] {
+        const ReferenceSolution& solution = *context_.strained.solution;
+        const Comparison comparison = judge(solution, context_.left, case_.spec());
+        Row row;
+        row.verdict = VerdictPart{.passed = comparison.passed(), .finite = comparison.finite};
+        StrainedPart& part = row.verdict->strained_start.emplace();
+        part = {.share = strained_share(solution, case_.spec()),
+                .error_max = comparison.max,
+                .error_rms = comparison.rms,
+                .error_mean = comparison.mean,
+                .tolerance = comparison.tolerance,
+                .tolerance_rms = comparison.tolerance_rms,
+                .tolerance_mean = comparison.tolerance_mean};
+        if (const Spread* const spread = spread_of(solution, rounding_model_of(case_.spec()))) {
+            part.motion_max = spread->motion_max;
+            part.motion_rms = spread->motion_rms;
+        }
+        if (!comparison.passed()) row.reason = "from a strained start: " + comparison.reason;
+        case_.scope().keep("strained", to_json(row));
+    });
+}
+
+/// Notes about the state that a repetition left what is known only until the next one begins. All repetitions
+/// begin at the same state, so their last states have the same bits, and it is enough to judge one of them.
+/// Where bits depend on the order of a sum, each state is judged.
+void TimedCase::look_at_state(nlohmann::json& answer, bool is_last) {
+    const std::string doing = "reading the state that it left";
+    if (capabilities_of(case_.capabilities()).deterministic) {
+        answer["fingerprint"] = case_.ask({{"do", "fingerprint"}}, doing);
+    } else if (!is_last) {
+        context_.state.take(case_.ask({{"do", "state"}}, doing), context_.left);
+        answer["verified"] = to_json(judged());
+    }
+}
+
+/// How many repetitions other_repetition() and judged() look at. Fingerprints can be compared within a
+/// process.
+int TimedCase::repetitions_judged() const {
+    const bool all = !context_.batch.rewind || !capabilities_of(case_.capabilities()).deterministic;
+    return all ? done_ : done_ - known_before_;
+}
+
+/// Why a repetition before the last one is wrong; empty if none is. If batches continue from each other, the
+/// last state depends on all of them.
+std::string TimedCase::other_repetition() const {
+    if (!context_.batch.rewind) return {};
+    for (int n = 1; n < done_; ++n) {
+        const std::string name = name_of_repetition(n) + " of " + std::to_string(done_);
+        const nlohmann::json& one = repetition(n);
+        if (one.contains("verified")) {
+            const Row verified = row_from_json(one.at("verified"));
+            if (!verified.verdict->passed) return name + ": " + verified.reason.value_or("");
+        } else if (n > known_before_ && one.at("fingerprint") != unjudged_->at("fingerprint")) {
+            return name + " left another state than the last one, from the same start";
+        }
+    }
+    return {};
 }
 
 /// Must be called right after a batch, before the card's clock falls.
@@ -359,6 +467,14 @@ void TimedCase::add_rows(StudyBench& bench, int number) {
         row.reason = verified.reason;
         const nlohmann::json& work = kept("warm").at("work");
         if (!work.empty()) row.verdict->work = work.get<WorkCount>();
+        if (needs_strained_start()) {
+            const Row strained = row_from_json(kept("strained"));
+            row.verdict->strained_start = strained.verdict->strained_start;
+            if (row.verdict->passed && !strained.verdict->passed) {
+                row.verdict->passed = false;
+                row.reason = strained.reason;
+            }
+        }
         bench.add("verification", row);
         if (!row.verdict->passed)
             failure_ = "does not agree with " + row.reference->reference + ": " + *row.reason;
@@ -459,6 +575,19 @@ void judge_states(StudyBench& bench, std::vector<TimedCase>& cases, int total) {
     }
 }
 
+/// Runs and judges every case that needs it from the strained start. While one state is judged, the next case
+/// runs.
+void judge_strained_starts(StudyBench& bench, std::vector<TimedCase>& cases, int total) {
+    if (!cases.empty() && !interrupted()) cases.front().begin_strained_start();
+    for (std::size_t n = 0; n < cases.size() && !interrupted(); ++n) {
+        if (cases[n].is_reading())
+            bench.show("judging " + cases[n].label() + " from a strained start", total, total);
+        cases[n].finish_reading();
+        if (n + 1 < cases.size()) cases[n + 1].begin_strained_start();
+        cases[n].judge_strained_start();
+    }
+}
+
 }  // namespace
 
 ReferenceSolution solution_of(StudyBench& bench, const Problem& last, const Batch& batch,
@@ -467,7 +596,7 @@ ReferenceSolution solution_of(StudyBench& bench, const Problem& last, const Batc
     const int steps = steps_in_all(batch);
     References& references = bench.references();
     ReferenceSolution solution{last, steps, references.after(scene, steps), {}, scene.state};
-    add_spreads(bench, specs, solution);
+    add_spreads(bench, scene, specs, solution);
     solution.conserved = conserved(last, solution.same_step);
     if (batch.total_error) {
         solution.refined = references.refined(scene, {scene.problem.time_step, steps}, {steps});
@@ -477,7 +606,8 @@ ReferenceSolution solution_of(StudyBench& bench, const Problem& last, const Batc
     return solution;
 }
 
-void add_spreads(StudyBench& bench, const std::vector<BackendSpec>& specs, ReferenceSolution& solution) {
+void add_spreads(StudyBench& bench, const Scene& scene, const std::vector<BackendSpec>& specs,
+                 ReferenceSolution& solution) {
     std::vector<RoundingModel> models;
     for (const BackendSpec& spec : specs) {
         const RoundingModel model = rounding_model_of(spec);
@@ -486,7 +616,7 @@ void add_spreads(StudyBench& bench, const std::vector<BackendSpec>& specs, Refer
             models.push_back(model);
     }
     const std::vector<Spread> spreads =
-        bench.references().spreads(bench.scene(), solution.steps, solution.same_step, models);
+        bench.references().spreads(scene, solution.steps, solution.same_step, models);
     for (std::size_t n = 0; n < models.size(); ++n) solution.spreads.emplace_back(models[n], spreads[n]);
 }
 
@@ -502,12 +632,30 @@ void check_batch(const Study& study, const Scene& scene, const Batch& batch) {
                            counted(std::uint64_t(batch.repetitions), "repetition") + " together");
 }
 
+/// Computes what runs of these cases from the strained start are compared with, for those that need it.
+void solve_strained_start(StudyBench& bench, const ReferenceSolution& own, const Batch& batch,
+                          const std::vector<TimedCase>& cases, StrainedRun& run) {
+    std::vector<BackendSpec> specs;
+    for (const TimedCase& one : cases) {
+        if (one.lacks_strained_start()) specs.push_back(one.spec());
+    }
+    if (specs.empty() || interrupted()) return;
+    if (!run.solution) {
+        run.scene = bench.scene();
+        run.scene.state = strained_start(run.scene.problem);
+        run.solution.emplace(ReferenceSolution{
+            own.problem, batch.steps, bench.references().after(run.scene, batch.steps), {}, run.scene.state});
+    }
+    add_spreads(bench, run.scene, specs, *run.solution);
+}
+
 void measure(StudyBench& bench, const Batch& batch) {
     const Scene& scene = bench.scene();
     SharedState state(scene.problem.particle_count());
     std::optional<Problem> edited;
     if (!scene.edits.empty()) edited = problem_after(scene, steps_in_all(batch));
     std::optional<ReferenceSolution> solution;
+    StrainedRun strained;
     State left;
     int number = 0;
     for (const std::span<const BackendSpec> group : bench.groups()) {
@@ -519,11 +667,11 @@ void measure(StudyBench& bench, const Batch& batch) {
         if (!solution) {
             solution.emplace(solution_of(bench, edited ? *edited : scene.problem, batch, specs));
         } else {
-            add_spreads(bench, specs, *solution);
+            add_spreads(bench, scene, specs, *solution);
         }
-        const MeasurementContext context{scene,        batch,  *solution,
-                                         state,        left,   SceneRunner(scene).edits_within(batch.steps),
-                                         bench.card(), entered};
+        const MeasurementContext context{scene,    batch,        *solution,
+                                         state,    left,         SceneRunner(scene).edits_within(batch.steps),
+                                         strained, bench.card(), entered};
         std::vector<TimedCase> cases;
         cases.reserve(entered.size());
         for (Case& one : entered) cases.emplace_back(one, context);
@@ -535,6 +683,8 @@ void measure(StudyBench& bench, const Batch& batch) {
             if (!interrupted()) one.measure_edits();
             if (!interrupted()) one.measure_launch(launch_after);
         }
+        solve_strained_start(bench, *solution, batch, cases, strained);
+        judge_strained_starts(bench, cases, total);
         for (Case& one : entered) one.dismiss();
         for (TimedCase& one : cases) {
             if (one.finished()) one.add_rows(bench, number);

@@ -22,6 +22,13 @@ State random_start(const Problem& problem, double amplitude) {
     return state;
 }
 
+State strained_start(const Problem& problem) {
+    const double shortest = 1e6 * std::sqrt(problem.shortest_squared());
+    State state = random_start(problem, 0.1 * shortest);
+    state.increment = {};  // the zeros of a body of 10^8 particles take gigabytes
+    return state;
+}
+
 double farthest(const State& state) {
     double largest = 0;
     for (std::size_t i = 0; i < state.increment.size(); ++i) {

@@ -9,6 +9,9 @@ namespace voxspring {
 /// +-`amplitude`, at rest. It is the same for every call.
 State random_start(const Problem& problem, double amplitude);
 
+/// A random start within a tenth of the shortest spacing or spring, which strains every spring.
+State strained_start(const Problem& problem);
+
 /// The largest movement of a particle in the last step; infinite if any value is not finite.
 double farthest(const State& state);
 

@@ -15,7 +15,9 @@
 #include "harness/base/statistics.h"
 #include "harness/device/noise.h"
 #include "harness/scene/scene_runner.h"
+#include "harness/study/random_starts.h"
 #include "harness/verification/divergence.h"
+#include "harness/verification/verify.h"
 
 namespace voxspring {
 namespace {
@@ -83,7 +85,12 @@ public:
         if (what == "warm up") return warm_up(backend, question.at("batches"));
         if (what == "repeat") return repeat(backend);
         if (what == "state") return read(backend, steps_in_all(batch_));
+        if (what == "fingerprint") {
+            const std::string own = backend.state_fingerprint();
+            return own.empty() ? fingerprint_of(backend.download()) : own;
+        }
         if (what == "edits") return edits(backend);
+        if (what == "strained") return strained(backend);
         if (what == "compile") return compile();
         if (what == "launch") {
             const std::optional<double> seconds = backend.limits()->own_launch_seconds();
@@ -205,13 +212,25 @@ private:
                 {"edit_seconds_max", *std::max_element(latency.begin(), latency.end())}};
     }
 
+    /// A batch from a start in which every spring is strained. No question may follow that needs the scene's
+    /// own start.
+    nlohmann::json strained(Backend& backend) {
+        const State start = strained_start(scene_.problem);
+        backend.monitor({});
+        strained_.emplace(scene_).start_from(0, start);
+        strained_->rewind(backend);
+        strained_->run(backend, batch_.steps);
+        return shared_.put(backend.download());
+    }
+
     const BackendSpec spec_;
     const Scene& scene_;
     const Batch batch_;
     SharedState& shared_;
     const DivergenceMonitor monitor_;
     SceneRunner runner_;
-    double compiled_seconds_ = 0;  ///< time of compile(), before the warm-up
+    std::optional<SceneRunner> strained_;  ///< keeps the problem that the backend reads
+    double compiled_seconds_ = 0;          ///< time of compile(), before the warm-up
 };
 
 constexpr const char* runner_name = "timing";

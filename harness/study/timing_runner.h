@@ -27,8 +27,9 @@ struct Batch {
 int steps_in_all(const Batch& batch);
 
 /// Answers "warm up" with the times of the first upload, "repeat" with a timed batch, "state" with the state
-/// that the last batch left, through `shared`, "edits" with their latencies, and "step work" with the least
-/// work of a step (limits.h).
+/// that the last batch left, through `shared`, "fingerprint" with that of this state, "edits" with their
+/// latencies, "strained" with the state after a batch from strained_start(), through `shared`, and "step
+/// work" with the least work of a step (limits.h).
 CaseProgram timing_program(const Batch& batch, SharedState& shared);
 
 }  // namespace voxspring

@@ -31,6 +31,11 @@ double gate(double spread, double motion, double admitted) {
     return std::min(gate_in_spreads * spread + admitted, most);
 }
 
+double mean_gate(double spread, double motion, double admitted) {
+    const double bound = std::max(gate_in_spreads * spread + admitted, min_share_of_mean * motion);
+    return bound <= max_share_of_motion * motion ? bound : std::numeric_limits<double>::infinity();
+}
+
 bool is_chaotic(const Spread& spread) {
     return std::isinf(gate(spread.max, spread.motion_max, 0)) &&
            std::isinf(gate(spread.rms, spread.motion_rms, 0));

@@ -33,6 +33,8 @@ struct Spread {
     /// How far a particle of the reference ends from its start, of which `max` is a share.
     double motion_max = 0;
     double motion_rms = 0;
+    double mean = 0;         ///< of the mean over all particles, as Comparison::mean
+    double motion_mean = 0;  ///< how far that mean of the reference ends from its start
     std::array<double, Statistic::count> statistic{};  ///< differences of statistics(), for a chaotic scene
     int runs = 0;
 };
@@ -60,6 +62,11 @@ constexpr double max_statistics_share = 0.75;
 /// options ask for, in addition to rounding; the cap at a share of the motion applies to the sum. Infinite if
 /// rounding alone carries the scene so far that no bound would be meaningful.
 double gate(double spread, double motion, double admitted);
+/// The bound on the error of the mean over all particles. Rounding errors cancel in it, so it shows a wrong
+/// gravity in a few steps of a large body, where each particle moves by less than a position resolves. It is
+/// at least a share of the motion, since a mean may be small by chance in the few runs of a spread.
+constexpr double min_share_of_mean = 0.02;
+double mean_gate(double spread, double motion, double admitted);
 /// Whether rounding carries the scene so far that no displacement can be judged.
 bool is_chaotic(const Spread& spread);
 /// The bound on a statistic of a chaotic scene. Infinite if the statistic is as chaotic as the particles.

@@ -3,11 +3,14 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
 #include <cmath>
+#include <cstdint>
 #include <glm/geometric.hpp>
 #include <limits>
 
 #include "harness/verification/error_threshold.h"
+#include "harness/verification/sum.h"
 
 namespace voxspring {
 
@@ -52,9 +55,37 @@ Comparison judge(const ReferenceSolution& solution, const State& state, const Ba
         const double admitted = admitted_error(solution.problem, spec, solution.steps);
         comparison.tolerance = gate(spread->max, spread->motion_max, admitted);
         comparison.tolerance_rms = gate(spread->rms, spread->motion_rms, admitted);
+        comparison.tolerance_mean = mean_gate(spread->mean, spread->motion_mean, admitted);
         judge(comparison);
     }
     return comparison;
+}
+
+double strained_share(const ReferenceSolution& solution, const BackendSpec& spec) {
+    const Problem& problem = solution.problem;
+    const State& state = solution.same_step;
+    const Spread* const spread = spread_of(solution, rounding_model_of(spec));
+    if (spread == nullptr || is_chaotic(*spread)) return 0;
+    const double bound = gate(spread->max, spread->motion_max, admitted_error(problem, spec, solution.steps));
+    if (const auto known = solution.strained_shares.find(bound); known != solution.strained_shares.end())
+        return known->second;
+    const auto is_strained = [&](const RestSpring& rest, std::size_t i, std::size_t j) {
+        const glm::dvec3 offset = rest.offset + state.displacement_of(i) - state.displacement_of(j);
+        return std::abs(glm::length(offset) - rest.length) > bound;
+    };
+    std::array<RestSpring, neighbour_count> rest_springs;
+    for (const Direction& direction : directions())
+        rest_springs[std::size_t(direction.bit)] = rest_spring(problem, direction);
+    const LatticeSprings springs(problem);
+    auto strained = sum_of<std::uint64_t>(problem.particle_count(), [&](std::uint64_t& part, std::size_t i) {
+        springs.of(i, [&](std::uint32_t j, const Direction& direction) {
+            part += is_strained(rest_springs[std::size_t(direction.bit)], i, j) ? 1 : 0;
+        });
+    });
+    for (const Spring& spring : problem.springs)
+        strained += is_strained(rest_spring(problem, spring), spring.first, spring.second) ? 1 : 0;
+    const std::uint64_t all = count_springs(problem).total();
+    return solution.strained_shares[bound] = all == 0 ? 1 : double(strained) / double(all);
 }
 
 Errors no_errors(const ReferenceSolution& solution, const BackendSpec& spec) {

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <map>
 #include <optional>
 #include <string>
 #include <utility>
@@ -28,15 +29,23 @@ struct ReferenceSolution {
     std::vector<std::pair<RoundingModel, Spread>> spreads = {};
     mutable std::optional<StateSummary> summary =
         {};  ///< summary of same_step; judge() computes it on demand
+    mutable std::map<double, double> strained_shares = {};  ///< of strained_share(), by the bound
 };
 /// The spread of `model`, or null if `solution` has none.
 const Spread* spread_of(const ReferenceSolution& solution, const RoundingModel& model);
 
 /// Compares a state with the reference. The largest difference and the root mean square are each judged by
-/// gate() (error_threshold.h), which admits the error that a tuning asks for (`sleep`). In a chaotic scene
-/// neither is judged: the state fails only if it is not finite or one of its statistics exceeds
-/// statistic_gate().
+/// gate(), and the mean by mean_gate() (error_threshold.h), which admit the error that a tuning asks for
+/// (`sleep`). In a chaotic scene none of them is judged: the state fails only if it is not finite or one of
+/// its statistics exceeds statistic_gate().
 Comparison judge(const ReferenceSolution& solution, const State& state, const BackendSpec& spec);
+
+/// The least share of springs whose effect a run must show, so that it verifies a backend.
+constexpr double min_strained_share = 0.5;
+/// The share of the springs that the reference has strained at the end by more than the bound on the largest
+/// error of a backend. Without such a spring the backend would fail. A share of 0 means that no displacement
+/// is judged, 1 that there is no spring.
+double strained_share(const ReferenceSolution& solution, const BackendSpec& spec);
 
 /// The accuracy that a row reports. Unknown values are absent. results/schema.json defines each field.
 struct Errors {

@@ -357,6 +357,7 @@ Spread References::measured_spread(const Scene& scene, int steps, const State& e
     const Comparison motion = differences(expected, scene.state);
     spread.motion_max = motion.max;
     spread.motion_rms = motion.rms;
+    spread.motion_mean = motion.mean;
     const int random = random_runs(scene.problem.particle_count());
     const auto rounded = [&](int run) -> const State& {
         runs.backend->perturb({run == 0 ? Perturbation::Kind::nearest : Perturbation::Kind::random,
@@ -386,6 +387,7 @@ Spread References::measured_spread(const Scene& scene, int steps, const State& e
         // If a state is not finite the differences are infinite, and the scene counts as chaotic.
         spread.max = std::max(spread.max, apart.max);
         spread.rms = std::max(spread.rms, apart.rms);
+        spread.mean = std::max(spread.mean, apart.mean);
         ++spread.runs;
         if (!is_chaotic(spread)) {
             ++without_statistics;

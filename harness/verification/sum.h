@@ -19,7 +19,7 @@ Sum sum_of(std::size_t count, Add add) {
         const std::size_t begin = std::size_t(c) * chunk;
         for (std::size_t i = begin; i < std::min(begin + chunk, count); ++i) add(parts[std::size_t(c)], i);
     }
-    Sum sum;
+    Sum sum{};
     for (const Sum& part : parts) sum += part;
     return sum;
 }

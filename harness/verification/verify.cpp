@@ -6,6 +6,7 @@
 #include <limits>
 #include <sstream>
 
+#include "backends/disk_cache.h"
 #include "harness/verification/sum.h"
 
 namespace voxspring {
@@ -23,11 +24,13 @@ constexpr std::size_t no_index = std::numeric_limits<std::size_t>::max();
 /// is not finite.
 struct Apart {
     double squared_error = 0, squared_reference = 0;
+    glm::dvec3 error{0};
     double max = 0;
     std::size_t worst = 0, infinite = no_index;
     Apart& operator+=(const Apart& other) {
         squared_error += other.squared_error;
         squared_reference += other.squared_reference;
+        error += other.error;
         infinite = std::min(infinite, other.infinite);
         if (other.max > max) {
             max = other.max;
@@ -38,6 +41,13 @@ struct Apart {
 };
 
 }  // namespace
+
+std::string fingerprint_of(const State& state) {
+    Hash hash;
+    hash.add_numbers(state.displacement);
+    hash.add_numbers(state.increment);
+    return hash.text();
+}
 
 SpringLengths spring_lengths(const Problem& problem) {
     SpringLengths lengths;
@@ -107,7 +117,7 @@ Comparison differences(const State& state, const State& reference) {
     constexpr double infinity = std::numeric_limits<double>::infinity();
     Comparison result;
     // Replaced once every component has been compared.
-    result.relative_l2 = result.max = result.rms = infinity;
+    result.relative_l2 = result.max = result.rms = result.mean = infinity;
     const bool fits =
         reference.displacement.empty() || state.displacement.size() == reference.displacement.size();
     const auto apart = sum_of<Apart>(state.displacement.size(), [&](Apart& part, std::size_t i) {
@@ -115,8 +125,9 @@ Comparison differences(const State& state, const State& reference) {
             part.infinite = std::min(part.infinite, i);
         } else if (fits) {
             const glm::dvec3 expected = reference.displacement_of(i);
-            const double error = glm::length(state.displacement[i] - expected);
-            part += {error * error, glm::dot(expected, expected), error, i};
+            const glm::dvec3 off = state.displacement[i] - expected;
+            const double error = glm::length(off);
+            part += {error * error, glm::dot(expected, expected), off, error, i};
         }
     });
     if (apart.infinite != no_index) {
@@ -132,9 +143,11 @@ Comparison differences(const State& state, const State& reference) {
     }
     result.max = apart.max;
     result.worst = apart.worst;
-    result.relative_l2 = 0;
-    if (!state.displacement.empty())
-        result.rms = std::sqrt(apart.squared_error / double(state.displacement.size()));
+    result.relative_l2 = result.rms = result.mean = 0;
+    if (const auto particles = double(state.displacement.size()); particles > 0) {
+        result.rms = std::sqrt(apart.squared_error / particles);
+        result.mean = glm::length(apart.error) / particles;
+    }
     if (apart.squared_reference > 0) {
         result.relative_l2 = std::sqrt(apart.squared_error / apart.squared_reference);
     } else if (apart.squared_error > 0) {
@@ -151,6 +164,9 @@ void judge(Comparison& comparison) {
     } else if (!(comparison.rms <= comparison.tolerance_rms)) {
         reason << "particles are off by " << comparison.rms << " in the root mean square, tolerance "
                << comparison.tolerance_rms;
+    } else if (!(comparison.mean <= comparison.tolerance_mean)) {
+        reason << "particles are off by " << comparison.mean << " in the mean, tolerance "
+               << comparison.tolerance_mean;
     }
     comparison.reason = reason.str();
 }

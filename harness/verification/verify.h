@@ -17,10 +17,12 @@ struct Comparison {
                              ///< infinite if only u_ref does
     double max = 0;          ///< largest |u_i - u_ref_i|
     double rms = 0;          ///< root mean square of |u_i - u_ref_i|
+    double mean = 0;         ///< |mean of u_i - u_ref_i|
     std::size_t worst = 0;   ///< particle with the largest difference, or the first that is not finite
     double tolerance = 0;    ///< bound on `max`; infinite: `max` is not judged
     /// Bound on `rms`; infinite: `rms` is not judged.
     double tolerance_rms = std::numeric_limits<double>::infinity();
+    double tolerance_mean = std::numeric_limits<double>::infinity();  ///< likewise on `mean`
     std::string reason;  ///< why the state failed; empty: it passed
     bool passed() const { return reason.empty(); }
 };
@@ -79,6 +81,9 @@ double forced_acceleration(const Problem& problem);
 /// amplitude grows by no more than that error per step.
 double rounding_tolerance(const Problem& problem, const State& reference, Precision precision, int steps,
                           Formulation formulation = Formulation::position, double root_error = 0);
+
+/// A hash that is the same for states with the same bits.
+std::string fingerprint_of(const State& state);
 
 /// Compares without a tolerance: first finiteness, then sizes, then every component. A reference without
 /// displacements is at rest.
