@@ -170,6 +170,26 @@ def medians(benchmarks):
     return [(row, [one["real_time"] for one in times.get((row["run_name"], row["steps"]), [row])]) for row in medians_of]
 
 
+def threshold_of(verdict):
+    """The bound on the error over the motion of a row of `verification`, or "chaotic" where no displacement is judged, or "not verified"
+    where a backend without springs might pass; "-" where a file does not say. "*" marks the bound of a start that strains every spring."""
+    strained = verdict.get("strained_start")
+    run = strained or verdict
+    bounds = [(run.get("tolerance_rms"), run.get("motion_rms")), (run.get("tolerance"), run.get("motion_max"))]
+    if not any(motion for _, motion in bounds):
+        return "-"
+    found = [bound / motion for bound, motion in bounds if bound is not None and motion]
+    if not found:
+        return "chaotic"
+    if max(verdict.get("strained_share", 1), (strained or {}).get("strained_share", 0)) < MIN_STRAINED_SHARE:
+        return "not verified"
+    return f"{found[0]:.1e}" + "*" * bool(strained)
+
+
+# As in harness/verification/errors.h.
+MIN_STRAINED_SHARE = 0.5
+
+
 # Lists of a result that have no measurements, or that repeat those of other lists.
 NOT_MEASURED = ("failed", "skipped", "verification", "fastest", "auto")
 

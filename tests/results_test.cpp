@@ -7,10 +7,13 @@
 #include <cmath>
 #include <cstdint>
 #include <cstdlib>
+#include <limits>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <sstream>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "backends/registry.h"
@@ -276,6 +279,53 @@ TEST(Table, WrapsHeadingsBeforeItCutsNamesAndNamesWhatItHasNoRoomFor) {
               "backend                   particles/s    time\ngl_fragment_im...sk=none        3 G/s  1.2 us\n"
               "no room for: error against the converged solution\n");
     EXPECT_THAT(printed(0), ::testing::Not(HasSubstr("no room")));
+}
+
+// Catches a row that nothing could fail and that looks as good as others, and a bound whose run is not named.
+TEST(Thresholds, SayWhichRunVerifiesARowAndWhichRowNoneDoes) {
+    const double infinite = std::numeric_limits<double>::infinity();
+    const VerdictPart own{.passed = true,
+                          .finite = true,
+                          .tolerance = 1e-3,
+                          .tolerance_rms = 2e-4,
+                          .motion_max = 2,
+                          .motion_rms = 1,
+                          .repetitions_judged = 9,
+                          .strained_share = 0.9};
+    VerdictPart falling = own, verified = own, chaotic = own, old = own;
+    falling.strained_share = 0.01;
+    verified.strained_share = 0.01;
+    verified.strained_start = StrainedPart{
+        .share = 0.99, .tolerance = 1e-4, .tolerance_rms = infinite, .motion_max = 0.2, .motion_rms = 0.1};
+    chaotic.tolerance = chaotic.tolerance_rms = infinite;
+    chaotic.strained_share = 0;
+    old.strained_share.reset();
+    old.repetitions_judged.reset();
+    Result result;
+    for (const auto& [name, verdict] : {std::pair("own", own),
+                                        {"falling", falling},
+                                        {"verified", verified},
+                                        {"chaotic", chaotic},
+                                        {"old", old}}) {
+        Row row{.identity = {.name = std::string("a/") + name, .scene = "a"}};
+        row.verdict = verdict;
+        result.rows("verification").push_back(row_from_json(to_json(row)));
+    }
+    const Verdicts verdicts = verdicts_of(result);
+    std::map<std::string, std::string> texts;
+    for (const Row& row : result.rows("verification")) texts[row.label()] = threshold_text(row, verdicts);
+    const std::map<std::string, std::string> expected = {{"own", "2.0e-04"},
+                                                         {"falling", "not verified"},
+                                                         {"verified", "5.0e-04*"},
+                                                         {"chaotic", "chaotic"},
+                                                         {"old", "2.0e-04"}};
+    EXPECT_EQ(texts, expected);
+    EXPECT_EQ(threshold_text(Row{.identity = {.name = "a/b", .scene = "a"}}, verdicts), "-");
+    EXPECT_EQ(verdicts.at("a/old").verified(), std::nullopt);
+    std::ostringstream out;
+    print_thresholds(result.rows("verification"), verdicts, out);
+    EXPECT_THAT(out.str(), HasSubstr("2 of 5 times not verified"));
+    EXPECT_THAT(out.str(), HasSubstr("a: falling, chaotic"));
 }
 
 TEST(Text, CountsAreOfOneOrOfSeveral) {

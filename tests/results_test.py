@@ -251,5 +251,16 @@ class Figures(unittest.TestCase):
         self.assertIn(">on chip<", (RESULTS / "nvidia-h200/intensity-NVIDIA-H200-box@32.svg").read_text())
 
 
+class Thresholds(unittest.TestCase):
+    def test_each_says_which_run_verifies_a_row(self):
+        own = {"tolerance": 1e-3, "tolerance_rms": 2e-4, "motion_max": 2.0, "motion_rms": 1.0, "strained_share": 0.9}
+        strained = {"tolerance": 1e-4, "tolerance_rms": None, "motion_max": 0.2, "motion_rms": 0.1, "strained_share": 0.99}
+        chaotic = own | {"tolerance": None, "tolerance_rms": None, "strained_share": 0}
+        found = [result_files.threshold_of(row) for row in (
+            own, own | {"strained_share": 0.1}, own | {"strained_share": 0.1, "strained_start": strained}, chaotic,
+            {key: value for key, value in own.items() if key != "strained_share"}, {})]
+        self.assertEqual(found, ["2.0e-04", "not verified", "5.0e-04*", "chaotic", "2.0e-04", "-"])
+
+
 if __name__ == "__main__":
     unittest.main()

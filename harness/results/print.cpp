@@ -139,6 +139,51 @@ std::string time_text(const Row& row, double seconds, const StepTimes& repetitio
     return text;
 }
 
+Verdicts verdicts_of(const Result& result) {
+    Verdicts verdicts;
+    for (const Row& row : result.rows("verification")) {
+        if (row.verdict) verdicts[row.case_name()] = *row.verdict;
+    }
+    return verdicts;
+}
+
+std::string threshold_text(const Row& row, const Verdicts& verdicts) {
+    const auto found = verdicts.find(row.case_name());
+    if (found == verdicts.end()) return "-";
+    const VerdictPart& verdict = found->second;
+    const std::optional<double> threshold = verdict.threshold();
+    if (!threshold) return "chaotic";
+    if (verdict.verified() == false) return "not verified";
+    return error_text(*threshold) + (verdict.strained_start ? "*" : "");
+}
+
+void print_thresholds(const std::vector<Row>& rows, const Verdicts& verdicts, std::ostream& out) {
+    bool strained = false, last_alone = false;
+    std::vector<Row> unverified;
+    for (const Row& row : rows) {
+        const auto found = verdicts.find(row.case_name());
+        if (found == verdicts.end()) continue;
+        strained = strained || found->second.strained_start;
+        last_alone = last_alone || !found->second.repetitions_judged;
+        if (found->second.verified() == false) unverified.push_back(row);
+    }
+    if (strained)
+        out << "* of a further run of the same steps, from a start in which every spring is strained: the "
+               "scene's own start strains less than half of them by more than the threshold\n";
+    if (last_alone) out << "Of each time the last repetition alone was judged.\n";
+    std::vector<std::pair<std::string, std::vector<std::string>>> scenes;
+    for (const Row& row : unverified) {
+        if (scenes.empty() || scenes.back().first != row.identity.scene)
+            scenes.push_back({row.identity.scene, {}});
+        scenes.back().second.push_back(row.label());
+    }
+    std::vector<std::string> names;
+    for (const auto& [scene, cases] : scenes) names.push_back(scene + ": " + names_in_short(cases));
+    if (!names.empty())
+        out << fmt::format("{} of {} not verified, since no run shows half of the springs: {}\n",
+                           unverified.size(), counted(rows.size(), "time"), fmt::join(names, "; "));
+}
+
 std::string names_in_short(const std::vector<std::string>& names) {
     if (names.size() <= 3) return joined(names);
     const std::string prefix = names.front().substr(0, names.front().find('_') + 1);
@@ -207,6 +252,7 @@ void print_unmeasured(const Result& result, std::ostream& out) {
 void print_table(const Result& result, std::ostream& out, TableWidth width) {
     const std::vector<Row>& measured = result.rows("benchmarks");
     const StepTimes repetitions = step_times_of(measured);
+    const Verdicts verdicts = verdicts_of(result);
     std::vector<Row> all;
     std::map<std::string, double> fastest;  ///< seconds, by scene
     std::set<std::string> chaotic;
@@ -226,6 +272,7 @@ void print_table(const Result& result, std::ostream& out, TableWidth width) {
          {{"(max)", 5}, [&](const Row& row) { return error_cell(errors_of(row).max); }},
          {{"error against the converged solution", 7},
           [&](const Row& row) { return error_cell(errors_of(row).total_relative_l2); }},
+         {{"threshold/motion", 8}, [&](const Row& row) { return threshold_text(row, verdicts); }},
          {{"x fastest", 1},
           [&](const Row& row) { return fixed_text(row.step_seconds() / fastest[row.identity.scene], 2); }},
          {{"% of roofline", 3},
@@ -240,6 +287,7 @@ void print_table(const Result& result, std::ostream& out, TableWidth width) {
                        " of its motion in " + counted(std::uint64_t(row.workpiece->steps), "step"));
     }
     print_shortened(all, result.own_context().at("study").at("repetitions"), out);
+    print_thresholds(all, verdicts, out);
     print_noise(all, out);
     print_above_limit(all, out);
     for (const std::string& scene : chaotic)

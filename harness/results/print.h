@@ -62,6 +62,19 @@ std::string time_text(const Row& row, double seconds, const StepTimes& repetitio
 /// each such row, and the file has its figures.
 void print_noise(const std::vector<Row>& rows, std::ostream& out);
 
+/// The verdicts of a result, by the name of the case.
+using Verdicts = std::map<std::string, VerdictPart>;
+Verdicts verdicts_of(const Result& result);
+
+/// The bound on a row's error over its motion: "2.9e-04", with "*" if it is that of a strained start,
+/// "chaotic" if no displacement is judged, "not verified" if a backend without springs might pass, "-" if not
+/// known.
+std::string threshold_text(const Row& row, const Verdicts& verdicts);
+
+/// Says what the marks of threshold_text() mean, if a row has one, and of how many repetitions the rows are
+/// the judgement.
+void print_thresholds(const std::vector<Row>& rows, const Verdicts& verdicts, std::ostream& out);
+
 /// Prints the cases that were faster than their limit, if any. In these the limit is wrong, not the time.
 void print_above_limit(const std::vector<Row>& rows, std::ostream& out);
 

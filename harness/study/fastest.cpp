@@ -253,14 +253,15 @@ std::vector<nlohmann::json> fastest_of(const Result& result, const std::vector<T
 }
 
 void print_fastest(const Result& result, std::ostream& out, TableWidth width) {
-    const std::vector<Column> columns = {{"scene", 0, true},   {"fastest", 0, true}, {"time a step"},
-                                         {"particles/s", 5},   {"springs/s", 6},     {"rounding error", 3},
-                                         {"% of roofline", 2}, {"x paper's", 1},     {"x auto", 1},
-                                         {"cold start", 4},    {"warm start", 7}};
+    const std::vector<Column> columns = {{"scene", 0, true},      {"fastest", 0, true}, {"time a step"},
+                                         {"particles/s", 5},      {"springs/s", 6},     {"rounding error", 3},
+                                         {"threshold/motion", 8}, {"% of roofline", 2}, {"x paper's", 1},
+                                         {"x auto", 1},           {"cold start", 4},    {"warm start", 7}};
     std::vector<std::vector<std::string>> table;
     const std::vector<nlohmann::json>& blocks = result.rows<nlohmann::json>("fastest");
     const std::vector<Row> rows = rows_from_json(blocks);
     const StepTimes repetitions = step_times_of(result.rows("benchmarks"));
+    const Verdicts verdicts = verdicts_of(result);
     for (std::size_t i = 0; i < rows.size(); ++i) {
         const Row& row = rows[i];
         const nlohmann::json& block = blocks[i];
@@ -269,7 +270,7 @@ void print_fastest(const Result& result, std::ostream& out, TableWidth width) {
             {row.identity.scene, row.label(), time_text(row, block.at("seconds_per_step"), repetitions),
              si(block.at("particle_updates_per_second"), "/s"),
              si(block.at("spring_updates_per_second"), "/s"),
-             error_cell(row.errors ? row.errors->relative_l2 : std::nullopt),
+             error_cell(row.errors ? row.errors->relative_l2 : std::nullopt), threshold_text(row, verdicts),
              percent_of(block.at("fraction_of_limit")) + row.limit_mark(),
              paper.is_null() ? "-" : ratio_text(paper.at("ratio")),
              ratio_text(block.at("auto").at("times_fastest")),
@@ -277,6 +278,7 @@ void print_fastest(const Result& result, std::ostream& out, TableWidth width) {
              row.start && row.start->warm_ready_seconds ? si(*row.start->warm_ready_seconds, "s") : "-"});
     }
     print_columns(columns, table, width, out);
+    print_thresholds(rows, verdicts, out);
     print_noise(rows, out);
     print_above_limit(rows, out);
     for (std::size_t i = 0; i < rows.size(); ++i) {

@@ -21,7 +21,7 @@ REGIONS = ("bounded", "heating", "diverged")
 SCHEMA = json.loads((importlib.resources.files(__package__) / "reading.schema.json").read_text(encoding="utf-8"))
 # The lists that a file may have, and those of which a figure is made.
 LISTS = tuple(name for name in SCHEMA["properties"] if name != "context")
-MEASURED = tuple(name for name in LISTS if name not in ("fastest", "failed", "skipped"))
+MEASURED = tuple(name for name in LISTS if name not in ("fastest", "failed", "skipped", "verification"))
 
 
 @dataclass
@@ -201,8 +201,9 @@ def rows_of(results, name):
 
 def measured(results):
     """A row for each contender, scene and file: the median over the repetitions, with the least and the most of them."""
+    verdicts = {(result.path, row["name"]): result_files.threshold_of(row) for result in results for row in result.lists["verification"]}
     return [row | {
-        "microseconds": row["real_time"], "least": min(times), "most": max(times), "repetition_times": tuple(times),
+        "threshold": verdicts.get((result.path, row["name"].split("/iterations:")[0]), "-"), "microseconds": row["real_time"], "least": min(times), "most": max(times), "repetition_times": tuple(times),
         "spring_rate": row["springs"] / row["real_time"] * 1e6, "of_limit": row.get("fraction_of_limit"),
         "limited_by": row.get("limited_by"),
         "limit_microseconds": row["limit_seconds"] * 1e6 if row.get("limit_seconds") else None,
@@ -328,12 +329,12 @@ def bin_begin(number):
 
 def haptic(results):
     """A row for each rate and way of playing, of those that keep a histogram; times in microseconds."""
-    return [row | {"edited": "yes" if row["edited"] else "no", "drawn": "yes" if row.get("drawn") else "no",
     # In files of older versions a percentile may be of too few ticks: at least ten must lie beyond it.
     def percentile(row, name, beyond):
         found = row[f"{name}_seconds"]
         return found * 1e6 if found is not None and sum(count for _, count in row["histogram"]) * beyond >= 9.999 else None
 
+    return [row | {"edited": "yes" if row["edited"] else "no", "drawn": "yes" if row.get("drawn") else "no",
                    "pictures": row.get("pictures_per_second"), "period": 1e6 / row["hertz"], "bins": bins_of(row),
                    **{name: row[f"{name}_seconds"] * 1e6 for name in ("median", "worst")},
                    "p99": percentile(row, "p99", 0.01), "p999": percentile(row, "p999", 0.001)}

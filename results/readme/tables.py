@@ -39,6 +39,20 @@ def headings(rows, *texts):
     return [text.format_map(row) for row in firsts for text in texts]
 
 
+def thresholds(rows):
+    """What the errors of rows were judged by, in a sentence."""
+    named = []
+    for (scene,), of_scene in groups(rows, "scene").items():
+        models = {}
+        for (formulation, precision), own in groups(of_scene, "formulation", "precision").items():
+            name = formulation + f" {precision}" * (precision != "float32")
+            models[name] = " or ".join(distinct(own, "threshold"))
+        named.append((scene, models))
+    one = len({name for _, models in named for name in models}) == 1
+    texts = (f"{scene} " + ", ".join(text if one else f"{name} {text}" for name, text in models.items()) for scene, models in named)
+    return f"Threshold on the error over the motion: {'; '.join(texts)}."
+
+
 def slow_down(row):
     return row["real_time"] * 1e-6 / row["seconds_per_step_without_edits"] - 1
 
