@@ -189,8 +189,13 @@ private:
             const Pull<float> spring = class_pull<Terms, equal_edges>(
                 step, tile.spacing_, tile.own_[a] - tile.own_[b], c, i2 - i, j2 - j, k2 - k);
             const bool is_there = words.spring(bit, 0);
-            add(spring.offset, spring.density, is_there, tile.force_[a]);
-            add(spring.offset, -spring.density, is_there, tile.force_[b]);
+            if constexpr (Words::by_side) {  // the spring is always there, which the compiler sees in add()
+                add(spring.offset, spring.density, is_there, tile.force_[a]);
+                add(spring.offset, -spring.density, is_there, tile.force_[b]);
+            } else {
+                add_predicated(spring.offset, spring.density, is_there, tile.force_[a]);
+                add_predicated(spring.offset, -spring.density, is_there, tile.force_[b]);
+            }
         }
         VOXSPRING_HOST_DEVICE void half(int bit, int i, int j, int k, int i2, int j2, int k2) {
             const int c = spring_class(i2 - i, j2 - j, k2 - k), a = number(i, j, k);
