@@ -205,17 +205,20 @@ TEST(Compiler, TheResidentKernelDoesNotWaitForEver) {
 // With dependent launches the step before may still write words while a kernel begins. So the kernel loads no
 // word before the wait, and none by read-only loads.
 TEST(DependentLaunches, LoadWordsAfterTheWait) {
-    const auto code_of = [](const char* real, const char* fetch, bool dependent) {
-        KernelSource source = source_of("explicit.cu", {{"REAL", real}, {"FETCH", fetch}});
+    const auto code_of = [](const char* file, const char* real, const char* fetch, bool dependent) {
+        KernelSource source = source_of(file, {{"REAL", real}, {"FETCH", fetch}});
         if (dependent) source.macros["DEPENDENT_LAUNCH"] = "1";
         return compile(source, 999).code;
     };
     for (const auto& [real, word] : {std::pair{"float", ".v4.f32"}, std::pair{"double", ".v2.f64"}}) {
         const std::string read_only = std::string("ld.global.nc") + word;
-        EXPECT_GT(count_of(read_only, code_of(real, "ThroughL1", false)), 0U);
-        for (const char* const fetch : {"ThroughL1", "PastL1", "ThroughTexture"}) {
-            SCOPED_TRACE(std::string(real) + " " + fetch);
-            const std::string code = code_of(real, fetch, true);
+        EXPECT_GT(count_of(read_only, code_of("explicit.cu", real, "ThroughL1", false)), 0U);
+        EXPECT_GT(count_of(read_only, code_of("delta.cu", real, "ThroughL1", false)), 0U);
+        for (const auto& [file, fetch] :
+             {std::pair{"explicit.cu", "ThroughL1"}, std::pair{"explicit.cu", "PastL1"},
+              std::pair{"explicit.cu", "ThroughTexture"}, std::pair{"delta.cu", "ThroughL1"}}) {
+            SCOPED_TRACE(std::string(file) + " " + real + " " + fetch);
+            const std::string code = code_of(file, real, fetch, true);
             EXPECT_EQ(count_of(read_only, code), 0U);
             const std::size_t wait = code.find("griddepcontrol.wait");
             ASSERT_NE(wait, std::string::npos);
