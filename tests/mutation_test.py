@@ -22,7 +22,7 @@ ROOT = pathlib.Path.cwd()
 CXX = os.environ.get("CXX", "c++")
 FLAGS = ["-std=c++20", "-O1", "-ffp-contract=off", "-fopenmp", "-DHWY_COMPILE_ONLY_STATIC", "-DHWY_SHARED_DEFINE", "-I."]
 LIBRARIES = ["-fopenmp", "-lhwy"]
-SOURCES = [*(f"backends/{name}.cpp" for name in ("api", "backend", "limits", "registry", "rest_policy", "suggestion")),
+SOURCES = [*(f"backends/{name}.cpp" for name in ("api", "backend", "disk_cache", "limits", "registry", "rest_policy", "suggestion")),
            "backends/cpu/*.cpp",
            *(f"backends/layout/{name}.cpp" for name in ("blocks", "border_blocks", "delta_lists", "neighbour_lists", "particles",
                                                         "spring_array", "springs", "tool", "work")),
