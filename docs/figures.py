@@ -10,7 +10,6 @@ result or the sources say.
 
 import functools
 import json
-import math
 import pathlib
 import re
 import statistics
@@ -25,7 +24,7 @@ import jinja2  # noqa: E402  # pylint: disable=wrong-import-position
 import includes_test  # noqa: E402  # pylint: disable=wrong-import-position
 import paper  # noqa: E402  # pylint: disable=wrong-import-position
 from readme import facts, rows as results  # noqa: E402  # pylint: disable=wrong-import-position
-from result_files import groups  # noqa: E402  # pylint: disable=wrong-import-position
+from result_files import groups, tick_seconds  # noqa: E402  # pylint: disable=wrong-import-position
 
 # The strategies of the table, one or two of each kind.
 SHOWN = ["cuda_resident", "cuda_explicit_delta", "cuda_explicit_cached_grid", "cuda_implicit_cached", "gl_compute_implicit",
@@ -88,15 +87,10 @@ def seconds_text(seconds):
     return f"{results.three_digits(seconds * 1e6)} us" if seconds >= 1e-7 else f"{results.three_digits(seconds * 1e9)} ns"
 
 
-# The share of the ticks beyond each percentile. At least ten ticks must lie there.
-BEYOND = {"p99": 0.01, "p999": 0.001}
-
-
 def tick_text(row, name):
-    """A percentile of a row of the study haptic; a dash for one of too few ticks, which older files have."""
-    ticks = sum(count for _, count in row["histogram"]) if row.get("histogram") else row["ticks"]
-    seconds = row[f"{name}_seconds"]
-    return "-" if seconds is None or ticks * BEYOND.get(name, math.inf) < 9.999 else seconds_text(seconds)
+    """A time of a row of the study haptic, or a dash."""
+    seconds = tick_seconds(row, name)
+    return "-" if seconds is None else seconds_text(seconds)
 
 
 def from_due(rows):

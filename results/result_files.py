@@ -3,6 +3,7 @@
 import functools
 import gzip
 import json
+import math
 import pathlib
 import re
 import statistics
@@ -168,6 +169,14 @@ def medians(benchmarks):
     times = groups((row for row in benchmarks if row.get("run_type") == "iteration"), "run_name", "steps")
     medians_of = (row for row in benchmarks if row.get("aggregate_name") == "median")
     return [(row, [one["real_time"] for one in times.get((row["run_name"], row["steps"]), [row])]) for row in medians_of]
+
+
+def tick_seconds(row, name):
+    """A time of a row of the study haptic: median, p99, p999 or worst. None for a percentile that fewer than ten ticks exceed, which older
+    files have."""
+    ticks = sum(count for _, count in row["histogram"]) if row.get("histogram") else row["ticks"]
+    beyond = {"p99": 0.01, "p999": 0.001}.get(name, math.inf)
+    return row[f"{name}_seconds"] if ticks * beyond >= 9.999 else None
 
 
 def threshold_of(verdict):

@@ -658,8 +658,8 @@ class Page(unittest.TestCase):
                     self.assertTrue(strips == bins or name != "latency", "histograms are drawn")
                     self.assertGreater(len(alternative or ""), 40)
                     self.assertNotIn("undefined", alternative)
-                    # A curve's points are medians over backends; gates and measurements of zero cannot be shown. Of too few
-                    # ticks there is no percentile to mark.
+                    # A curve's points are medians over backends; gates and measurements of zero cannot be shown. A row of too
+                    # few ticks has no percentile to mark.
                     if name in ("curves", "stress"):
                         self.assertGreater(marks, 20)
                     else:

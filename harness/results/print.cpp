@@ -170,7 +170,7 @@ void print_thresholds(const std::vector<Row>& rows, const Verdicts& verdicts, st
     if (strained)
         out << "* of a further run of the same steps, from a start in which every spring is strained: the "
                "scene's own start strains less than half of them by more than the threshold\n";
-    if (last_alone) out << "Of each time the last repetition alone was judged.\n";
+    if (last_alone) out << "Only the last repetition of each time was judged.\n";
     std::vector<std::pair<std::string, std::vector<std::string>>> scenes;
     for (const Row& row : unverified) {
         if (scenes.empty() || scenes.back().first != row.identity.scene)

@@ -71,8 +71,8 @@ Verdicts verdicts_of(const Result& result);
 /// known.
 std::string threshold_text(const Row& row, const Verdicts& verdicts);
 
-/// Says what the marks of threshold_text() mean, if a row has one, and of how many repetitions the rows are
-/// the judgement.
+/// Says what the marks of threshold_text() mean, if a row has one, and whether only the last repetitions were
+/// judged.
 void print_thresholds(const std::vector<Row>& rows, const Verdicts& verdicts, std::ostream& out);
 
 /// Prints the cases that were faster than their limit, if any. In these the limit is wrong, not the time.

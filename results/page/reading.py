@@ -329,15 +329,13 @@ def bin_begin(number):
 
 def haptic(results):
     """A row for each rate and way of playing, of those that keep a histogram; times in microseconds."""
-    # In files of older versions a percentile may be of too few ticks: at least ten must lie beyond it.
-    def percentile(row, name, beyond):
-        found = row[f"{name}_seconds"]
-        return found * 1e6 if found is not None and sum(count for _, count in row["histogram"]) * beyond >= 9.999 else None
+    def microseconds(row, name):
+        seconds = result_files.tick_seconds(row, name)
+        return None if seconds is None else seconds * 1e6
 
     return [row | {"edited": "yes" if row["edited"] else "no", "drawn": "yes" if row.get("drawn") else "no",
                    "pictures": row.get("pictures_per_second"), "period": 1e6 / row["hertz"], "bins": bins_of(row),
-                   **{name: row[f"{name}_seconds"] * 1e6 for name in ("median", "worst")},
-                   "p99": percentile(row, "p99", 0.01), "p999": percentile(row, "p999", 0.001)}
+                   **{name: microseconds(row, name) for name in ("median", "p99", "p999", "worst")}}
             for row in rows_of(results, "haptic") if row.get("histogram")]
 
 
