@@ -108,13 +108,14 @@ public:
         launch.step = this->measured_step(problem);
         launch.kernel = this->kernel(march_source(problem, this->formulation(), tile_, precision));
         launch.kernel->allow_shared(std::size_t(shape.shared_bytes(real)));
+        const SoaStrides axes = march_strides(problem.lattice, sizeof(Real));
         for (std::size_t b = 0; b < 2; ++b) {
             Real* const positions = this->positions(b);
             Real* const before = by_increments(this->formulation()) ? this->increment() : positions;
             launch.windows[b] =
-                tensor_map(positions, problem.lattice, this->axes(), shape.pitch(real), shape.height() + 2);
+                tensor_map(positions, problem.lattice, axes, shape.pitch(real), shape.height() + 2);
             launch.previous_windows[b] =
-                tensor_map(before, problem.lattice, this->axes(), shape.width(), shape.height());
+                tensor_map(before, problem.lattice, axes, shape.width(), shape.height());
         }
         resume(plan, launch);
         this->reset_to_step_zero();

@@ -71,7 +71,8 @@ public:
     Simulation(const Problem& problem, const State& start, bool by_side = true)
         : problem_(problem),
           by_side_(by_side),
-          state_(pack_march<float>(problem, start, V::formulation)),
+          state_(
+              pack_soa<float>(problem, start, V::formulation, march_places(problem.lattice, sizeof(float)))),
           layout_(problem, {.shape = shape, .pollers = 32}) {
         static_cast<MarchStep<float>&>(step_) = make_march_step<float>(problem, V::formulation);
         if (!by_increments(V::formulation)) {
@@ -86,7 +87,10 @@ public:
     /// The number of plain blocks, summed over all launches.
     std::size_t plain_blocks() const { return plain_blocks_; }
     std::size_t launches() const { return launches_; }
-    State download() const { return unpack_march<float>(problem_, state_, V::formulation); }
+    State download() const {
+        return unpack_soa<float>(problem_, state_, V::formulation,
+                                 march_places(problem_.lattice, sizeof(float)));
+    }
 
     /// A launch of `count` steps.
     void step(int count) {
@@ -238,7 +242,7 @@ private:
     const Problem& problem_;
     const bool by_side_;
     std::size_t plain_blocks_ = 0, launches_ = 0;
-    MarchState<float> state_;
+    SoaState<float> state_;
     BrickLayout layout_;
     BrickStep step_{};
 };

@@ -142,7 +142,7 @@ public:
 
     Simulation(const Problem& problem, const State& start, int multiprocessors = 4)
         : problem_(problem),
-          state_(pack_march<Real>(problem, start, V::formulation)),
+          state_(pack_soa<Real>(problem, start, V::formulation, march_places(problem.lattice, sizeof(Real)))),
           plan_(plan_for(problem, V::shape, multiprocessors, V::precision, V::formulation)),
           step_(make_march_step<Real>(problem, V::formulation)) {
         if (!by_increments(V::formulation)) {
@@ -164,7 +164,10 @@ public:
             std::swap(state_, after_);
         }
     }
-    State download() const { return unpack_march<Real>(problem_, state_, V::formulation); }
+    State download() const {
+        return unpack_soa<Real>(problem_, state_, V::formulation,
+                                march_places(problem_.lattice, sizeof(Real)));
+    }
     const MarchPlan& plan() const { return plan_; }
     /// Arrays as in the backend.
     BorderPlaces<Real> places(const std::vector<std::uint32_t>& elements) {
@@ -256,7 +259,7 @@ private:
     }
 
     const Problem& problem_;
-    MarchState<Real> state_, after_;  ///< before the step at hand, and as far as it goes
+    SoaState<Real> state_, after_;  ///< before the step at hand, and as far as it goes
     MarchPlan plan_;
     std::span<const MarchItem> items_;  ///< that it takes
     MarchStep<Real> step_;

@@ -36,49 +36,54 @@ SoaStrides march_strides(const Lattice& lattice, std::size_t real_bytes) {
     return {row, plane, plane * std::size_t(lattice.dims.z)};
 }
 
+SoaPlaces march_places(const Lattice& lattice, std::size_t real_bytes) {
+    const SoaStrides axes = march_strides(lattice, real_bytes);
+    return {axes.size(), axes.axis,
+            [axes, &lattice](std::size_t i) { return axes.element(lattice.coordinates(lattice.voxel[i])); }};
+}
+
 namespace {
 
 /// Calls visit(particle, element) for each particle.
 template <class Visit>
-void visit_particles(const Problem& problem, const SoaStrides& axes, Visit visit) {
-    const Lattice& lattice = problem.lattice;
+void visit_particles(const Problem& problem, const SoaPlaces& places, Visit visit) {
     const auto particles = std::ptrdiff_t(problem.particle_count());
 #pragma omp parallel for
     for (std::ptrdiff_t n = 0; n < particles; ++n) {
         const auto i = std::size_t(n);
-        visit(i, axes.element(lattice.coordinates(lattice.voxel[i])));
+        visit(i, places.element(i));
     }
 }
 
 }  // namespace
 
 template <class Real>
-MarchState<Real> pack_march(const Problem& problem, const State& state, Formulation formulation) {
-    const SoaStrides axes = march_strides(problem.lattice, sizeof(Real));
-    MarchState<Real> packed;
-    packed.current.resize(axes.size());
-    packed.before.resize(axes.size());
-    visit_particles(problem, axes, [&](std::size_t i, std::size_t at) {
+SoaState<Real> pack_soa(const Problem& problem, const State& state, Formulation formulation,
+                        const SoaPlaces& places) {
+    SoaState<Real> packed;
+    packed.current.resize(places.size);
+    packed.before.resize(places.size);
+    visit_particles(problem, places, [&](std::size_t i, std::size_t at) {
         glm::dvec3 point = state.displacement_of(i);
         if (on_positions(formulation)) point += problem.rest_position[i];
         const glm::dvec3 before =
             by_increments(formulation) ? state.increment_of(i) : point - state.increment_of(i);
         for (std::size_t axis = 0; axis < 3; ++axis) {
-            packed.current[axis * axes.axis + at] = Real(point[int(axis)]);
-            packed.before[axis * axes.axis + at] = Real(before[int(axis)]);
+            packed.current[axis * places.axis + at] = Real(point[int(axis)]);
+            packed.before[axis * places.axis + at] = Real(before[int(axis)]);
         }
     });
     return packed;
 }
 
 template <class Real>
-State unpack_march(const Problem& problem, const MarchState<Real>& packed, Formulation formulation) {
-    const SoaStrides axes = march_strides(problem.lattice, sizeof(Real));
+State unpack_soa(const Problem& problem, const SoaState<Real>& packed, Formulation formulation,
+                 const SoaPlaces& places) {
     State state = state_at_rest(problem);
-    visit_particles(problem, axes, [&](std::size_t i, std::size_t at) {
+    visit_particles(problem, places, [&](std::size_t i, std::size_t at) {
         for (std::size_t axis = 0; axis < 3; ++axis) {
-            const double point = double(packed.current[axis * axes.axis + at]);
-            const double before = double(packed.before[axis * axes.axis + at]);
+            const double point = double(packed.current[axis * places.axis + at]);
+            const double before = double(packed.before[axis * places.axis + at]);
             const double rest = on_positions(formulation) ? problem.rest_position[i][int(axis)] : 0;
             state.displacement[i][int(axis)] = point - rest;
             state.increment[i][int(axis)] = by_increments(formulation) ? before : point - before;
@@ -133,9 +138,9 @@ MarchStep<Real> make_march_step(const Problem& problem, Formulation formulation)
     return step;
 }
 
-#define FOR_PRECISION(Real)                                                            \
-    template MarchState<Real> pack_march(const Problem&, const State&, Formulation);   \
-    template State unpack_march(const Problem&, const MarchState<Real>&, Formulation); \
+#define FOR_PRECISION(Real)                                                                          \
+    template SoaState<Real> pack_soa(const Problem&, const State&, Formulation, const SoaPlaces&);   \
+    template State unpack_soa(const Problem&, const SoaState<Real>&, Formulation, const SoaPlaces&); \
     template MarchStep<Real> make_march_step(const Problem&, Formulation);
 FOR_PRECISION(float)
 FOR_PRECISION(double)

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <glm/vec3.hpp>
 #include <string>
 #include <vector>
@@ -25,16 +26,27 @@ struct SoaStrides {
 };
 SoaStrides march_strides(const Lattice& lattice, std::size_t real_bytes);
 
-/// The state of every particle in a formulation. Voxels without a particle are zero.
+/// Where particles lie in an array of vectors.
+struct SoaPlaces {
+    std::size_t size = 0;                             ///< elements of the array
+    std::size_t axis = 0;                             ///< elements from x to y and from y to z of a particle
+    std::function<std::size_t(std::size_t)> element;  ///< of a particle's x
+};
+/// As march_strides() has them. The places refer to `lattice`.
+SoaPlaces march_places(const Lattice& lattice, std::size_t real_bytes);
+
+/// The state of every particle in a formulation. Elements without a particle are zero.
 template <class Real>
-struct MarchState {
+struct SoaState {
     std::vector<Real> current;  ///< x or u
     std::vector<Real> before;   ///< x or u at t - dt or, by increments, v: what a step overwrites
 };
 template <class Real>
-MarchState<Real> pack_march(const Problem& problem, const State& state, Formulation formulation);
+SoaState<Real> pack_soa(const Problem& problem, const State& state, Formulation formulation,
+                        const SoaPlaces& places);
 template <class Real>
-State unpack_march(const Problem& problem, const MarchState<Real>& packed, Formulation formulation);
+State unpack_soa(const Problem& problem, const SoaState<Real>& packed, Formulation formulation,
+                 const SoaPlaces& places);
 
 /// Whether all rest lengths have an inverse in this precision, in which forces are expressed unless by
 /// increments.

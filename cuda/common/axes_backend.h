@@ -77,7 +77,7 @@ public:
 
     State download() final {
         synchronize();
-        MarchState<Real> packed;
+        SoaState<Real> packed;
         const auto out = [&](std::vector<Real>& values, const Buffer<Real>& buffer) {
             values.resize(buffer.size());
             buffer.download(values, stream());
@@ -85,7 +85,7 @@ public:
         const auto now = std::size_t(current());
         out(packed.current, positions_[now]);
         out(packed.before, by_increments(formulation_) ? increment_ : positions_[1 - now]);
-        return unpack_march<Real>(problem(), packed, formulation_);
+        return unpack_soa<Real>(problem(), packed, formulation_, places());
     }
     std::string state_fingerprint() final {
         synchronize();
@@ -113,7 +113,8 @@ protected:
         sizeof(Real) == sizeof(float) ? Precision::float32 : Precision::float64;
 
     Formulation formulation() const { return formulation_; }
-    const SoaStrides& axes() const { return axes_; }
+    /// Where the state's arrays hold the particles of problem().
+    virtual SoaPlaces places() const { return march_places(problem().lattice, sizeof(Real)); }
     /// x of every second step.
     Real* positions(std::size_t buffer) const { return positions_[buffer].data(); }
     Real* increment() const { return increment_.data(); }
@@ -121,9 +122,11 @@ protected:
         return positions_[0].bytes() + positions_[1].bytes() + increment_.bytes();
     }
 
+    /// After set_problem(problem).
     void upload_state(const Problem& problem, const State& state) {
-        axes_ = march_strides(problem.lattice, sizeof(Real));
-        const MarchState<Real> packed = pack_march<Real>(problem, state, formulation_);
+        const SoaPlaces places = this->places();
+        axis_ = places.axis;
+        const SoaState<Real> packed = pack_soa<Real>(problem, state, formulation_, places);
         positions_[0].upload(packed.current, stream());
         if (by_increments(formulation_)) {
             // A step writes every particle's u here before any step reads it; elements without a particle
@@ -153,17 +156,15 @@ protected:
         const Real* const before = by_increments(formulation_) ? nullptr : positions_[1 - now].data();
         launch_divergence_check(
             *support_kernels<Real>().check_axes,
-            ParticlesInAxes<Real>{positions_[now].data(), before, increment_.data(), axes_.axis}, axes_.axis,
-            parameters, first, stream());
+            ParticlesInAxes<Real>{positions_[now].data(), before, increment_.data(), axis_},
+            positions_[now].size() / 3, parameters, first, stream());
     }
 
 private:
     std::vector<std::uint32_t> elements_of(const std::vector<std::uint32_t>& particles) const {
-        const Lattice& lattice = problem().lattice;
+        const SoaPlaces places = this->places();
         std::vector<std::uint32_t> elements;
-        for (const std::uint32_t i : particles) {
-            elements.push_back(std::uint32_t(axes_.element(lattice.coordinates(lattice.voxel[i]))));
-        }
+        for (const std::uint32_t i : particles) elements.push_back(std::uint32_t(places.element(i)));
         return elements;
     }
     BorderState<Real> border_state(BordersFirst* first = nullptr) {
@@ -175,14 +176,14 @@ private:
                                                   .at = positions_[std::size_t(current())].data(),
                                                   .low = nullptr,
                                                   .element_pitch = 1,
-                                                  .axis_pitch = axes_.axis};
+                                                  .axis_pitch = axis_};
                     },
                 .written = [] {},
                 .first = first};
     }
 
     const Formulation formulation_;
-    SoaStrides axes_;
+    std::size_t axis_ = 0;  ///< SoaPlaces::axis
     std::array<Buffer<Real>, 2> positions_;
     Buffer<Real> increment_;
 };

@@ -36,7 +36,7 @@ struct ParticlesInWords {
     }
 };
 
-/// Particles in structure of arrays.
+/// Particles in structure of arrays: x of `pitch` particles, then their y and z, then x of the next ones.
 template <class Real>
 struct ParticlesInAxes {
     const Real* now;
@@ -45,10 +45,11 @@ struct ParticlesInAxes {
     std::size_t pitch;
 
     VOXSPRING_HOST_DEVICE bool has_diverged(std::size_t i, Real max_squared) const {
-        const Vector<Real> position = load_axes(now + i, pitch);
+        const std::size_t at = i / pitch * (3 * pitch) + i % pitch;
+        const Vector<Real> position = load_axes(now + at, pitch);
         return beyond(
             position,
-            before != nullptr ? position - load_axes(before + i, pitch) : load_axes(increment + i, pitch),
+            before != nullptr ? position - load_axes(before + at, pitch) : load_axes(increment + at, pitch),
             max_squared);
     }
 };
