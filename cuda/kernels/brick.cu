@@ -27,10 +27,10 @@ __device__ void step_is_done() { meet<2, all_threads>(); }
 struct TileWords {
     static constexpr bool by_side = false;
     std::uint32_t word[mask_words];
-    __device__ bool has(int bit) const { return (word[bit / 32] >> (bit % 32) & 1U) != 0; }
-    __device__ bool spring(int bit, std::uint32_t /*crossed*/) const { return has(bit); }
-    __device__ bool moves(int n) const { return has(Tile::moves_bit + n); }
-    __device__ bool exists(int n) const { return has(Tile::exists_bit + n); }
+    __device__ std::uint32_t bit(int number) const { return word[number / 32] & 1U << number % 32; }
+    __device__ std::uint32_t spring(int number, std::uint32_t /*crossed*/) const { return bit(number); }
+    __device__ bool moves(int n) const { return bit(Tile::moves_bit + n) != 0; }
+    __device__ bool exists(int n) const { return bit(Tile::exists_bit + n) != 0; }
     __device__ void load(const BrickStep& step, std::uint32_t lane) {
 #pragma unroll
         for (int n = 0; n < mask_words; ++n) word[n] = __ldg(step.masks + n * step.lane_count + lane);

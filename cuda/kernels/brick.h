@@ -188,13 +188,14 @@ private:
             if (!has_class<Terms>(c)) return;
             const Pull<float> spring = class_pull<Terms, equal_edges>(
                 step, tile.spacing_, tile.own_[a] - tile.own_[b], c, i2 - i, j2 - j, k2 - k);
-            const bool is_there = words.spring(bit, 0);
-            if constexpr (Words::by_side) {  // the spring is always there, which the compiler sees in add()
-                add(spring.offset, spring.density, is_there, tile.force_[a]);
-                add(spring.offset, -spring.density, is_there, tile.force_[b]);
+            const auto there = words.spring(bit, 0);
+            if constexpr (Words::by_side) {  // the spring is always there, which the compiler sees in
+                                             // add_where()
+                add_where(spring.offset, spring.density, there, tile.force_[a]);
+                add_where(spring.offset, -spring.density, there, tile.force_[b]);
             } else {
-                add_predicated(spring.offset, spring.density, is_there, tile.force_[a]);
-                add_predicated(spring.offset, -spring.density, is_there, tile.force_[b]);
+                add_predicated(spring.offset, spring.density, there, tile.force_[a]);
+                add_predicated(spring.offset, -spring.density, there, tile.force_[b]);
             }
         }
         VOXSPRING_HOST_DEVICE void half(int bit, int i, int j, int k, int i2, int j2, int k2) {
@@ -204,38 +205,13 @@ private:
             const Pull<float> spring = class_pull<Terms, equal_edges>(
                 step, tile.spacing_, tile.own_[a] - other, c, i2 - i, j2 - j, k2 - k);
             const std::uint32_t crossed = shape.crossed(i2, j2, k2);
-            if constexpr (Words::by_side) {
-                if (crossed != 0) {
-                    return add_predicated(spring.offset, spring.density, words.spring(bit, crossed),
-                                          tile.force_[a]);
-                }
+            // Predicates make a step of large tiles and one by increments shorter, others longer
+            // (docs/cuda-trials.md).
+            if (Words::by_side ? crossed != 0 : !keeps_own || Terms::increments) {
+                return add_predicated(spring.offset, spring.density, words.spring(bit, crossed),
+                                      tile.force_[a]);
             }
-            add(spring.offset, spring.density, words.spring(bit, crossed), tile.force_[a]);
-        }
-        /// The selection applies to the sum, not to the addend: a point that is not finite then has no
-        /// effect.
-        static VOXSPRING_HOST_DEVICE void add(Vector<float> offset, float density, bool is_there,
-                                              Vector<float>& force) {
-            const Vector<float> sum = fused(offset, density, force);
-            if (is_there) force = sum;
-        }
-        /// add() by predicated instructions. Where several sums have one condition the compiler selects after
-        /// each of them; this takes no more instructions than the sum itself.
-        static VOXSPRING_HOST_DEVICE void add_predicated(Vector<float> offset, float density, bool is_there,
-                                                         Vector<float>& force) {
-#ifdef __CUDA_ARCH__
-            asm("{\n"
-                " .reg .pred there;\n"
-                " setp.ne.u32 there, %7, 0;\n"
-                " @there fma.rn.f32 %0, %3, %6, %0;\n"
-                " @there fma.rn.f32 %1, %4, %6, %1;\n"
-                " @there fma.rn.f32 %2, %5, %6, %2;\n"
-                "}"
-                : "+f"(force.x), "+f"(force.y), "+f"(force.z)
-                : "f"(offset.x), "f"(offset.y), "f"(offset.z), "f"(density), "r"(std::uint32_t(is_there)));
-#else
-            add(offset, density, is_there, force);
-#endif
+            add_where(spring.offset, spring.density, words.spring(bit, crossed), tile.force_[a]);
         }
     };
 

@@ -75,6 +75,36 @@ VOXSPRING_HOST_DEVICE Pull<Real> class_pull(const MarchStep<Real>& step, const V
     return spring;
 }
 
+/// Adds a spring to the force on a particle if the spring is there. The selection applies to the sum, not to
+/// the addend: a point that is not finite then has no effect.
+template <class Real>
+VOXSPRING_HOST_DEVICE void add_where(Vector<Real> offset, Real density, bool is_there, Vector<Real>& force) {
+    const Vector<Real> sum = fused(offset, density, force);
+    if (is_there) force = sum;
+}
+/// add_where() by predicated instructions. Where several sums have one condition the compiler selects after
+/// each of them; this takes no more instructions than the sum itself. `there`: not 0 if the spring is there.
+/// A masked bit is tested by one instruction, a bit that was shifted into a bool by three.
+template <class Real>
+VOXSPRING_HOST_DEVICE void add_predicated(Vector<Real> offset, Real density, std::uint32_t there,
+                                          Vector<Real>& force) {
+#ifdef __CUDA_ARCH__
+    if constexpr (sizeof(Real) == sizeof(float)) {
+        asm("{\n"
+            " .reg .pred there;\n"
+            " setp.ne.u32 there, %7, 0;\n"
+            " @there fma.rn.f32 %0, %3, %6, %0;\n"
+            " @there fma.rn.f32 %1, %4, %6, %1;\n"
+            " @there fma.rn.f32 %2, %5, %6, %2;\n"
+            "}"
+            : "+f"(force.x), "+f"(force.y), "+f"(force.z)
+            : "f"(offset.x), "f"(offset.y), "f"(offset.z), "f"(density), "r"(there));
+        return;
+    }
+#endif
+    add_where(offset, density, there != 0, force);
+}
+
 /// Which springs count when a plane arrives: those within it, those between it and the plane before, or all.
 enum class PlaneSpringsOf { plane, both, between };
 
