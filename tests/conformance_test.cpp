@@ -104,7 +104,7 @@ bool may_refuse(const BackendSpec& spec, const Problem& problem) {
     const bool has_lists = spec.entry->addressing == Addressing::by_lists;
     if (!problem.springs.empty()) return counts_groups || !has_lists;
     if (backend == "cuda_resident") return problem.has_materials();
-    if (backend == "cuda_bricks")
+    if (backend == "cuda_bricks" || backend == "cuda_tiles")
         return problem.has_materials() || !problem.load.empty() || (problem.group_bits & CORNER_BITS) != 0;
     if (backend == "cuda_march") {
         // Tiles that fit one precision are too large for the other.
@@ -336,7 +336,7 @@ Problem held_by_a_tool(Problem problem, const State& start) {
 
 bool may_refuse_a_tool(const BackendSpec& spec) {
     const std::string& backend = spec.entry->name;
-    return backend == "cuda_bricks" || backend == "cuda_march";
+    return backend == "cuda_bricks" || backend == "cuda_march" || backend == "cuda_tiles";
 }
 
 /// Backends at their default tuning, and with the tunings that concern the tool. Other tunings are left out

@@ -421,6 +421,26 @@ TEST(Compiler, CompilesBricks) {
     }
 }
 
+TEST(Compiler, CompilesTiles) {
+    struct Variant {
+        const char *real, *formulation;
+        int blocks, architecture;
+    };
+    for (const auto& [real, formulation, blocks, architecture] :
+         {Variant{"float", "position", 4, 75}, Variant{"float", "displacement", 4, 80},
+          Variant{"float", "increment", 4, 90}, Variant{"double", "position", 2, 120}}) {
+        SCOPED_TRACE(formulation);
+        const KernelSource source = source_of(
+            "tiles.cu",
+            {{"REAL", real},
+             {"THREADS", "128"},
+             {"BLOCKS", std::to_string(blocks)},
+             {"EQUAL_EDGES", "true"},
+             {"TERMS", std::string("KernelTerms<Formulation::") + formulation + ",262143u,6u,false>"}});
+        EXPECT_EQ(compile(source, architecture).code.substr(1, 3), "ELF");
+    }
+}
+
 INSTANTIATE_TEST_SUITE_P(Formulations, Compiler, ::testing::ValuesIn(all_formulations),
                          [](const auto& tested) { return to_string(tested.param); });
 

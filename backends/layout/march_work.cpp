@@ -24,7 +24,8 @@ std::uint64_t march_pull_operations(const Direction& direction, Formulation form
 }  // namespace
 
 template <class Real>
-StepWork march_work(const Problem& problem, Formulation formulation) {
+StepWork shared_springs_work(const Problem& problem, Formulation formulation,
+                             const std::array<SharedSprings, 2>& shares) {
     const std::uint64_t particles = problem.particle_count();
     const bool increments = by_increments(formulation);
     const std::uint64_t array = particles * sizeof(Vector<Real>);
@@ -33,13 +34,6 @@ StepWork march_work(const Problem& problem, Formulation formulation) {
     StepWork work{.bytes = (increments ? 4 : 3) * array,
                   .written_bytes = (increments ? 2 : 1) * array,
                   .footprint_bytes = (increments ? 3 : 2) * array};
-    // Evaluations of the springs of a thread's particles, some of which are shared with other threads: two
-    // rows of two particles in float32, one row in float64.
-    struct Share {
-        std::uint64_t evaluations, springs;
-    };
-    const std::array<Share, 2> shares = is_single<Real> ? std::array<Share, 2>{{{16, 12}, {38, 24}}}
-                                                        : std::array<Share, 2>{{{9, 6}, {22, 12}}};
     const SpringCounts springs = count_springs(problem);
     for (std::size_t g = 0; g < shares.size(); ++g) {
         const auto of_group = std::find_if(directions().begin(), directions().end(),
@@ -53,7 +47,20 @@ StepWork march_work(const Problem& problem, Formulation formulation) {
     return work;
 }
 
-template StepWork march_work<float>(const Problem&, Formulation);
-template StepWork march_work<double>(const Problem&, Formulation);
+template <class Real>
+StepWork march_work(const Problem& problem, Formulation formulation) {
+    // A thread has two rows of two particles in float32, one row in float64.
+    return shared_springs_work<Real>(problem, formulation,
+                                     is_single<Real> ? std::array<SharedSprings, 2>{{{16, 12}, {38, 24}}}
+                                                     : std::array<SharedSprings, 2>{{{9, 6}, {22, 12}}});
+}
+
+#define FOR_PRECISION(Real)                                                           \
+    template StepWork shared_springs_work<Real>(const Problem&, Formulation,          \
+                                                const std::array<SharedSprings, 2>&); \
+    template StepWork march_work<Real>(const Problem&, Formulation);
+FOR_PRECISION(float)
+FOR_PRECISION(double)
+#undef FOR_PRECISION
 
 }  // namespace voxspring::layout

@@ -1,5 +1,9 @@
-// The least work of a step of cuda_march, counted from kernels/march.h.
+// The least work of a step of kernels that evaluate springs by class (kernels/march.h), some of them once for
+// both ends.
 #pragma once
+
+#include <array>
+#include <cstdint>
 
 #include "backends/limits.h"
 #include "backends/physics/formulation.h"
@@ -7,8 +11,17 @@
 
 namespace voxspring::layout {
 
-/// The work of a step on particles in structure of arrays without masks, with most springs evaluated once for
-/// both ends.
+/// How many evaluations the springs of some particles take. Springs between particles of one thread take one,
+/// others two.
+struct SharedSprings {
+    std::uint64_t evaluations, springs;
+};
+/// The work of a step on particles in structure of arrays without masks. `shares`: of face and edge springs.
+template <class Real>
+StepWork shared_springs_work(const Problem& problem, Formulation formulation,
+                             const std::array<SharedSprings, 2>& shares);
+
+/// The work of a step of cuda_march.
 template <class Real>
 StepWork march_work(const Problem& problem, Formulation formulation);
 

@@ -1,0 +1,105 @@
+// The arguments of the tile kernel (cuda/kernels/tiles.h): how tiles of 2 x 2 x 2 voxels lie in memory, and
+// the springs of a thread's tile in the order of its mask's bits.
+#pragma once
+
+#include "backends/layout/records/brick.h"
+
+namespace voxspring::layout {
+
+inline constexpr int tile_particles = 8;
+/// Memory holds tiles in groups. Each warp steps one group.
+inline constexpr std::uint32_t group_tiles = 32;
+/// Elements from x to y and from y to z of a particle: all particles of a group lie between.
+inline constexpr std::size_t tile_axis = tile_particles * group_tiles;
+/// The element of x of particle `n` of a tile. The n-th particles of a group's tiles lie side by side, so
+/// that the lanes of a warp read consecutive elements.
+VOXSPRING_HOST_DEVICE constexpr std::size_t tile_element(std::uint32_t tile, int n) {
+    return std::size_t(tile / group_tiles) * (3 * tile_axis) + std::size_t(n) * group_tiles +
+           tile % group_tiles;
+}
+/// Coordinates in its tile of particle `n`, each 0 or 1.
+VOXSPRING_HOST_DEVICE constexpr int tile_x(int n) { return n & 1; }
+VOXSPRING_HOST_DEVICE constexpr int tile_y(int n) { return n >> 1 & 1; }
+VOXSPRING_HOST_DEVICE constexpr int tile_z(int n) { return n >> 2; }
+
+/// Number of the rows of tiles around a tile's own row, and the number of the row (dy, dz) among them.
+inline constexpr std::uint32_t tile_rows = 8;
+VOXSPRING_HOST_DEVICE constexpr std::uint32_t tile_row(int dy, int dz) {
+    const int row = 3 * (dz + 1) + dy + 1;
+    return std::uint32_t(row < 4 ? row : row - 1);
+}
+/// Where a row passes a tile: the first active tile of the row that is not to the left of the tile, and
+/// whether this one lies straight beside the tile. Tiles of a row have consecutive numbers, so that the three
+/// neighbours in the row follow.
+struct TileRow {
+    std::uint32_t entry;
+
+    static VOXSPRING_HOST_DEVICE constexpr TileRow make(std::uint32_t tile, bool beside) {
+        return {tile << 1 | (beside ? 1U : 0U)};
+    }
+    /// The number of the neighbour at `dx`, provided that the neighbour is active.
+    VOXSPRING_HOST_DEVICE constexpr std::uint32_t at(int dx) const {
+        const std::uint32_t tile = entry >> 1;
+        return dx < 0 ? tile - 1 : dx == 0 ? tile : tile + (entry & 1U);
+    }
+    bool operator==(const TileRow&) const = default;
+};
+
+/// One bit for each spring of visit_tile_springs(), then one for each particle that moves.
+struct alignas(16) TileMask {
+    static constexpr int springs = 120;
+    static VOXSPRING_HOST_DEVICE constexpr int moves(int n) { return springs + n; }
+
+    std::uint32_t word[4];  // NOLINT(modernize-avoid-c-arrays)
+    /// Not 0 if the bit is set.
+    VOXSPRING_HOST_DEVICE constexpr std::uint32_t bit(int number) const {
+        return word[number / 32] & 1U << number % 32;
+    }
+    bool operator==(const TileMask&) const = default;
+};
+
+/// Everything that a step needs besides where the particles are. `items` and the strides of the base class
+/// are not used.
+template <class Real>
+struct TileStep : MarchStep<Real> {
+    const TileRow* rows;  ///< tile_rows per tile, `group_tiles` apart within a group
+    const TileMask* masks;
+    bool operator==(const TileStep&) const = default;
+};
+
+/// Visits every spring that a thread evaluates, each with its bit. visit.both(bit, n, m) is a spring between
+/// particles n and m of the tile. visit.point(i, j, k) announces the point with these coordinates in the
+/// tile, each -1, 0, 1 or 2, of another tile. Springs to that point follow: visit.half(bit, n, i, j, k) is
+/// the one of particle n, which the other tile's thread evaluates too. Returns the number of springs.
+template <class Visit>
+VOXSPRING_HOST_DEVICE constexpr int visit_tile_springs(Visit& visit) {
+    int bit = 0;
+    UNROLLED
+    for (int n = 0; n < tile_particles; ++n) {
+        UNROLLED
+        for (int m = n + 1; m < tile_particles; ++m) {
+            if (is_face_or_edge(tile_x(m) - tile_x(n), tile_y(m) - tile_y(n), tile_z(m) - tile_z(n)))
+                visit.both(bit++, n, m);
+        }
+    }
+    UNROLLED
+    for (int k = -1; k <= 2; ++k) {
+        UNROLLED
+        for (int j = -1; j <= 2; ++j) {
+            UNROLLED
+            for (int i = -1; i <= 2; ++i) {
+                const int sides = int(i < 0 || i > 1) + int(j < 0 || j > 1) + int(k < 0 || k > 1);
+                if (sides == 0 || sides == 3) continue;  // the tile's own; beyond its corners
+                visit.point(i, j, k);
+                UNROLLED
+                for (int n = 0; n < tile_particles; ++n) {
+                    if (is_face_or_edge(i - tile_x(n), j - tile_y(n), k - tile_z(n)))
+                        visit.half(bit++, n, i, j, k);
+                }
+            }
+        }
+    }
+    return bit;
+}
+
+}  // namespace voxspring::layout

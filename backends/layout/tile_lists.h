@@ -1,0 +1,70 @@
+// The active tiles of a lattice as a list (records/tiles.h): their order, their neighbours and masks. Built
+// on the host, without a device.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <glm/vec3.hpp>
+#include <vector>
+
+#include "backends/layout/records/edit.h"
+#include "backends/layout/records/tiles.h"
+#include "backends/limits.h"
+#include "backends/physics/edit.h"
+#include "backends/physics/formulation.h"
+#include "backends/physics/problem.h"
+
+namespace voxspring::layout {
+
+/// Tiles are in canonical order, x fastest. A group of padding precedes the first one, and the list ends with
+/// at least another, since kernels read one tile beyond either end.
+class TileLists {
+public:
+    /// `problem` has a lattice, and no springs beyond it. The list is filled up to whole blocks of
+    /// `block_tiles` tiles, a multiple of group_tiles.
+    TileLists(const Problem& problem, std::uint32_t block_tiles);
+
+    std::uint32_t blocks() const { return blocks_; }
+    /// Elements of an array of vectors.
+    std::size_t elements() const { return 3 * tile_particles * masks_.size(); }
+    /// The element of a particle's x. y and z follow at distances of tile_axis.
+    std::size_t element(const glm::ivec3& voxel) const;
+
+    const std::vector<TileRow>& rows() const { return rows_; }
+    const std::vector<TileMask>& masks() const { return masks_; }
+
+    /// Tells of an edit. Returns the words of the masks that it changes, four per tile.
+    std::vector<EditedWord> edit(const SpringEdit& edit);
+
+private:
+    /// Tile and number in it of a particle at `voxel`.
+    struct Place {
+        std::uint32_t tile;
+        int number;
+    };
+    Place place_of(const glm::ivec3& voxel) const;
+    void find_rows();
+    TileMask mask_of(std::uint32_t tile) const;
+
+    glm::ivec3 voxels_;                 ///< of the lattice along each axis
+    glm::ivec3 dims_;                   ///< tiles along each axis
+    std::vector<std::uint32_t> voxel_;  ///< one per particle
+    std::vector<std::uint32_t>
+        number_;  ///< per tile of the lattice: its number in the list; no_particle: not active
+    std::vector<std::array<std::uint32_t, tile_particles>>
+        bits_;  ///< masks of the particles of each listed tile
+    std::vector<TileRow> rows_;
+    std::vector<TileMask> masks_;
+    std::uint32_t blocks_ = 0;
+};
+
+/// An upper bound of the device memory of the lists and of `arrays` arrays of vectors, for blocks of
+/// `block_tiles` tiles. It counts tiles, which takes no lists.
+template <class Real>
+std::uint64_t tile_bytes(const Problem& problem, std::uint32_t block_tiles, int arrays);
+
+/// The least work of a step.
+template <class Real>
+StepWork tile_work(const Problem& problem, Formulation formulation);
+
+}  // namespace voxspring::layout

@@ -1,0 +1,135 @@
+// The active tiles of 2 x 2 x 2 voxels as a list, one thread per tile: explicit addressing of tiles.
+#include <algorithm>
+#include <limits>
+#include <memory>
+#include <optional>
+#include <span>
+#include <string>
+
+#include "backends/layout/tile_lists.h"
+#include "backends/registry.h"
+#include "cuda/common/axes_backend.h"
+#include "cuda/common/edit.h"
+
+namespace voxspring::cuda {
+namespace {
+
+constexpr unsigned block_tiles = 128;
+constexpr int first_with_dependent_launches = 90;
+
+/// An upper bound of the device memory.
+template <class Real>
+std::uint64_t needed_bytes(const Problem& problem, Formulation formulation) {
+    return tile_bytes<Real>(problem, block_tiles, by_increments(formulation) ? 3 : 2);
+}
+
+template <class Real>
+class TilesBackend final : public AxesBackend<Real> {
+public:
+    explicit TilesBackend(const Options& options)
+        : AxesBackend<Real>(options.formulation),
+          dependent_(this->device().architecture() >= first_with_dependent_launches) {}
+
+    void upload(const Problem& problem, const State& state) override {
+        this->template begin_upload<Real>();
+        this->set_problem(problem);
+        lists_.emplace(problem, block_tiles);
+        this->upload_state(problem, state);
+        rows_.upload(lists_->rows(), this->stream());
+        masks_.upload(lists_->masks(), this->stream());
+        step_ = {};
+        static_cast<MarchStep<Real>&>(step_) = this->measured_step(problem);
+        step_.rows = rows_.data();
+        step_.masks = masks_.data();
+        kernel_ = this->kernel(source(problem));
+        this->forget_graphs();
+        this->reset_to_step_zero();
+    }
+
+    /// Rewrites only the masks of the tiles whose springs the edit changes.
+    void edit(const Problem& edited, const SpringEdit& edit) override {
+        this->set_problem(edited);
+        if (edit.empty()) return;
+        const std::vector<EditedWord> changed = lists_->edit(edit);
+        launch_for_each(*support_kernels<Real>().write_bare_words, changed.size(), this->stream(),
+                        reinterpret_cast<std::uint32_t*>(masks_.data()),
+                        staging_.send(std::span(changed), this->stream()), changed.size());
+    }
+
+    StepWork step_work(const Problem& problem) const override {
+        return tile_work<Real>(problem, this->formulation());
+    }
+
+private:
+    using AxesBackend<Real>::precision;
+
+    SoaPlaces places() const override {
+        return {lists_->elements(), tile_axis, [this](std::size_t i) {
+                    const Lattice& lattice = this->problem().lattice;
+                    return lists_->element(lattice.coordinates(lattice.voxel[i]));
+                }};
+    }
+
+    KernelSource source(const Problem& problem) const {
+        KernelSource source{"tiles.cu", class_macros(problem, this->formulation(), precision)};
+        source.macros["THREADS"] = std::to_string(block_tiles);
+        // Registers: 128 per thread in float32, 255 in float64. With fewer the tile does not fit, with more
+        // too few loads are in flight.
+        source.macros["BLOCKS"] = precision == Precision::float32 ? "4" : "2";
+        if (dependent_) source.macros["DEPENDENT_LAUNCH"] = "1";
+        return source;
+    }
+
+    void enqueue_step(int reading) override {
+        const Real* const at = this->positions(std::size_t(reading));
+        const MarchOutput<Real> output{this->positions(std::size_t(1 - reading)), this->increment()};
+        const dim3 grid(lists_->blocks()), block(block_tiles);
+        if (dependent_) {
+            kernel_->launch_dependent(this->stream(), grid, block, 0, step_, at, output, reading == 1);
+        } else {
+            kernel_->launch(this->stream(), grid, block, 0, step_, at, output, reading == 1);
+        }
+    }
+
+    std::string refused(const Problem& problem) const override {
+        return class_refusal(problem, precision, this->formulation(), "tiles");
+    }
+    std::uint64_t bytes_needed(const Problem& problem) const override {
+        return needed_bytes<Real>(problem, this->formulation());
+    }
+    std::uint64_t bytes_held() const override {
+        return this->state_bytes_held() + rows_.bytes() + masks_.bytes() + staging_.bytes();
+    }
+
+    const bool dependent_;  ///< whether a step is launched while the one before still runs
+    std::optional<TileLists> lists_;
+    TileStep<Real> step_{};
+    std::shared_ptr<const Kernel> kernel_;
+    Buffer<TileRow> rows_;
+    Buffer<TileMask> masks_;
+    Staging<EditedWord> staging_;
+};
+
+const Registered entry({
+    .name = "cuda_tiles",
+    .api = "cuda",
+    .summary =
+        "One thread per active tile of 2x2x2 voxels, in a list: springs within a tile once, neighbours "
+        "by rows of tiles; one material, face and edge springs.",
+    .precisions = {Precision::float32, Precision::float64},
+    .formulations = {Formulation::increment, Formulation::position, Formulation::displacement},
+    .tuning = {},
+    .make = [](const Options& options) -> std::unique_ptr<Backend> {
+        if (options.precision == Precision::float32) return std::make_unique<TilesBackend<float>>(options);
+        return std::make_unique<TilesBackend<double>>(options);
+    },
+    .bytes =
+        [](const Problem& problem, const Options& options) {
+            return options.precision == Precision::float32
+                       ? needed_bytes<float>(problem, options.formulation)
+                       : needed_bytes<double>(problem, options.formulation);
+        },
+});
+
+}  // namespace
+}  // namespace voxspring::cuda
