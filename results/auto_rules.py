@@ -10,6 +10,7 @@ its place: `edited` says how many steps there have to be between two of them. --
 not what the results say.
 """
 
+import itertools
 import json
 import math
 import pathlib
@@ -28,24 +29,31 @@ OCCUPANCIES = ((0, 0.5), (0.5, None))
 DATASETS = ("box", "heart")
 
 
+def cards():
+    """The machines with a card that have a committed study `fastest`."""
+    return [folder.name for folder in sorted(rows.RESULTS.iterdir())
+            if folder.name != rows.CPU and result_files.named(folder, "fastest").exists()]
+
+
 def families():
-    """(name of their limits, machine) of backends that rank among themselves, the fastest first: those of the card, and those of a machine
-    without a card."""
+    """(name of their limits, machines) of backends that rank among themselves, the fastest first: those of cards, and those of a
+    machine without a card."""
     least = {}
-    for machine in (rows.GPU, rows.CPU):
-        for row in rows.medians("fastest", machine):
-            if row["on_card"] == (machine == rows.GPU):
-                family = row["limits_of"], machine
-                least[family] = min(least.get(family, math.inf), row["real_time"] / row["particles"])
+    for machines in (tuple(cards()), (rows.CPU,)):
+        for machine in machines:
+            for row in rows.medians("fastest", machine):
+                if row["on_card"] == (machine != rows.CPU):
+                    family = row["limits_of"], machines
+                    least[family] = min(least.get(family, math.inf), row["real_time"] / row["particles"])
     return sorted(least, key=least.get)
 
 
-def bodies(family, machine, occupancy):
-    """Particles of each body, ascending, and of each contender its time over the fastest's: the worst over studies and
-    formulations."""
+def bodies(family, machines, occupancy):
+    """Particles of each body, ascending, and of each contender its time over the fastest's: the worst over machines, studies and
+    formulations. A contender that a machine has not measured is judged by the others."""
     low, high = occupancy
     found = {}
-    for study in ("fastest", "figure8"):
+    for machine, study in itertools.product(machines, ("fastest", "figure8")):
         if not result_files.named(rows.RESULTS / machine, study).exists():  # the processor has no figure8
             continue
         of_bodies = [row for row in rows.medians(study, machine)
@@ -75,9 +83,9 @@ def order_of(worst):
 
 def rules():
     listed = []
-    for name, machine in families():
+    for name, machines in families():
         for occupancy in OCCUPANCIES:
-            measured = bodies(name, machine, occupancy)
+            measured = bodies(name, machines, occupancy)
             orders = [order_of(worst) for _, worst in measured]
             # Backends that were not measured on this body (it is too large or they are too slow) come last, in their order on
             # the nearest other body.
@@ -114,7 +122,7 @@ def min_steps_between_edits():
 
 def main():
     commits = {f"{machine}/{study}": rows.result(study, machine)["context"]["voxspring"]["commit"]
-               for study, machine in (("fastest", rows.GPU), ("figure8", rows.GPU), ("edits", rows.GPU), ("fastest", rows.CPU))}
+               for study, machine in (*itertools.product(("fastest", "figure8"), cards()), ("edits", rows.GPU), ("fastest", rows.CPU))}
     blocks = ",\n".join("    " + json.dumps(rule) for rule in rules())
     edited = json.dumps({"min_steps_between_edits": min_steps_between_edits()})
     text = (f'{{\n  "made_by": "results/auto_rules.py",\n  "from": {json.dumps(commits)},\n  "edited": {edited},\n'
