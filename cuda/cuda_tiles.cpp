@@ -6,6 +6,7 @@
 #include <span>
 #include <string>
 
+#include "backends/layout/border_blocks.h"
 #include "backends/layout/tile_lists.h"
 #include "backends/registry.h"
 #include "cuda/common/axes_backend.h"
@@ -80,15 +81,39 @@ private:
         return source;
     }
 
-    void enqueue_step(int reading) override {
+    template <class... Blocks>
+    void launch(const Kernel& kernel, const Stream& in, std::size_t blocks, int reading,
+                Blocks... listed) const {
         const Real* const at = this->positions(std::size_t(reading));
         const MarchOutput<Real> output{this->positions(std::size_t(1 - reading)), this->increment()};
-        const dim3 grid(lists_->blocks()), block(block_tiles);
+        const dim3 grid{unsigned(blocks)}, block{block_tiles};
         if (dependent_) {
-            kernel_->launch_dependent(this->stream(), grid, block, 0, step_, at, output, reading == 1);
+            kernel.launch_dependent(in, grid, block, 0, step_, at, output, reading == 1, listed...);
         } else {
-            kernel_->launch(this->stream(), grid, block, 0, step_, at, output, reading == 1);
+            kernel.launch(in, grid, block, 0, step_, at, output, reading == 1, listed...);
         }
+    }
+    void enqueue_step(int reading) override { launch(*kernel_, this->stream(), lists_->blocks(), reading); }
+
+    bool gives_borders() const override { return true; }
+    bool splits_steps() const override { return true; }
+    bool split_steps(const std::vector<std::uint32_t>& border) override {
+        const Lattice& lattice = this->problem().lattice;
+        std::vector<std::uint32_t> tiles;
+        for (const std::uint32_t i : border)
+            tiles.push_back(lists_->tile_of(lattice.coordinates(lattice.voxel[i])));
+        parts_ = part_blocks(std::size_t(lists_->blocks()) * block_tiles, block_tiles, tiles);
+        blocks_.upload(parts_.blocks, this->stream());
+        KernelSource listed = source(this->problem());
+        listed.macros["LISTED_BLOCKS"] = "1";
+        part_kernel_ = this->kernel(listed);
+        return parts_.count_of(StepPart::interior) > 0;
+    }
+    void enqueue_part(int reading, StepPart part, const Stream& in) override {
+        const std::size_t count = parts_.count_of(part);
+        if (count == 0) return;
+        const std::uint32_t* const blocks = blocks_.data() + parts_.begin_of(part);
+        launch(*part_kernel_, in, count, reading, blocks);
     }
 
     std::string refused(const Problem& problem) const override {
@@ -98,7 +123,7 @@ private:
         return needed_bytes<Real>(problem, this->formulation());
     }
     std::uint64_t bytes_held() const override {
-        return this->state_bytes_held() + rows_.bytes() + masks_.bytes() + staging_.bytes();
+        return this->state_bytes_held() + rows_.bytes() + masks_.bytes() + staging_.bytes() + blocks_.bytes();
     }
 
     const bool dependent_;  ///< whether a step is launched while the one before still runs
@@ -108,6 +133,10 @@ private:
     Buffer<TileRow> rows_;
     Buffer<TileMask> masks_;
     Staging<EditedWord> staging_;
+    // For steps in two parts.
+    std::shared_ptr<const Kernel> part_kernel_;
+    BlockParts<std::uint32_t> parts_;
+    Buffer<std::uint32_t> blocks_;
 };
 
 const Registered entry({

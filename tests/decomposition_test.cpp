@@ -328,11 +328,11 @@ State stepped_whole(const BackendSpec& spec, const Problem& whole, const State& 
 bool may_have_borders(const std::string& text) {
     if (text.starts_with("cpu_")) return true;
     const auto is_of = [&](const std::string& backend) { return text.starts_with(backend + ":"); };
-    // Among CUDA's backends cuda_scatter sums in any order, cuda_resident and cuda_bricks keep no positions in
-    // memory between steps, and the sums of cuda_tiles depend on where a part begins. For the borders of
-    // cuda_resident within steps see SubdomainsWithinSteps.
+    // Among CUDA's backends cuda_scatter sums in any order, and cuda_resident and cuda_bricks keep no
+    // positions in memory between steps. For the borders of cuda_resident within steps see
+    // SubdomainsWithinSteps.
     return text.starts_with("cuda_") && !is_of("cuda_scatter") && !is_of("cuda_resident") &&
-           !is_of("cuda_bricks") && !is_of("cuda_tiles");
+           !is_of("cuda_bricks");
 }
 
 std::vector<std::string> specifications_with_borders() {

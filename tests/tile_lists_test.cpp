@@ -11,6 +11,7 @@
 #include <utility>
 #include <vector>
 
+#include "backends/layout/decomposition.h"
 #include "backends/layout/march_layout.h"
 #include "backends/physics/inverse_root.h"
 #include "cuda/kernels/tiles.h"
@@ -168,8 +169,34 @@ TYPED_TEST(TileBody, AnEditLeavesTheMasksAndTheStepsOfTheEditedProblem) {
     EXPECT_GT(changed, 50U);
 }
 
-// A thread reads no tile beyond the list, whether a row holds a neighbour or not, and no two particles share an
-// element.
+// Wherever a body is cut, its parts have the bits of the whole: sums have the same order in both.
+TYPED_TEST(TileBody, PartsHaveTheBitsOfTheWhole) {
+    std::map<std::string, Problem> problems = lattices();
+    for (const char* const name : {"sparse", "dense", "prime_box", "anisotropic"}) {
+        const Problem& problem = problems.at(name);
+        for (const glm::ivec3 cut :
+             {glm::ivec3(2, 1, 1), glm::ivec3(1, 3, 1), glm::ivec3(1, 1, 3), glm::ivec3(2, 2, 2)}) {
+            if (!Decomposition::refusal(problem, cut).empty()) continue;
+            SCOPED_TRACE(std::string(name) + " cut into " + std::to_string(cut.x) + "x" +
+                         std::to_string(cut.y) + "x" + std::to_string(cut.z));
+            const State start = random_state(problem, 0.05, 7);
+            Simulation<TypeParam> whole(problem, start);
+            whole.step(1);
+            State joined = state_at_rest(problem);
+            const Decomposition parts(problem, cut);
+            for (int n = 0; n < parts.count(); ++n) {
+                const Subdomain part = parts.subdomain(problem, n);
+                Simulation<TypeParam> simulation(part.problem, part.part_of(start));
+                simulation.step(1);
+                part.copy_own(simulation.download(), joined);
+            }
+            expect_same_bits(joined, whole.download());
+        }
+    }
+}
+
+// A thread reads no tile beyond the list, whether a row holds a neighbour or not, and no two particles share
+// an element.
 TEST(TileLists, LiesWithinItsArrays) {
     for (const auto& [name, problem] : lattices()) {
         SCOPED_TRACE(name);

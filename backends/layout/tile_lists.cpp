@@ -1,6 +1,7 @@
 #include "backends/layout/tile_lists.h"
 
 #include <algorithm>
+#include <glm/common.hpp>
 
 #include "backends/layout/boxes.h"
 #include "backends/layout/march_work.h"
@@ -10,14 +11,25 @@
 namespace voxspring::layout {
 namespace {
 
-glm::ivec3 tiles_along(const Lattice& lattice) { return (lattice.dims + 1) / 2; }
+/// The coordinates in its tile of voxel (0, 0, 0). Which voxel of the whole that is follows from where the
+/// first particle is at rest.
+glm::ivec3 begin_in_tile(const Problem& problem) {
+    const Lattice& lattice = problem.lattice;
+    if (lattice.voxel.empty()) return glm::ivec3(0);
+    const glm::ivec3 whole(glm::round(problem.rest_position.front() / lattice.spacing));
+    return (whole - lattice.coordinates(lattice.voxel.front())) & 1;
+}
+
+glm::ivec3 tiles_along(const Lattice& lattice, const glm::ivec3& begin) {
+    return (begin + lattice.dims + 1) / 2;
+}
 
 /// Whether each tile of the lattice has a particle.
-std::vector<std::uint8_t> active_tiles(const Lattice& lattice) {
-    const glm::ivec3 dims = tiles_along(lattice);
+std::vector<std::uint8_t> active_tiles(const Lattice& lattice, const glm::ivec3& begin) {
+    const glm::ivec3 dims = tiles_along(lattice, begin);
     std::vector<std::uint8_t> active(volume(dims));
     for (const std::uint32_t voxel : lattice.voxel)
-        active[index_in(dims, lattice.coordinates(voxel) / 2)] = 1;
+        active[index_in(dims, (begin + lattice.coordinates(voxel)) / 2)] = 1;
     return active;
 }
 
@@ -68,8 +80,11 @@ struct SetBits {
 }  // namespace
 
 TileLists::TileLists(const Problem& problem, std::uint32_t block_tiles)
-    : voxels_(problem.lattice.dims), dims_(tiles_along(problem.lattice)), voxel_(problem.lattice.voxel) {
-    const std::vector<std::uint8_t> active = active_tiles(problem.lattice);
+    : begin_(begin_in_tile(problem)),
+      voxels_(problem.lattice.dims),
+      dims_(tiles_along(problem.lattice, begin_)),
+      voxel_(problem.lattice.voxel) {
+    const std::vector<std::uint8_t> active = active_tiles(problem.lattice, begin_);
     number_.assign(active.size(), no_particle);
     std::uint32_t next = group_tiles;
     for (std::size_t cell = 0; cell < active.size(); ++cell) {
@@ -90,7 +105,8 @@ TileLists::TileLists(const Problem& problem, std::uint32_t block_tiles)
 }
 
 TileLists::Place TileLists::place_of(const glm::ivec3& voxel) const {
-    return {number_[index_in(dims_, voxel / 2)], voxel.x % 2 + 2 * (voxel.y % 2) + 4 * (voxel.z % 2)};
+    const glm::ivec3 at = begin_ + voxel;
+    return {number_[index_in(dims_, at / 2)], at.x % 2 + 2 * (at.y % 2) + 4 * (at.z % 2)};
 }
 
 std::size_t TileLists::element(const glm::ivec3& voxel) const {
@@ -172,7 +188,7 @@ std::vector<EditedWord> TileLists::edit(const SpringEdit& edit) {
 
 template <class Real>
 std::uint64_t tile_bytes(const Problem& problem, std::uint32_t block_tiles, int arrays) {
-    const std::vector<std::uint8_t> active = active_tiles(problem.lattice);
+    const std::vector<std::uint8_t> active = active_tiles(problem.lattice, begin_in_tile(problem));
     const std::uint64_t listed =
         listed_tiles(std::size_t(std::count(active.begin(), active.end(), std::uint8_t(1))), block_tiles);
     return listed * (sizeof(TileMask) + tile_rows * sizeof(TileRow) +

@@ -16,8 +16,10 @@
 
 namespace voxspring::layout {
 
-/// Tiles are in canonical order, x fastest. A group of padding precedes the first one, and the list ends with
-/// at least another, since kernels read one tile beyond either end.
+/// Tiles begin at even voxels. Those of a part of a body (decomposition.h) begin at even voxels of the whole,
+/// so that sums have the same order in the part as in the whole. They are in canonical order, x fastest. A
+/// group of padding precedes the first one, and the list ends with at least another, since kernels read one
+/// tile beyond either end.
 class TileLists {
 public:
     /// `problem` has a lattice, and no springs beyond it. The list is filled up to whole blocks of
@@ -25,6 +27,8 @@ public:
     TileLists(const Problem& problem, std::uint32_t block_tiles);
 
     std::uint32_t blocks() const { return blocks_; }
+    /// The tile of the particle at `voxel`, counted from the first one that is stepped.
+    std::uint32_t tile_of(const glm::ivec3& voxel) const { return place_of(voxel).tile - group_tiles; }
     /// Elements of an array of vectors.
     std::size_t elements() const { return 3 * tile_particles * masks_.size(); }
     /// The element of a particle's x. y and z follow at distances of tile_axis.
@@ -46,6 +50,7 @@ private:
     void find_rows();
     TileMask mask_of(std::uint32_t tile) const;
 
+    glm::ivec3 begin_;                  ///< of the lattice in its first tile, each coordinate 0 or 1
     glm::ivec3 voxels_;                 ///< of the lattice along each axis
     glm::ivec3 dims_;                   ///< tiles along each axis
     std::vector<std::uint32_t> voxel_;  ///< one per particle
