@@ -5,7 +5,7 @@ import math
 
 import result_files
 from readme.rows import (
-    GPU, RESULTS, by_name, contender, fastest_of, giga, held_out, is_papers, loaded, medians, medians_of, percent, result, table,
+    GPU, RESULTS, by_name, contender, fastest_of, giga, held_out, is_papers, loaded, machines, medians, medians_of, percent, result, table,
     three_digits, time_of, tuning_of,
 )
 from result_files import distinct, groups
@@ -51,6 +51,26 @@ def thresholds(rows):
     one = len({name for _, models in named for name in models}) == 1
     texts = (f"{scene} " + ", ".join(text if one else f"{name} {text}" for name, text in models.items()) for scene, models in named)
     return f"Threshold on the error over the motion: {'; '.join(texts)}."
+
+
+def across_cards():
+    """The results of `fastest` of each card, and [(dataset, formulation, precision, its fastest row on each card, or None)] for what
+    two cards or more have measured."""
+    results = [one for one in machines("fastest") if one["context"]["voxspring"].get("gpu")]
+    best = [{(row["scene"], row["formulation"], row["precision"]): held_out(by_name(one)[row["name"]]) for row in one["fastest"]}
+            for one in results]
+    measured = [key for key in distinct_keys(best) if sum(key in of_card for of_card in best) > 1]
+    return results, [(*key, [of_card.get(key) for of_card in best]) for key in measured]
+
+
+def distinct_keys(dictionaries):
+    return list(dict.fromkeys(key for one in dictionaries for key in one))
+
+
+def copy_rate(one):
+    """Bytes per second, read and written, of a copy beyond the card's cache."""
+    copies = [size for size in one["context"]["voxspring"]["limits"]["CUDA"]["bandwidth"] if size["written_share"] == 0.5]
+    return max(copies, key=lambda size: size["footprint_bytes"])["bytes_per_second"]
 
 
 def slow_down(row):
