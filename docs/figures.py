@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Fills the tables of README.md, accuracy.md, apis.md and simulator.md from committed results by tables.jinja, and the picture in
+"""Fills the tables of README.md, accuracy.md, apis.md, artifact.md and simulator.md from committed results by tables.jinja, and the picture in
 docs/architecture.md from the sources' includes.
 
 Usage: figures.py [--check]
@@ -8,6 +8,7 @@ A figure stands between `<!-- NAME -->` and `<!-- /NAME -->`. --check changes no
 result or the sources say.
 """
 
+import datetime
 import functools
 import json
 import pathlib
@@ -21,9 +22,11 @@ sys.path[:0] = [str(ROOT / "results"), str(ROOT / "tests")]
 
 import jinja2  # noqa: E402  # pylint: disable=wrong-import-position
 
+import comparison  # noqa: E402  # pylint: disable=wrong-import-position
 import includes_test  # noqa: E402  # pylint: disable=wrong-import-position
 import paper  # noqa: E402  # pylint: disable=wrong-import-position
 from readme import facts, rows as results  # noqa: E402  # pylint: disable=wrong-import-position
+import result_files  # noqa: E402  # pylint: disable=wrong-import-position
 from result_files import groups, tick_seconds  # noqa: E402  # pylint: disable=wrong-import-position
 
 # The strategies of the table, one or two of each kind.
@@ -147,6 +150,41 @@ def drawn_rows():
     return sorted(found, key=lambda one: statistics.median(one[1]))
 
 
+def claimed(machine):
+    """(row, number of tunings, its times in other studies of the machine's files over its own) of each backend shown on the heart."""
+    rows = [row for row in results.medians("fastest", machine) if (row["scene"], row["formulation"], row["precision"], row["backend"] in SHOWN)
+            == ("heart", "position", "float32", True)]
+    studies = [result_files.study_of(path) for path in result_files.within(results.RESULTS / machine)]
+    names = [{results.name_of(row): row["real_time"] for row in results.medians(study, machine)
+              if (row["scene"], row["steps"]) == ("heart", rows[0]["steps"])} for study in studies if study != "fastest"]
+    for own in groups(rows, "backend").values():
+        row = min(own, key=lambda one: one["real_time"])
+        yield row, len(own), [of[results.name_of(row)] / row["real_time"] for of in names if results.name_of(row) in of]
+
+
+# What each study is measured for, and where its figures are.
+SUPPORTS = {
+    "table1": ("the paper's Table 1; starts", "table-1"), "figure7": ("the paper's Figure 7", "figure-7"),
+    "figure8": ("the paper's Figure 8; linear scaling", "figure-8"), "fastest": ("the first page; limits, targets", "as-fast-as-the-card-allows"),
+    "edits": ("topology changes at run time", "cuts-and-sutures"), "tuning": ("vertical lists; best blocks", "tuning"),
+    "formulations": ("what a formulation costs, and its error", "formulations"), "pareto": ("time against error", "formulations"),
+    "stability": ("the largest time step", "stability"), "stress": ("errors and extremes", "errors-and-extremes"),
+    "skips": ("what rests costs nothing; all blocks launched", "tiles-at-rest"), "energy": ("joules a step", "energy")}
+
+
+def durations(machine):
+    """(study, rows, minutes until the next study of the same commit began, or None) in the order of their measurement."""
+    found = sorted(((result_files.study_of(path), results.loaded(path)) for path in result_files.within(results.RESULTS / machine)),
+                   key=lambda one: one[1]["context"]["date"])
+    begins = [datetime.datetime.fromisoformat(one["context"]["date"]) for _, one in found]
+    for (study, one), begin in zip(found, begins):
+        later = [after for after in begins if after > begin]
+        minutes = (min(later) - begin).total_seconds() / 60 if later else None
+        rows = len(one["verification"]) or sum(len(one.get(name, [])) for name in comparison.PLACES)
+        # A longer pause is one between two days of measuring.
+        yield study, rows, minutes if minutes and minutes < 30 else None
+
+
 @functools.cache
 def tables():
     """The macros of tables.jinja, which know what is defined here."""
@@ -165,7 +203,7 @@ def filled(name):
 
 
 PAGES = {ROOT / "README.md": ["heart"], HERE / "architecture.md": ["architecture"], HERE / "accuracy.md": ["float64", "gates"],
-         HERE / "apis.md": ["launches", "empty_steps", "sizes"], HERE / "simulator.md": ["ticks", "late_ticks", "drawing"]}
+         HERE / "artifact.md": ["claims", "studies"], HERE / "apis.md": ["launches", "empty_steps", "sizes"], HERE / "simulator.md": ["ticks", "late_ticks", "drawing"]}
 
 
 def main():

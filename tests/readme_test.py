@@ -123,6 +123,17 @@ class Pages(unittest.TestCase):
         for word in ("NVML", "RAPL", "PSS", "MIG", "fetch path", "secondary list", "SCHED_FIFO", "Lanczos", "Richardson", "empirical null"):
             self.assertIn(word, words)
 
+    def test_both_citations_and_the_build_agree(self):
+        """.zenodo.json is what Zenodo takes for the DOI of a release; it ignores CITATION.cff beside it."""
+        cff, zenodo = pathlib.Path("CITATION.cff").read_text(), json.loads(pathlib.Path(".zenodo.json").read_text())
+        said = dict(re.findall(r"^(\w+): (.*)$", cff, re.MULTILINE))
+        self.assertEqual([said[key] for key in ("title", "abstract", "version", "license", "type")],
+                         [zenodo[key] for key in ("title", "description", "version", "license", "upload_type")])
+        authors = cff[cff.index("\nauthors:"):cff.index("\nreferences:")]
+        self.assertEqual(re.findall(r"^  - name: (.*)$", authors, re.MULTILINE), [one["name"] for one in zenodo["creators"]])
+        self.assertEqual(re.findall(r"^ +doi: (.*)$", cff, re.MULTILINE), [one["identifier"] for one in zenodo["related_identifiers"]])
+        self.assertIn(f"project(voxspring VERSION {zenodo['version']} ", pathlib.Path("CMakeLists.txt").read_text())
+
     def test_the_example_of_a_study_is_one(self):
         example = json.loads(re.search(r"```json\n(.*?)```", pathlib.Path("docs/measure.md").read_text(), re.DOTALL)[1])
         jsonschema.validate(example, json.loads(pathlib.Path("results/study.schema.json").read_text()))
