@@ -120,6 +120,7 @@ class Row:
     limitless: bool = False  # whether the file lacks the limit that a comparison across devices needs
     noisy: list = dataclasses.field(default_factory=list)  # reasons for which its run marked its times as not to be trusted
     failure: str = ""
+    unjudged: str = ""  # why not all of its times are known to be those of right states
 
 
 def identity_of(row):
@@ -133,6 +134,7 @@ class Result:
         self.path = path
         self.json = result_files.load(path)
         result_files.check(path, self.json, HERE / "comparison.schema.json")
+        result_files.check_agreement(path, self.json)
         self.context = self.json["context"]["voxspring"]
         self.backends = self.context.get("backends", {})
         self.study = self.context.get("study", {}).get("name")
@@ -142,6 +144,7 @@ class Result:
         self.timed = [name for name, (unit, better) in about.items() if better == "less" and unit in TIMED_UNITS]
         self.rows = collections.defaultdict(list)
         self.kinds, self.backends_of_rows = set(), set()
+        self.verdicts = {row.get("name"): row for row in self.json.get("verification", [])}
         self.unmeasured = {name: {identity_of(row): row.get("reason", "no reason given") for row in self.json.get(name, [])}
                            for name in ("failed", "skipped")}
         for list_name in PLACES:
@@ -162,6 +165,14 @@ class Result:
                 if entry.errors.get(key) is not None:
                     entry.by_chance[key] = entry.errors[key] * spread / one
 
+    def unjudged(self, row):
+        """Why the result does not say that a row's times are those of right states; empty if it does, or is older than such fields."""
+        name, repetitions = row.get("name", "").split("/iterations:")[0], row.get("repetitions", 1)
+        if self.verdicts and name not in self.verdicts:
+            return "its states were not verified"
+        judged = self.verdicts.get(name, {}).get("repetitions_judged", repetitions)
+        return f"{judged} of {repetitions} repetitions were verified" if judged < repetitions else ""
+
     def refuse(self, key, value, accepted):
         raise BadInput(f"{self.path}: {key}: {result_files.shown(value)}: expected {accepted}")
 
@@ -170,6 +181,8 @@ class Result:
         place = tuple((key, json.dumps(row.get(key, UNSAID.get(key)), sort_keys=True)) for key in PLACES[list_name])
         name = row.get("name", "/".join(identity[:4])).split("/iterations:")[0]
         entry = Row(name[len(identity[0]) + 1:].replace("/", " "), chaotic=row.get("chaotic", False), noisy=list(row.get("noisy", [])))
+        if list_name == "benchmarks":
+            entry.unjudged = self.unjudged(row)
         entry.measure = tuple((key, row[key]) for key in ("particles", "springs", "steps", "error_steps", "end_time")
                               if key in row)
         if list_name == "stress":
@@ -179,7 +192,10 @@ class Result:
             entry.errors = {key: row[key] for key in ERRORS if key in row}
             entry.floors = {key: row.get(ERRORS[key]) for key in entry.errors}
             self.add_errors_by_chance(entry, row)
-        for counter in self.less_is_better.keys() & row.keys():
+        if list_name == "stability" and result_files.number(row.get("ratio")):
+            entry.counters["ratio"] = [row["ratio"]]
+            self.less_is_better["ratio"] = False
+        for counter in self.less_is_better.keys() & row.keys() - entry.counters.keys():
             value = row[counter]
             if value is not None and (isinstance(value, (bool, str, list, dict)) or not 0 <= value < math.inf):
                 self.refuse(at + counter, value, "a number that is not negative, or null")
@@ -481,6 +497,8 @@ def judge_state(a, b, row, differ, options):
         return "new", "failed before"
     if differ:
         return "not comparable", ", ".join(differ)
+    if b.unjudged and not a.unjudged:
+        return "not comparable", b.unjudged
     if words := grown(a, b, options.error_factor):
         return "error grew", words
     if row["time"]:
@@ -546,11 +564,12 @@ def notes_on(old, new, rows, shifts, options):
         changes = [f"of {size:.0%} in {sum(row['time']['least'] <= size for row in told)}"
                    for size in dict.fromkeys((options.threshold, 0.1))]
         notes.append(f"of {len(told)} times, a lone change would be found {', '.join(changes)}")
-    grew = [(after / before, row) for row in rows for before, after in (row["errors"] or {}).values()
-            if before and after and after > before and row["verdict"] != "error grew"]
-    if grew:
-        most, row = max(grew, key=lambda one: one[0])
-        notes.append(f"{len(grew)} errors grew by less than what counts, at most x {most:.3g} ({row['scene']} {row['contender']})")
+    moved_errors = [(after / before, row) for row in rows for before, after in (row["errors"] or {}).values()
+                    if before and after and after != before and row["verdict"] != "error grew"]
+    if moved_errors:
+        ratio, row = max(moved_errors, key=lambda one: abs(math.log(one[0])))
+        notes.append(f"{len(moved_errors)} errors changed by less than what counts, so bits differ: at most x {ratio:.3g} "
+                     f"({row['scene']} {row['contender']})")
     if gone := absent(old, new):
         notes.append(f"no row any more of {result_files.listed(gone)}")
     if not any(row["verdict"] in JUDGED for row in rows):

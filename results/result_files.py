@@ -62,6 +62,91 @@ def load(path):
     return result
 
 
+# The bounds of a verdict, each with the error that it is a bound on.
+BOUNDS = {"tolerance": "error_max", "tolerance_rms": "error_rms", "tolerance_mean": "error_mean"}
+# Fields of one measurement that a result has in its own precision and a reader computes again.
+SAME = 1e-6
+
+
+def number(value):
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def unlike(row, key, value):
+    """Whether a row has a number under a key, and another one than that."""
+    return number(row.get(key)) and number(value) and abs(row[key] - value) > SAME * abs(value)
+
+
+def contradictions(result):
+    """(place, value, what is expected) wherever a result contradicts itself, as one does that was edited or that a faulty program wrote."""
+    rows = {name: [row for row in content if isinstance(row, dict)] for name, content in result.items() if isinstance(content, list)}
+    verdicts = {row.get("name"): row for row in rows.get("verification", [])}
+    for index, row in enumerate(rows.get("verification", [])):
+        for run, at in ((row, ""), (row.get("strained_start") or {}, "strained_start.")):
+            place = f"verification[{index}].{at}"
+            for bound, error in BOUNDS.items() if row.get("passed") else ():
+                if number(run.get(bound)) and (run.get(error) is None or unlike(run, error, 0) and run[error] > run[bound]):
+                    yield place + error, run.get(error), f"{run[bound]:g} at most, as {bound} says, or passed to be false"
+            if number(run.get("error_max")) and number(run.get("error_rms")) and run["error_rms"] > (1 + SAME) * run["error_max"]:
+                yield place + "error_rms", run["error_rms"], f"{run['error_max']:g} at most, which error_max is"
+        if row.get("passed") and row.get("finite") is False:
+            yield f"verification[{index}].passed", True, "false, since the state is not finite"
+    cases = groups(enumerate(rows.get("benchmarks", [])), lambda one: str(one[1].get("name")).split("/iterations:")[0])
+    for (name,), own in cases.items():
+        verdict = verdicts.get(name, {})
+        times = [row["real_time"] for _, row in own if row.get("run_type") == "iteration" and number(row.get("real_time"))]
+        place = f"benchmarks[{own[0][0]}]"
+        if verdict.get("passed") is False:
+            yield place, name, "no time, since its state failed"
+        if verdict.get("repetitions_judged", len(times)) < len(times) and not own[0][1].get("resumed"):
+            yield place, name, f"{len(times)} judged repetitions, but it has {verdict['repetitions_judged']}"
+        for index, row in own:
+            place = f"benchmarks[{index}]"
+            for key in ("error_max", "error_relative_l2", "chaotic"):
+                if key in row and key in verdict and row[key] != verdict[key]:
+                    yield f"{place}.{key}", row[key], f"{shown(verdict[key])}, as its row of verification has"
+            if row.get("run_type") == "iteration":
+                if number(row.get("springs")) and row.get("real_time") and unlike(
+                        row, "spring_updates_per_second", rate := row["springs"] / row["real_time"] * 1e6):
+                    yield f"{place}.spring_updates_per_second", row["spring_updates_per_second"], f"{rate:g}, which real_time makes"
+                if row.get("repetitions", len(times)) != len(times):
+                    yield f"{place}.repetitions", row["repetitions"], f"{len(times)}, as many as there are"
+            elif row.get("aggregate_name") == "median" and times and unlike(row, "real_time", statistics.median(times)):
+                yield f"{place}.real_time", row["real_time"], f"{statistics.median(times):g}, the median of its repetitions"
+    for index, row in enumerate(rows.get("energy", [])):
+        if number(row.get("watts")) and number(row.get("seconds_per_step")) and unlike(
+                row, "joules_per_step", joules := row["watts"] * row["seconds_per_step"]):
+            yield f"energy[{index}].joules_per_step", row["joules_per_step"], f"{joules:g}, watts times seconds_per_step"
+    for index, row in enumerate(rows.get("haptic", [])):
+        due = row.get("missed", 0) if row.get("from_due") else 0
+        counts = [one[1] for one in row.get("histogram") or [] if isinstance(one, list) and len(one) == 2 and number(one[1])]
+        if counts and unlike(row, "ticks", ticks := sum(counts) - due):
+            yield f"haptic[{index}].ticks", row["ticks"], f"{ticks}, as many as the histogram has"
+        known = [value for value in (row.get(f"{name}_seconds") for name in ("median", "p99", "p999", "worst")) if number(value)]
+        if known != sorted(known):
+            yield f"haptic[{index}].median_seconds", known, "percentiles that rise"
+    for index, row in enumerate(rows.get("stability", [])):
+        if row.get("theory_time_step") and number(row.get("measured_time_step")) and unlike(
+                row, "ratio", ratio := row["measured_time_step"] / row["theory_time_step"]):
+            yield f"stability[{index}].ratio", row["ratio"], f"{ratio:g}, the measured time step over that of theory"
+    for index, row in enumerate(rows.get("stress", [])):
+        if row.get("passed") and row.get("gate_is") == "at most" and number(row.get("measured")) and number(row.get("gate")) \
+                and row["measured"] > row["gate"]:
+            yield f"stress[{index}].measured", row["measured"], f"{row['gate']:g} at most, as gate says, or passed to be false"
+    context = result.get("context") if isinstance(result.get("context"), dict) else {}
+    about = context.get("voxspring") if isinstance(context.get("voxspring"), dict) else {}
+    on = about.get("backends") if isinstance(about.get("backends"), dict) else {}
+    cards = sorted({one["device"] for one in on.values() if isinstance(one, dict) and one.get("uuid") and one.get("device")})
+    if cards and isinstance(about.get("gpu"), str) and about["gpu"] not in cards:
+        yield "context.voxspring.gpu", about["gpu"], f"{listed(cards)}, which the backends ran on"
+
+
+def check_agreement(path, result):
+    """Refuses a result that contradicts itself."""
+    for place, value, expected in contradictions(result):
+        raise BadInput(f"{path}: {place}: {shown(value)}: expected {expected}")
+
+
 @functools.cache
 def validator(schema, name):
     """The compiled check of a schema, or of one of its named parts, and all of its parts."""
@@ -190,7 +275,9 @@ def threshold_of(verdict):
     found = [bound / motion for bound, motion in bounds if bound is not None and motion]
     if not found:
         return "chaotic"
-    if max(verdict.get("strained_share", 1), (strained or {}).get("strained_share", 0)) < MIN_STRAINED_SHARE:
+    # Files without strained_share say nothing of most rows; a row whose largest error has no bound shows no spring's effect.
+    share = verdict.get("strained_share", 0 if verdict.get("tolerance") is None else 1)
+    if max(share, (strained or {}).get("strained_share", 0)) < MIN_STRAINED_SHARE:
         return "not verified"
     return f"{found[0]:.1e}" + "*" * bool(strained)
 

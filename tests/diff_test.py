@@ -24,6 +24,8 @@ from unittest import mock
 import jsonschema
 import numpy
 
+import attack_test
+
 sys.path.insert(0, "results")
 import comparison  # noqa: E402
 import diff  # noqa: E402
@@ -165,8 +167,7 @@ class Diff(unittest.TestCase):
             names = {row["run_name"] for row in rows if row.get("noisy")}
             if "nvidia-h200" not in str(path) or not names:
                 continue
-            for row in rows:
-                row["real_time"] *= 1.5 if row["run_name"] in names else 1
+            attack_test.slow(slower, 1.5, lambda _, row, own=names: row["run_name"] in own)
             found = self.judge(path, slower)[1]["rows"]
             names = {name.split("/iterations")[0] for name in names}
             counts.update((row["verdict"], f"{row['scene']}/{row['contender'].replace(' ', '/')}" in names) for row in found)
@@ -278,9 +279,12 @@ class Diff(unittest.TestCase):
                 if verdict == "error grew":
                     self.assertIn(list(fields)[-1] if "time" not in fields else "slower", row["detail"])
 
-    def test_errors_that_grew_by_less_are_told(self):
-        notes = self.judge(result(PLAIN), changed(error_max=1.4e-7))[1]["notes"]
-        self.assertTrue(any("1 errors grew by less than what counts, at most x 1.4 (box@8 a" in note for note in notes), notes)
+    def test_errors_that_changed_by_less_are_told(self):
+        for error, ratio in ((1.4e-7, "1.4"), (0.5e-7, "0.5"), (1e-7 * (1 + 1e-12), "1")):
+            notes = self.judge(result(PLAIN), changed(error_max=error))[1]["notes"]
+            self.assertTrue(any(f"1 errors changed by less than what counts, so bits differ: at most x {ratio} (box@8 a" in note
+                                for note in notes), notes)
+        self.assertEqual(self.judge(result(PLAIN), changed())[1]["notes"][1:], [], "errors that did not change")
 
     def test_a_counter_that_no_script_names(self):
         """What a result's context describes is compared, is a column of the frame, and cannot hide a slower row."""

@@ -112,6 +112,7 @@ def read(path):
     """The result in a file."""
     data = result_files.load(path)
     check(path, data)
+    result_files.check_agreement(path, data)
     lists = {name: data.get(name, []) for name in LISTS}
     for name, check_row in (("stability_map", check_map), ("haptic", check_histogram)):
         for index, row in enumerate(lists[name]):

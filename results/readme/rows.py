@@ -19,7 +19,9 @@ class Missing(Exception):
 
 @functools.lru_cache(maxsize=None)
 def loaded(path):
-    return result_files.load(path)
+    found = result_files.load(path)
+    result_files.check_agreement(path, found)
+    return found
 
 
 def result(study, machine=GPU):
