@@ -27,7 +27,7 @@ import result_files  # noqa: E402
 
 GATE = comparison.Rule(fail_on=("missing",))  # what docs/results.md says that a gate takes
 SLOWER = 1.1
-TRIALS = 40
+TRIALS = 25
 FOUND = 0.89  # the share of rows for which the least slow-down that is found is stated
 # How far the share that is found may lie below the share that could be: four standard deviations of so many trials.
 LEEWAY = 4 * math.sqrt(0.25 / TRIALS)

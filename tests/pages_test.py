@@ -14,6 +14,7 @@ import unittest
 from unittest import mock
 
 sys.path.insert(0, "results")
+import audit  # noqa: E402
 import figures_in_prose  # noqa: E402
 import result_files  # noqa: E402
 import paper  # noqa: E402
@@ -76,6 +77,40 @@ class Prose(unittest.TestCase):
             self.assertEqual(figures_in_prose.unfounded(text), [], text)
         self.assertEqual(figures_in_prose.unfounded("# Trials\n\nUp to commit 0b0c168.\n\n# Now\n\nWords.\n\nIt takes 5 us. Commit 0b0c168 took 6 us."),
                          ["It takes 5 us."])
+
+
+class Audit(unittest.TestCase):
+    """results/audit.py computes the figures of pages by code of its own."""
+
+    def test_every_figure_is_right(self):
+        known, _ = audit.claims()
+        self.assertGreater(len(known), 1000)
+        self.assertEqual([claim for claim in known if not audit.is_right(claim)], [])
+        self.assertEqual({claim.page for claim in known}, set(audit.PAGES))
+
+    def test_wrong_figures_are_named(self):
+        """The last digit of a figure in a table and in a sentence."""
+        right = audit.claims()[0]
+        with tempfile.TemporaryDirectory() as folder:
+            root = pathlib.Path(folder)
+            shutil.copytree("docs", root / "docs")
+            shutil.copytree("results", root / "results", ignore=shutil.ignore_patterns("local", "__pycache__"))
+            shutil.copy("README.md", root)
+            page = root / "results/README.md"
+            text, count = re.subn(r"(`cuda_march` takes 0\.\d)(\d)( of the\s+energy)", lambda match: match[1] + str(9 - int(match[2])) + match[3],
+                                  page.read_text())
+            self.assertEqual(count, 1)
+            cell = next(claim for claim in right if claim.page == "results/README.md" and claim.what.endswith("256^3: 16777216"))
+            lines = text.split("\n")
+            last = re.search(r"\d(?= \()", cell.said)
+            lines[cell.line - 1] = lines[cell.line - 1].replace(cell.said, cell.said[:last.start()] + str(9 - int(last[0])) + cell.said[last.end():])
+            page.write_text("\n".join(lines))
+            with mock.patch.object(audit, "ROOT", root):
+                wrong = [claim for claim in audit.claims()[0] if not audit.is_right(claim)]
+        self.assertEqual([claim.line for claim in wrong], [cell.line, 0])
+        for said, value, is_right in (("2.6", 2.6, True), ("2.6", 2.66, False), ("1,234", 1234, True), ("8.8e-03", 8.8234e-3, True),
+                                      ("8.8e-03", 8.86e-3, False), ("42 %", 41.7, True), ("~3.05 ± 4 %", 3.047, True)):
+            self.assertEqual(audit.is_right(audit.Claim("", 0, "", said, value)), is_right, said)
 
 
 class Counts(unittest.TestCase):
