@@ -27,11 +27,7 @@ import includes_test  # noqa: E402  # pylint: disable=wrong-import-position
 import paper  # noqa: E402  # pylint: disable=wrong-import-position
 from readme import facts, rows as results  # noqa: E402  # pylint: disable=wrong-import-position
 import result_files  # noqa: E402  # pylint: disable=wrong-import-position
-from result_files import groups, tick_seconds  # noqa: E402  # pylint: disable=wrong-import-position
-
-# The strategies of the table, one or two of each kind.
-SHOWN = ["cuda_resident", "cuda_explicit_delta", "cuda_explicit_cached_grid", "cuda_implicit_cached", "gl_compute_implicit",
-         "vulkan_implicit", "gl_fragment_implicit", "cpu_parallel"]
+from result_files import distinct, groups, tick_seconds  # noqa: E402  # pylint: disable=wrong-import-position
 
 # Who steps while a body is drawn, where that is not the name of its API.
 DRAWN = {"CUDA": "CUDA, one launch per tick", "CPU": "the processor"}
@@ -44,8 +40,9 @@ def plain_rows(backends):
 
 
 def best_on_heart():
-    """(row, number of tunings) of each shown backend on the heart, the fastest first."""
-    tried = groups((row for row in plain_rows(SHOWN) if row["scene"] == "heart"), "backend").values()
+    """(row, number of tunings) of each backend on the heart, the fastest first."""
+    everyone = distinct(results.medians("fastest"), "backend")
+    tried = groups((row for row in plain_rows(everyone) if row["scene"] == "heart"), "backend").values()
     return sorted(((results.fastest_of(own), len(own)) for own in tried), key=lambda best: best[0]["real_time"])
 
 
@@ -151,9 +148,9 @@ def drawn_rows():
 
 
 def claimed(machine):
-    """(row, number of tunings, its times in other studies of the machine's files over its own) of each backend shown on the heart."""
-    rows = [row for row in results.medians("fastest", machine) if (row["scene"], row["formulation"], row["precision"], row["backend"] in SHOWN)
-            == ("heart", "position", "float32", True)]
+    """(row, number of tunings, its times in other studies of the machine's files over its own) of each backend on the heart."""
+    rows = [row for row in results.medians("fastest", machine)
+            if (row["scene"], row["formulation"], row["precision"]) == ("heart", "position", "float32")]
     studies = [result_files.study_of(path) for path in result_files.within(results.RESULTS / machine)]
     names = [{results.name_of(row): row["real_time"] for row in results.medians(study, machine)
               if (row["scene"], row["steps"]) == ("heart", rows[0]["steps"])} for study in studies if study != "fastest"]

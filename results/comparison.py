@@ -336,7 +336,7 @@ def judge_times(timed, threshold):
     degrees = numpy.array([max(1, sum(of) - 2) for of in counts])
     shifts, scales, tails = (numpy.zeros(len(timed)) for _ in range(3))
     samples, lone = numpy.full(len(timed), math.inf), numpy.zeros(len(timed))
-    floors = numpy.array([UNKNOWN_NOISE * one.unknown for one in timed])
+    floors = numpy.array([UNKNOWN_NOISE if one.unknown else ROUNDING for one in timed])
     together = []
     for (device, kind), numbered in result_files.groups(enumerate(timed), lambda of: of[1].device, lambda of: of[1].kind).items():
         apis = {api: [index for index, _ in of] for (api,), of in result_files.groups(numbered, lambda of: of[1].api).items()}
