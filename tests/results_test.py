@@ -16,6 +16,8 @@ import tempfile
 import unittest
 from unittest import mock
 
+import attack_test
+
 sys.path.insert(0, "results")
 import auto_rules  # noqa: E402
 import compact  # noqa: E402
@@ -251,6 +253,53 @@ class Figures(unittest.TestCase):
         self.assertIn(">on chip<", (RESULTS / "nvidia-h200/intensity-NVIDIA-H200-box@32.svg").read_text())
 
 
+class Attacks(InTemporaryFolder):
+    """What attack_test tries on every file, on one that has the fields of today."""
+
+    def test_each_is_caught(self):
+        result = result_files.load(RESULTS / "amd-epyc/fastest.json.gz")
+        counts = [(attack_test.case_of(row), row["repetitions"]) for row in result["benchmarks"]]
+        for row in result["verification"]:
+            row |= {"repetitions_judged": dict(counts)[row["name"]], "strained_share": 0.9}
+        target = attack_test.Target(self.write("today.json", result), self.folder)
+        untried = []
+        for fault, function in attack_test.ATTACKS.items():
+            # That of one slower row needs other studies of its machine.
+            if fault != "one row slower by 10%":
+                with self.subTest(fault):
+                    try:
+                        self.assertTrue(function(target))
+                    except attack_test.Untried:
+                        untried.append(fault)
+        self.assertEqual(untried, ["a backend is missing"], "it has one")
+
+    def test_an_attack_that_nothing_catches_is_told(self):
+        target = attack_test.Target(RESULTS / "amd-epyc/fastest.json.gz", self.folder)
+        with mock.patch.object(result_files, "check_agreement"), mock.patch.object(result_files, "contradictions", return_value=iter(())):
+            for fault in ("half of the repetitions wrong, with their own errors", "times of a state that failed",
+                          "an error written smaller in the rows than in their verdicts", "no springs: every particle off by its motion"):
+                with self.assertRaises(attack_test.GotThrough, msg=fault):
+                    attack_test.ATTACKS[fault](target)
+
+    def test_what_contradicts_itself_is_named(self):
+        row = {"scene": "box@8", "backend": "a", "name": "box@8/a"}
+        for lists, words in (
+                ({"energy": [row | {"watts": 2, "seconds_per_step": 3, "joules_per_step": 6.1}]}, "energy[0].joules_per_step: 6.1: expected 6"),
+                ({"haptic": [row | {"ticks": 3, "missed": 1, "from_due": True, "histogram": [[1, 2]]}]}, "haptic[0].ticks: 3: expected 1"),
+                ({"haptic": [row | {"median_seconds": 2, "p99_seconds": 1}]}, "haptic[0].median_seconds: [2, 1]"),
+                ({"stability": [row | {"theory_time_step": 2, "measured_time_step": 1, "ratio": 1}]}, "stability[0].ratio: 1: expected 0.5"),
+                ({"stress": [row | {"passed": True, "gate_is": "at most", "gate": 1, "measured": 2}]}, "stress[0].measured: 2: expected 1"),
+                ({"verification": [row | {"passed": True, "strained_start": {"tolerance": 1, "error_max": 2}}]},
+                 "verification[0].strained_start.error_max: 2: expected 1"),
+                ({"benchmarks": [row | {"run_type": "iteration", "real_time": 2, "repetitions": 2}]}, "benchmarks[0].repetitions: 2: expected 1"),
+                ({"benchmarks": [row | {"run_type": "iteration", "real_time": 2}, row | {"aggregate_name": "median", "real_time": 3}]},
+                 "benchmarks[1].real_time: 3: expected 2")):
+            with self.assertRaisesRegex(result_files.BadInput, re.escape(words)):
+                result_files.check_agreement("a.json", lists)
+        for path in result_files.committed(RESULTS):
+            self.assertEqual(list(result_files.contradictions(result_files.load(path))), [], path)
+
+
 class Thresholds(unittest.TestCase):
     def test_each_says_which_run_verifies_a_row(self):
         own = {"tolerance": 1e-3, "tolerance_rms": 2e-4, "motion_max": 2.0, "motion_rms": 1.0, "strained_share": 0.9}
@@ -258,8 +307,9 @@ class Thresholds(unittest.TestCase):
         chaotic = own | {"tolerance": None, "tolerance_rms": None, "strained_share": 0}
         found = [result_files.threshold_of(row) for row in (
             own, own | {"strained_share": 0.1}, own | {"strained_share": 0.1, "strained_start": strained}, chaotic,
-            {key: value for key, value in own.items() if key != "strained_share"}, {})]
-        self.assertEqual(found, ["2.0e-04", "not verified", "5.0e-04*", "chaotic", "2.0e-04", "-"])
+            {key: value for key, value in own.items() if key != "strained_share"},
+            {key: value for key, value in own.items() if key != "strained_share"} | {"tolerance": None}, {})]
+        self.assertEqual(found, ["2.0e-04", "not verified", "5.0e-04*", "chaotic", "2.0e-04", "not verified", "-"])
 
 
 if __name__ == "__main__":
