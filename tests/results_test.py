@@ -264,7 +264,7 @@ class Attacks(InTemporaryFolder):
         target = attack_test.Target(self.write("today.json", result), self.folder)
         untried = []
         for fault, function in attack_test.ATTACKS.items():
-            # That of one slower row needs other studies of its machine.
+            # The search for one slower row needs other studies of the machine.
             if fault != "one row slower by 10%":
                 with self.subTest(fault):
                     try:
