@@ -80,12 +80,13 @@ def unlike(row, key, value):
 def contradictions(result):
     """(place, value, what is expected) wherever a result contradicts itself, as one does that was edited or that a faulty program wrote."""
     rows = {name: [row for row in content if isinstance(row, dict)] for name, content in result.items() if isinstance(content, list)}
-    verdicts = {row.get("name"): row for row in rows.get("verification", [])}
+    verdicts = {str(row.get("name")): row for row in rows.get("verification", [])}
     for index, row in enumerate(rows.get("verification", [])):
-        for run, at in ((row, ""), (row.get("strained_start") or {}, "strained_start.")):
+        strained = row.get("strained_start")
+        for run, at in ((row, ""), (strained if isinstance(strained, dict) else {}, "strained_start.")):
             place = f"verification[{index}].{at}"
             for bound, error in BOUNDS.items() if row.get("passed") else ():
-                if number(run.get(bound)) and (run.get(error) is None or unlike(run, error, 0) and run[error] > run[bound]):
+                if number(run.get(bound)) and (run.get(error) is None or number(run[error]) and run[error] > run[bound]):
                     yield place + error, run.get(error), f"{run[bound]:g} at most, as {bound} says, or passed to be false"
             if number(run.get("error_max")) and number(run.get("error_rms")) and run["error_rms"] > (1 + SAME) * run["error_max"]:
                 yield place + "error_rms", run["error_rms"], f"{run['error_max']:g} at most, which error_max is"
@@ -98,17 +99,14 @@ def contradictions(result):
         place = f"benchmarks[{own[0][0]}]"
         if verdict.get("passed") is False:
             yield place, name, "no time, since its state failed"
-        if verdict.get("repetitions_judged", len(times)) < len(times) and not own[0][1].get("resumed"):
-            yield place, name, f"{len(times)} judged repetitions, but it has {verdict['repetitions_judged']}"
+        if number(judged := verdict.get("repetitions_judged")) and judged < len(times) and not own[0][1].get("resumed"):
+            yield place, name, f"{len(times)} judged repetitions, but it has {judged}"
         for index, row in own:
             place = f"benchmarks[{index}]"
             for key in ("error_max", "error_relative_l2", "chaotic"):
                 if key in row and key in verdict and row[key] != verdict[key]:
                     yield f"{place}.{key}", row[key], f"{shown(verdict[key])}, as its row of verification has"
             if row.get("run_type") == "iteration":
-                if number(row.get("springs")) and row.get("real_time") and unlike(
-                        row, "spring_updates_per_second", rate := row["springs"] / row["real_time"] * 1e6):
-                    yield f"{place}.spring_updates_per_second", row["spring_updates_per_second"], f"{rate:g}, which real_time makes"
                 if row.get("repetitions", len(times)) != len(times):
                     yield f"{place}.repetitions", row["repetitions"], f"{len(times)}, as many as there are"
             elif row.get("aggregate_name") == "median" and times and unlike(row, "real_time", statistics.median(times)):
@@ -118,7 +116,7 @@ def contradictions(result):
                 row, "joules_per_step", joules := row["watts"] * row["seconds_per_step"]):
             yield f"energy[{index}].joules_per_step", row["joules_per_step"], f"{joules:g}, watts times seconds_per_step"
     for index, row in enumerate(rows.get("haptic", [])):
-        due = row.get("missed", 0) if row.get("from_due") else 0
+        due = row["missed"] if row.get("from_due") and number(row.get("missed")) else 0
         counts = [one[1] for one in row.get("histogram") or [] if isinstance(one, list) and len(one) == 2 and number(one[1])]
         if counts and unlike(row, "ticks", ticks := sum(counts) - due):
             yield f"haptic[{index}].ticks", row["ticks"], f"{ticks}, as many as the histogram has"
