@@ -157,7 +157,7 @@ struct ReferencePart {
 
 /// The errors of a run from a start in which every spring is strained.
 struct StrainedPart {
-    double share = 0;  ///< of the springs, strained by more than `tolerance` at the end
+    double share = 0;  ///< of the springs, strained at the end by more than the smaller tolerance
     std::optional<double> error_max = {}, error_rms = {}, error_mean = {};
     std::optional<double> tolerance = {}, tolerance_rms = {}, tolerance_mean = {};
     std::optional<double> motion_max = {}, motion_rms = {};

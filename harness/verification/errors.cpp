@@ -66,7 +66,10 @@ double strained_share(const ReferenceSolution& solution, const BackendSpec& spec
     const State& state = solution.same_step;
     const Spread* const spread = spread_of(solution, rounding_model_of(spec));
     if (spread == nullptr || is_chaotic(*spread)) return 0;
-    const double bound = gate(spread->max, spread->motion_max, admitted_error(problem, spec, solution.steps));
+    const double admitted = admitted_error(problem, spec, solution.steps);
+    // Where rounding carries single particles too far, the root mean square alone has a bound.
+    const double bound = std::min(gate(spread->max, spread->motion_max, admitted),
+                                  gate(spread->rms, spread->motion_rms, admitted));
     if (const auto known = solution.strained_shares.find(bound); known != solution.strained_shares.end())
         return known->second;
     const auto is_strained = [&](const RestSpring& rest, std::size_t i, std::size_t j) {
