@@ -42,9 +42,9 @@ Comparison judge(const ReferenceSolution& solution, const State& state, const Ba
 
 /// The least share of springs whose effect a run must show, so that it verifies a backend.
 constexpr double min_strained_share = 0.5;
-/// The share of the springs that the reference has strained at the end by more than a backend may err: by more
-/// than the smaller of the bounds on its largest error and on their root mean square. A backend without these
-/// springs would fail. A share of 0 means that no displacement is judged, 1 that there is no spring.
+/// The share of the springs that the reference has strained at the end by more than a backend may err: by
+/// more than the smaller of the bounds on its largest error and on their root mean square. A backend without
+/// these springs would fail. A share of 0 means that no displacement is judged, 1 that there is no spring.
 double strained_share(const ReferenceSolution& solution, const BackendSpec& spec);
 
 /// The accuracy that a row reports. Unknown values are absent. results/schema.json defines each field.
