@@ -38,7 +38,7 @@ public:
         send(published_, layout.published, step.published);
         send(polled_, layout.polled, step.polled);
         send(polled_word_, layout.polled_word, step.polled_word);
-        send(own_slot_, layout.own_slot, step.own_slot);
+        send(own_slot_, own_slots_with(layout, mask), step.own_slot);
         send(slot_, slots_with(layout, mask), step.slot);
         send(polled_slot_, layout.polled_slot, step.polled_slot);
         send(border_, layout.border, step.border);
@@ -149,7 +149,7 @@ private:
 std::uint64_t resident_bytes(const Problem& problem, const Options& options) {
     return particle_bytes<float>(problem, place_compact(problem), options.formulation) +
            problem.particle_count() * (2 * sizeof(TaggedPoint) + 2 * sizeof(std::uint32_t) +
-                                       (1 + neighbour_bits) * sizeof(std::uint16_t));
+                                       (1 + neighbour_bits + slots_together) * sizeof(std::uint16_t));
 }
 
 /// The value of the macro TOOL.
@@ -244,7 +244,9 @@ private:
     bool gives_borders() const override { return false; }
 
     /// Blocks of all parts on a device wait for each other, so there must be room for all of them at once.
-    int multiprocessors() const { return device().multiprocessors() / device().parts(); }
+    ResidentCard card() const {
+        return {device().multiprocessors() / device().parts(), device().shared_bytes()};
+    }
 
     ToolMode tool_mode_for(const Problem& problem) const {
         if (!problem.has_tool()) return ToolMode::none;
@@ -272,7 +274,7 @@ private:
                    problem.lattice.voxel,
                    problem.ghosts,
                    std::make_shared<const ResidentLayout>(
-                       lay_out_resident(problem, multiprocessors(), pollers_, partition_, overlap))};
+                       lay_out_resident(problem, card(), pollers_, partition_, overlap))};
         return latest_->layout;
     }
 
@@ -285,7 +287,7 @@ private:
         const ResidentLayout& layout = *layout_;
         tool_mode_ = tool_mode_for(problem);
         tool_stiffness_ = float(problem.tool.stiffness);
-        if (std::string why = block_refusal(layout, tool_mode_); !why.empty()) throw DeviceError(why);
+        if (std::string why = block_refusal(layout, card(), tool_mode_); !why.empty()) throw DeviceError(why);
         if (!by_increments(formulation())) calibrate_rest_lengths<float>(launch.step.rest_length, stream());
         tables_.upload(layout, problem.lattice.mask, launch.step, stream());
         held_by_lane_.upload(
@@ -295,9 +297,10 @@ private:
         launch.step.started_blocks = joint_.started_blocks();
         launch.step.wait = joint_.wait_limit();
         launch.grid = dim3(unsigned(layout.blocks));
-        launch.block = dim3(unsigned(layout.lanes + layout.pollers));
+        launch.block = dim3(unsigned(layout.threads() + layout.pollers));
         KernelSource source = family().source("resident.cu", problem, int(launch.block.x), 1);
-        source.macros["LANES"] = std::to_string(layout.lanes);
+        source.macros["LANES"] = std::to_string(layout.threads());
+        source.macros["TURNS"] = std::to_string(layout.turns);
         source.macros["POLLERS"] = std::to_string(layout.pollers);
         source.macros["ROUNDS"] = std::to_string(layout.rounds);
         source.macros["SLOTS"] = std::to_string(layout.slots);
@@ -307,6 +310,10 @@ private:
         is_part_ = !problem.ghosts.empty();
         source.macros["PART"] = is_part_ ? "1" : "0";
         launch.kernel = kernel(source);
+        if (layout.turns > 1) {
+            launch.shared_bytes = layout.shared_bytes(tool_mode_);
+            launch.kernel->allow_shared(launch.shared_bytes);
+        }
         return launch;
     }
 
@@ -326,8 +333,7 @@ private:
     template <class Step>
     void enqueue_launch(const Step& step, int steps, std::uint32_t tag, std::uint32_t launches) const {
         const auto enqueue = [&](const auto& argument) {
-            launch_words_together(*launch().kernel, launch().grid, launch().block, argument, steps, tag,
-                                  launches);
+            launch_words_together(launch(), argument, steps, tag, launches);
         };
         if (is_part_) {
             if (!borders_) throw std::logic_error("a part of a body is stepped before it has borders");
@@ -361,7 +367,7 @@ private:
     void let_end() override { ticks_.end(); }
 
     std::string refused(const Problem& problem) const override {
-        if (std::string why = resident_refusal(problem, multiprocessors(), device().launches_together());
+        if (std::string why = resident_refusal(problem, card().blocks, device().launches_together());
             !why.empty())
             return why;
         const ToolMode mode = tool_mode_for(problem);
@@ -371,7 +377,7 @@ private:
         return block_refusal(
             *layout_of(problem, is_stressed(make_implicit_step<float>(problem, place_on_grid(problem.lattice),
                                                                       formulation()))),
-            mode);
+            card(), mode);
     }
     /// Empty, or why `problem`, if it is a part of a body, cannot be stepped.
     std::string part_refusal(const Problem& problem, ToolMode mode) const {

@@ -3,8 +3,10 @@
 
 #include <gtest/gtest.h>
 
+#include <cstddef>
 #include <map>
 #include <string>
+#include <vector>
 
 #include "backends/layout/march_cost.h"
 #include "backends/registry.h"
@@ -23,6 +25,32 @@ inline layout::MarchDevice march_device_of(int multiprocessors) {
             .hertz = 2e9,
             .bytes_per_second = 5e12,
             .cache_bytes = 6e7};
+}
+
+/// A card as far as plans and kernels depend on it. Figures are those of its maker.
+struct CardProfile {
+    const char* name;
+    int architecture;
+    layout::MarchDevice device;
+};
+/// From 16 to 170 multiprocessors, 48 to 227 KiB of shared memory, compute capability 7.5 to 12.0.
+inline std::vector<CardProfile> card_profiles() {
+    const auto device = [](int multiprocessors, int threads, std::size_t kibibytes, double gigahertz,
+                           double gigabytes_per_second, double cache_megabytes) {
+        layout::MarchDevice of = march_device_of(multiprocessors);
+        of.threads = threads;
+        of.block_shared_bytes = kibibytes << 10U;
+        of.shared_bytes = of.block_shared_bytes + of.reserved_bytes;
+        of.hertz = 1e9 * gigahertz;
+        of.bytes_per_second = 1e9 * gigabytes_per_second;
+        of.cache_bytes = 1e6 * cache_megabytes;
+        return of;
+    };
+    return {{"16 multiprocessors of 7.5", 75, device(16, 1024, 48, 1.7, 130, 1)},
+            {"A100", 80, device(108, 2048, 163, 1.41, 1555, 40)},
+            {"RTX 4060", 89, device(24, 1536, 99, 2.46, 272, 24)},
+            {"H200", 90, device(132, 2048, 227, 1.98, 4800, 50)},
+            {"RTX 5090", 120, device(170, 1536, 99, 2.41, 1792, 96)}};
 }
 
 inline Problem with_dynamics(Problem problem) {

@@ -296,11 +296,13 @@ void expect_march(const Problem& problem, const std::vector<MarchTile>& tiles, P
               max_plan_bytes(lattice, shape));
 }
 
-void expect_resident(const Problem& problem, const Card& card, Partition partition, int pollers,
-                     bool overlap) {
-    if (problem.particle_count() > std::size_t(card.multiprocessors) * max_resident_lanes) return;
-    const ResidentLayout layout =
-        lay_out_resident(problem, card.multiprocessors, pollers, partition, overlap);
+/// `threads`: of a block, without pollers. Where they are few, they have several particles each.
+void expect_resident(const Problem& problem, const Card& card, Partition partition, int pollers, bool overlap,
+                     int threads) {
+    const ResidentCard limits{card.multiprocessors, card.shared_bytes, threads};
+    if (problem.particle_count() > std::size_t(limits.blocks) * std::size_t(threads * max_resident_turns))
+        return;
+    const ResidentLayout layout = lay_out_resident(problem, limits, pollers, partition, overlap);
     ASSERT_LE(layout.blocks, card.multiprocessors);
     ASSERT_EQ(layout.lanes % 32, 0);
     std::vector<int> lanes(problem.particle_count());
@@ -308,15 +310,18 @@ void expect_resident(const Problem& problem, const Card& card, Partition partiti
         if (i != resident_none) ++lanes.at(i);
     }
     ASSERT_EQ(std::count(lanes.begin(), lanes.end(), 1), std::ptrdiff_t(lanes.size()));
-    if (!block_refusal(layout).empty()) {
+    if (!block_refusal(layout, limits).empty()) {
         // Equal shares of single particles always fit; only the particles that they need from other blocks
         // may be too many.
-        ASSERT_TRUE(partition == Partition::rows || layout.lanes <= max_resident_lanes);
+        ASSERT_TRUE(partition == Partition::rows || layout.lanes <= threads * max_resident_turns);
         return;
     }
-    ASSERT_LE(layout.lanes + layout.pollers, 1024) << "threads of a block";
-    ASSERT_LE(2 * 3 * std::size_t(layout.slots) * sizeof(float), std::size_t(48) << 10U)
-        << "shared memory of any card";
+    ASSERT_LE(layout.threads() + layout.pollers, 1024) << "threads of a block";
+    ASSERT_EQ(layout.threads() % 32, 0);
+    // What a kernel declares must suit any card.
+    ASSERT_LE(2 * 3 * std::size_t(layout.slots) * sizeof(float),
+              layout.turns > 1 ? card.shared_bytes : std::size_t(48) << 10U);
+    ASSERT_LT(layout.slots, int(pinned_slot));
     const std::vector<std::uint16_t> slots = slots_with(layout, problem.lattice.mask);
     for (const std::uint16_t slot : layout.neighbour_slot) ASSERT_LT(int(slot), layout.slots);
     for (const std::uint16_t slot : layout.own_slot) ASSERT_LT(int(slot), layout.slots);
@@ -350,7 +355,7 @@ void expect_resident(const Problem& problem, const Card& card, Partition partiti
                 glm::ivec3 o = direction.offset;
                 if ((layout.border[at / 32] & mirrored_y) != 0) o.y = -o.y;
                 if ((layout.border[at / 32] & mirrored_z) != 0) o.z = -o.z;
-                const int slot = slots[std::size_t(bit_of(o.x, o.y, o.z)) * layout.lane_count() + at];
+                const int slot = slots[layout.slot_index(bit_of(o.x, o.y, o.z), at)];
                 if ((problem.lattice.mask[i] >> direction.bit & 1U) == 0) {
                     ASSERT_EQ(slot, layout.own_slot[at]);
                     continue;
@@ -403,10 +408,12 @@ void expect_all(const Body& body, const Card& card, std::mt19937& generator) {
         expect_march(problem, {tile}, Precision::float32, formulation, card);
     }
     const std::vector<int> pollers = {256, 128, 512};
-    expect_resident(problem, card, Partition::automatic, pollers[draw(3)], draw(2) == 0);
+    const std::vector<int> threads = {max_resident_threads, 64, 32};
+    expect_resident(problem, card, Partition::automatic, pollers[draw(3)], draw(2) == 0, threads[draw(2)]);
     if (problem.particle_count() < 4000) {
-        expect_resident(problem, card, Partition::rows, pollers[draw(3)], draw(2) == 0);
-        expect_resident(problem, card, Partition::bisection, pollers[draw(3)], draw(2) == 0);
+        expect_resident(problem, card, Partition::rows, pollers[draw(3)], draw(2) == 0, threads[draw(3)]);
+        expect_resident(problem, card, Partition::bisection, pollers[draw(3)], draw(2) == 0,
+                        threads[draw(3)]);
     }
 }
 

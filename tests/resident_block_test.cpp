@@ -75,6 +75,12 @@ inline constexpr Body idle{{6, 5, 4}, Partition::bisection, false, mixed.shape};
 /// One warp per row, with borders on one or two sides: springs within a block are added first.
 inline constexpr Body rows{
     {32, 2, 2}, Partition::rows, true, {32, 64, 2, 160, (1U << border_kinds) - 1, false, {}}};
+/// Three particles per thread, some of which have neighbours in their own block only.
+constexpr ResidentShape in_turns(bool stressed) {
+    return {32, 32, 2, 256, 1U << 0 | 1U << mixed_border, stressed, {}, false, 3};
+}
+inline constexpr Body turns{{10, 9, 4}, Partition::bisection, true, in_turns(false)};
+inline constexpr Body masked_turns{turns.dims, Partition::bisection, true, in_turns(true)};
 /// A part of a body: its own particles are {4, 4, 8}, and no lane is idle.
 constexpr ResidentShape as_part() {
     ResidentShape shape = mixed.shape;
@@ -82,6 +88,10 @@ constexpr ResidentShape as_part() {
     return shape;
 }
 inline constexpr Body part{{4, 4, 8}, Partition::bisection, false, as_part()};
+inline constexpr Body part_in_turns{{8, 4, 8},
+                                    Partition::bisection,
+                                    false,
+                                    {32, 32, 2, 256, 1U << 0 | 1U << mixed_border, false, {}, true, 2}};
 constexpr int max_blocks = 4;
 
 constexpr ResidentShape with(ToolMode mode, ResidentShape shape) {
@@ -93,8 +103,10 @@ constexpr ResidentShape with(ToolMode mode, ResidentShape shape) {
 template <Formulation f, const Body& body, ToolMode mode>
 class Simulation {
 public:
-    using Terms = KernelTerms<f, FACE_BITS | EDGE_BITS,
-                              term_damping | term_gravity | (mode == ToolMode::none ? 0 : term_loads), false>;
+    using Terms =
+        KernelTerms<f, FACE_BITS | EDGE_BITS,
+                    term_damping | term_gravity | term_pins | (mode == ToolMode::none ? 0 : term_loads),
+                    false>;
     using Block = ResidentBlock<Terms, with(mode, body.shape)>;
 
     /// `tag` and `tick`: the numbers before the first. `rank`: the rank of this part.
@@ -102,8 +114,10 @@ public:
                int rank = 0)
         : problem_(problem),
           placement_(place_compact(problem)),
-          layout_(lay_out_resident(problem, max_blocks, body.shape.pollers, body.partition, body.overlap)),
+          layout_(lay_out_resident(problem, {max_blocks, 48U << 10U, body.shape.lanes}, body.shape.pollers,
+                                   body.partition, body.overlap)),
           slot_(slots_with(layout_, problem.lattice.mask)),
+          own_slot_(own_slots_with(layout_, problem.lattice.mask)),
           packed_(pack<float>(problem, start, placement_, problem.lattice.mask, f)),
           load_(pack_load<float>(problem, placement_)),
           held_(pack_held<float>(problem, placement_, f)),
@@ -115,10 +129,12 @@ public:
           desk_(tick),
           rank_(rank) {
         const ResidentShape& shape = body.shape;
-        if (layout_.blocks != max_blocks || layout_.lanes != shape.lanes || layout_.rounds != shape.rounds ||
-            layout_.slots > shape.slots || (layout_.border_kinds & ~shape.borders) != 0)
+        if (layout_.blocks != max_blocks || layout_.threads() != shape.lanes ||
+            layout_.turns != shape.turns || layout_.rounds != shape.rounds || layout_.slots > shape.slots ||
+            (layout_.border_kinds & ~shape.borders) != 0)
             throw std::logic_error("the kernel is of another shape: lanes " + std::to_string(layout_.lanes) +
-                                   ", rounds " + std::to_string(layout_.rounds) + ", slots " +
+                                   ", turns " + std::to_string(layout_.turns) + ", rounds " +
+                                   std::to_string(layout_.rounds) + ", slots " +
                                    std::to_string(layout_.slots));
         packed_.previous.resize(placement_.words);
         static_cast<ImplicitStep<float>&>(step_) =
@@ -127,7 +143,7 @@ public:
         step_.motion.load = load_.empty() ? nullptr : load_.data();
         step_.particle = layout_.particle.data();
         step_.published = layout_.published.data();
-        step_.own_slot = layout_.own_slot.data();
+        step_.own_slot = own_slot_.data();
         step_.slot = slot_.data();
         step_.border = layout_.border.data();
         step_.polled = layout_.polled.data();
@@ -240,7 +256,7 @@ private:
     const Problem& problem_;
     const Placement placement_;
     const ResidentLayout layout_;
-    std::vector<std::uint16_t> slot_;
+    std::vector<std::uint16_t> slot_, own_slot_;
     PackedState<float> packed_;
     std::vector<Vector<float>> load_;
     std::vector<HeldWord<float>> held_;
@@ -281,6 +297,19 @@ TYPED_TEST(Resident, StepsAsTheImplicitKernelDoes) {
     }
 }
 
+// Pins are in the tables there.
+TYPED_TEST(Resident, StepsInTurnsAsTheImplicitKernelDoes) {
+    const Problem problem = testing::pinned(lattice(turns.dims));
+    const State start = random_state(problem, 0.05, 1);
+    ImplicitSimulation<TypeParam> expected(problem, start, {8, 4, 4});
+    Simulation<TypeParam::formulation, turns, ToolMode::none> resident(problem, start);
+    for (const int count : launches) {
+        expected.step(count);
+        resident.step(count);
+        expect_same_bits(resident.download(), expected.download());
+    }
+}
+
 /// A body with repeated edits steps as one that is uploaded again after each edit.
 template <Formulation f, const Body& body>
 void expect_edits_as_uploads(const Problem& problem) {
@@ -303,20 +332,26 @@ void expect_edits_as_uploads(const Problem& problem) {
 TYPED_TEST(Resident, AnEditStepsAsTheEditedProblemDoes) {
     expect_edits_as_uploads<TypeParam::formulation, mixed>(lattice(mixed.dims));
     expect_edits_as_uploads<TypeParam::formulation, rows>(lattice(rows.dims));
+    expect_edits_as_uploads<TypeParam::formulation, turns>(lattice(turns.dims));
     // Springs pull at rest, so masks are tested and all springs wait for the border.
-    Problem stressed = lattice(masked.dims);
-    for (double& length : stressed.rest_length) length *= 0.9;
-    expect_edits_as_uploads<TypeParam::formulation, masked>(stressed);
+    const auto stressed = [](glm::ivec3 dims) {
+        Problem problem = lattice(dims);
+        for (double& length : problem.rest_length) length *= 0.9;
+        return problem;
+    };
+    expect_edits_as_uploads<TypeParam::formulation, masked>(stressed(masked.dims));
+    expect_edits_as_uploads<TypeParam::formulation, masked_turns>(stressed(masked_turns.dims));
 }
 
 /// Where the tool is in tick n.
 glm::dvec3 hand(std::size_t n) { return {0.05 * double(n % 3), -0.1 * double(n % 2), 0.02 * double(n + 1)}; }
 
-TYPED_TEST(Resident, AToolPullsAsThePassBeforeAnImplicitStepDoes) {
-    const State start = random_state(lattice(mixed.dims), 0.05, 1);
-    const Problem problem = held(lattice(mixed.dims), start, anywhere);
-    ImplicitSimulation<TypeParam> expected(problem, start, {8, 4, 4});
-    Simulation<TypeParam::formulation, mixed, ToolMode::launch> resident(problem, start);
+template <class V, const Body& body>
+void expect_tool_as_implicit() {
+    const State start = random_state(lattice(body.dims), 0.05, 1);
+    const Problem problem = held(lattice(body.dims), start, anywhere);
+    ImplicitSimulation<V> expected(problem, start, {8, 4, 4});
+    Simulation<V::formulation, body, ToolMode::launch> resident(problem, start);
     for (std::size_t n = 0; n < launches.size(); ++n) {
         expected.move_tool(hand(n));
         expected.step(launches[n]);
@@ -326,6 +361,10 @@ TYPED_TEST(Resident, AToolPullsAsThePassBeforeAnImplicitStepDoes) {
         EXPECT_EQ(resident.tool_force(), expected.tool_force());
         EXPECT_NE(resident.tool_force(), glm::dvec3(0));
     }
+}
+TYPED_TEST(Resident, AToolPullsAsThePassBeforeAnImplicitStepDoes) {
+    expect_tool_as_implicit<TypeParam, mixed>();
+    expect_tool_as_implicit<TypeParam, turns>();
 }
 
 /// Compares ticks of the body with a launch for each.
@@ -358,6 +397,7 @@ void expect_ticks_as_launches(const std::vector<int>& ticks, std::uint32_t befor
 TYPED_TEST(Resident, ATickGivesTheBitsOfALaunch) {
     expect_ticks_as_launches<TypeParam::formulation, mixed>({1, 1, 4, 3, 1, 2, 5, 1});
     expect_ticks_as_launches<TypeParam::formulation, rows>({1, 1, 4, 3, 1, 2, 5, 1});
+    expect_ticks_as_launches<TypeParam::formulation, turns>({1, 1, 4, 3, 1, 2, 5, 1});
 }
 
 // An edit between two ticks: the launch ends, and another one begins.
@@ -472,6 +512,14 @@ TYPED_TEST(Resident, PartsGiveTheBitsOfTheWhole) {
             parts.expect_ghosts_are_kept();
         }
     }
+    const Problem problem = lattice({8, 4, 16});
+    const State start = random_state(problem, 0.05, 1);
+    ImplicitSimulation<TypeParam> expected(problem, start, {8, 4, 4});
+    Parts<TypeParam::formulation, part_in_turns, ToolMode::none> parts(problem, start, 2);
+    for (const int count : launches) expected.step(count);
+    parts.step(launches);
+    expect_same_bits(parts.download(), expected.download());
+    parts.expect_ghosts_are_kept();
 }
 
 // Launches of one step: the point of the next step is sent before a late part has read the latest. 2^32 is

@@ -13,6 +13,8 @@
 #include "backends/layout/decomposition.h"
 #include "cuda/kernels/edit.h"
 #include "cuda/kernels/resident.h"
+#include "harness/scene/scene.h"
+#include "tests/bodies.h"
 #include "tests/support.h"
 
 namespace voxspring::cuda {
@@ -27,6 +29,9 @@ VoxelGrid body(glm::ivec3 dims, double active, unsigned seed) {
     return grid;
 }
 
+/// A card whose blocks have `threads` threads with particles.
+ResidentCard card_of(int blocks, int threads = max_resident_threads) { return {blocks, 99 << 10U, threads}; }
+
 struct Case {
     const char* name;
     glm::ivec3 dims;
@@ -35,6 +40,8 @@ struct Case {
     Partition partition;
     bool overlap;
     int edits = 0;  ///< before it is laid out
+    int threads = max_resident_threads;
+    int turns = 1;  ///< expected
 };
 
 class Resident : public ::testing::TestWithParam<Case> {
@@ -49,8 +56,8 @@ protected:
         return problem;
     }
     static ResidentLayout lay_out(const Problem& problem) {
-        return lay_out_resident(problem, GetParam().blocks, GetParam().pollers, GetParam().partition,
-                                GetParam().overlap);
+        return lay_out_resident(problem, card_of(GetParam().blocks, GetParam().threads), GetParam().pollers,
+                                GetParam().partition, GetParam().overlap);
     }
 
     std::size_t lane_of(std::size_t block, std::size_t lane) const {
@@ -62,7 +69,7 @@ protected:
         glm::ivec3 o = direction.offset;
         if ((layout_.border[at / 32] & mirrored_y) != 0) o.y = -o.y;
         if ((layout_.border[at / 32] & mirrored_z) != 0) o.z = -o.z;
-        return slot_[std::size_t(bit_of(o.x, o.y, o.z)) * layout_.lane_count() + at];
+        return slot_[layout_.slot_index(bit_of(o.x, o.y, o.z), at)];
     }
 
     /// The particle in each slot of a block; fails the test if a slot has two.
@@ -90,6 +97,31 @@ protected:
     const std::vector<std::uint16_t> slot_;
 };
 
+// Particles without neighbours in other blocks come first, so that a thread waits for the border once.
+TEST_P(Resident, ThreadsStepTheirParticlesInTurns) {
+    EXPECT_EQ(layout_.turns, GetParam().turns);
+    EXPECT_EQ(layout_.threads() % 32, 0);
+    EXPECT_LE(layout_.threads(), GetParam().threads);
+    if (layout_.turns == 1) return;
+    int inner = 0;
+    for (std::size_t block = 0; block < std::size_t(layout_.blocks); ++block) {
+        const auto begin = layout_.border.begin() + std::ptrdiff_t(lane_of(block, 0) / 32);
+        const auto end = begin + layout_.lanes / 32;
+        EXPECT_TRUE(std::is_sorted(begin, end));
+        inner += int(std::count(begin, end, 0));
+    }
+    EXPECT_GT(inner, 0);
+    Problem pinned = problem_;
+    voxspring::testing::pin_base(pinned);
+    const std::vector<std::uint16_t> own = own_slots_with(layout_, pinned.lattice.mask);
+    for (std::size_t at = 0; at < own.size(); ++at) {
+        EXPECT_EQ(own[at] % pinned_slot, layout_.own_slot[at]);
+        const std::uint32_t i = layout_.particle[at];
+        if (i == resident_none) continue;
+        EXPECT_EQ(own[at] >= pinned_slot, (pinned.lattice.mask[i] & PINNED_BIT) != 0);
+    }
+}
+
 TEST_P(Resident, EveryPollNamesThePointThatItsOwnerPublishes) {
     std::map<std::uint32_t, std::uint32_t> publisher;
     for (std::size_t at = 0; at < layout_.published.size(); ++at) {
@@ -115,7 +147,7 @@ TEST_P(Resident, WhatIsAddedEarlyIsWithinTheBlock) {
         for (std::size_t at = lane_of(block, 0); at < lane_of(block + 1, 0); ++at) {
             const int border = layout_.border[at / 32], kind = border & border_kind_bits;
             EXPECT_NE(layout_.border_kinds >> kind & 1U, 0U);
-            if (!GetParam().overlap) {
+            if (!GetParam().overlap && layout_.turns == 1) {
                 EXPECT_EQ(border, mixed_border);
             }
             if (kind == mixed_border || layout_.particle[at] == resident_none) continue;
@@ -183,7 +215,7 @@ TEST_P(Resident, SlotsGiveTheForcesOfTheGrid) {
             if (i == resident_none) continue;
             const Self<float, false> self{point(i), problem_.lattice.mask[i]};
             const auto by_slot = [&](int dx, int dy, int dz) {
-                return point(slots.at(slot_[std::size_t(bit_of(dx, dy, dz)) * layout_.lane_count() + at]));
+                return point(slots.at(slot_[layout_.slot_index(bit_of(dx, dy, dz), at)]));
             };
             const auto by_grid = [&](int dx, int dy, int dz) {
                 if ((self.bits >> bit_of(dx, dy, dz) & 1U) == 0) return self.point;
@@ -213,14 +245,17 @@ TEST_P(Resident, SlotsGiveTheForcesOfTheGrid) {
 
 INSTANTIATE_TEST_SUITE_P(
     Bodies, Resident,
-    ::testing::Values(Case{"box_in_rows", {32, 8, 8}, 1, 8, 256, Partition::rows, true},
-                      Case{"long_box_in_rows", {64, 8, 4}, 1, 7, 64, Partition::automatic, true},
-                      Case{"box_by_bisection", {12, 11, 10}, 1, 6, 256, Partition::bisection, false},
-                      Case{"sparse", {14, 13, 12}, 0.4, 9, 32, Partition::automatic, true},
-                      Case{"sparse_in_rows", {40, 6, 5}, 0.3, 4, 128, Partition::rows, true},
-                      Case{"cut_in_rows", {32, 8, 8}, 1, 8, 256, Partition::rows, true, 3},
-                      Case{"sparse_and_cut", {14, 13, 12}, 0.63, 9, 64, Partition::automatic, true, 4},
-                      Case{"more_blocks_than_particles", {2, 2, 1}, 1, 9, 32, Partition::bisection, true}),
+    ::testing::Values(
+        Case{"box_in_rows", {32, 8, 8}, 1, 8, 256, Partition::rows, true},
+        Case{"long_box_in_rows", {64, 8, 4}, 1, 7, 64, Partition::automatic, true},
+        Case{"box_by_bisection", {12, 11, 10}, 1, 6, 256, Partition::bisection, false},
+        Case{"sparse", {14, 13, 12}, 0.4, 9, 32, Partition::automatic, true},
+        Case{"sparse_in_rows", {40, 6, 5}, 0.3, 4, 128, Partition::rows, true},
+        Case{"cut_in_rows", {32, 8, 8}, 1, 8, 256, Partition::rows, true, 3},
+        Case{"sparse_and_cut", {14, 13, 12}, 0.63, 9, 64, Partition::automatic, true, 4},
+        Case{"more_blocks_than_particles", {2, 2, 1}, 1, 9, 32, Partition::bisection, true},
+        Case{"rows_in_turns", {32, 8, 8}, 1, 2, 256, Partition::automatic, true, 3, 256, 4},
+        Case{"sparse_in_turns", {14, 13, 12}, 0.63, 3, 128, Partition::automatic, false, 4, 192, 3}),
     [](const auto& tested) { return std::string(tested.param.name); });
 
 // After a series of edits, each written as on a device, everything that a launch reads equals a new layout of
@@ -246,7 +281,7 @@ TEST_P(Resident, AnEditLeavesTheTablesOfTheEditedProblem) {
 
 TEST(ResidentLayout, TheBoxOfThePaperIsInRowsWhoseBordersAreOnOneSide) {
     const Problem problem = make_lattice_problem(body({32, 32, 32}, 1, 1), FACE_BITS | EDGE_BITS);
-    const ResidentLayout layout = lay_out_resident(problem, 132, 256, Partition::automatic, true);
+    const ResidentLayout layout = lay_out_resident(problem, card_of(132), 256, Partition::automatic, true);
     EXPECT_EQ(layout.blocks, 128);
     EXPECT_EQ(layout.lanes, 256);
     EXPECT_EQ(layout.border_kinds >> mixed_border & 1U, 0U);
@@ -256,7 +291,23 @@ TEST(ResidentLayout, TheBoxOfThePaperIsInRowsWhoseBordersAreOnOneSide) {
             kinds.insert(layout.border[8 * block + row] & border_kind_bits);
         EXPECT_LE(kinds.size(), 2U) << "code of one block";
     }
-    EXPECT_EQ(block_refusal(layout), "");
+    EXPECT_EQ(block_refusal(layout, card_of(132)), "");
+}
+
+// The paper's own bodies are on the chip of small cards, whatever the tool.
+TEST(ResidentLayout, SmallCardsHoldTheBodiesOfThePaper) {
+    for (const char* scene : {"box", "heart"}) {
+        const Problem problem = load_scene(scene).problem;
+        for (const voxspring::testing::CardProfile& profile : voxspring::testing::card_profiles()) {
+            SCOPED_TRACE(std::string(scene) + " on " + profile.name);
+            const ResidentCard card{profile.device.multiprocessors, profile.device.block_shared_bytes};
+            const ResidentLayout layout = lay_out_resident(problem, card, 256, Partition::automatic, true);
+            const std::string refusal = block_refusal(layout, card, ToolMode::ticks);
+            // 16 blocks of 48 KiB have room for 32,768 points, and none for those of their neighbours.
+            EXPECT_EQ(refusal.empty(), card.shared_bytes > 48U << 10U) << refusal;
+            EXPECT_EQ(layout.turns > 1, card.blocks < 100);
+        }
+    }
 }
 
 // Here rows waste no more than a tenth, but the busiest block would have 17 of them, 544 lanes.
@@ -264,8 +315,11 @@ TEST(ResidentLayout, DealsOutParticlesWhereABlockCannotHoldItsRows) {
     for (const auto& [dims, blocks] :
          {std::pair{glm::ivec3(29, 46, 46), 132}, {glm::ivec3(29, 42, 42), 108}}) {
         const Problem problem = make_lattice_problem(body(dims, 1, 1), FACE_BITS | EDGE_BITS);
-        EXPECT_NE(block_refusal(lay_out_resident(problem, blocks, 256, Partition::rows, true)), "");
-        EXPECT_EQ(block_refusal(lay_out_resident(problem, blocks, 256, Partition::automatic, true)), "");
+        const ResidentCard card = card_of(blocks);
+        EXPECT_EQ(lay_out_resident(problem, card, 256, Partition::rows, true).turns, 2);
+        const ResidentLayout layout = lay_out_resident(problem, card, 256, Partition::automatic, true);
+        EXPECT_EQ(layout.turns, 1);
+        EXPECT_EQ(block_refusal(layout, card), "");
     }
 }
 
@@ -299,8 +353,9 @@ protected:
           cuts_(whole_, Decomposition::slabs(whole_, ranks)) {
         for (int rank = 0; rank < ranks; ++rank) {
             slabs_.push_back(cuts_.subdomain(whole_, rank));
-            layouts_.push_back(lay_out_resident(slabs_.back().problem, GetParam().blocks, GetParam().pollers,
-                                                GetParam().partition, GetParam().overlap));
+            layouts_.push_back(
+                lay_out_resident(slabs_.back().problem, card_of(GetParam().blocks, GetParam().threads),
+                                 GetParam().pollers, GetParam().partition, GetParam().overlap));
         }
     }
     /// What `rank` sends.
@@ -391,7 +446,7 @@ INSTANTIATE_TEST_SUITE_P(
 TEST(ResidentLayout, APartThatIsCutAlongXIsInWholeRows) {
     const Problem whole = make_lattice_problem(body({96, 8, 8}, 1, 1), FACE_BITS | EDGE_BITS);
     const ResidentLayout layout =
-        lay_out_resident(slab_of(whole, 3, 1).problem, 8, 256, Partition::automatic, false);
+        lay_out_resident(slab_of(whole, 3, 1).problem, card_of(8), 256, Partition::automatic, false);
     EXPECT_EQ(layout.lanes, 8 * 32);
     EXPECT_EQ(std::count(layout.particle.begin(), layout.particle.end(), resident_none), 0);
 }
@@ -399,9 +454,7 @@ TEST(ResidentLayout, APartThatIsCutAlongXIsInWholeRows) {
 // The card only has to hold the part's own particles.
 TEST(ResidentRefusal, DoesNotCountGhosts) {
     const Problem whole = make_lattice_problem(body({32, 8, 16}, 1, 1), FACE_BITS);
-    EXPECT_EQ(resident_refusal(slab_of(whole, 2, 0).problem, 4, true), "");
-    EXPECT_EQ(resident_refusal(slab_of(whole, 2, 0).problem, 3, true),
-              "2048 particles exceed the 1536 that 3 multiprocessors hold");
+    EXPECT_EQ(resident_refusal(slab_of(whole, 2, 0).problem, 1, true), "");
 }
 
 TEST(ResidentRefusal, IsOfPartsThatSendAPointToBothSides) {
@@ -421,20 +474,28 @@ TEST(ResidentRefusal, IsOfPartsThatSendAPointToBothSides) {
 TEST(ResidentLayout, HasRoomForAnOrderInTicks) {
     ResidentLayout layout;
     layout.slots = max_resident_slots;
-    EXPECT_EQ(block_refusal(layout), "");
-    EXPECT_EQ(block_refusal(layout, ToolMode::ticks),
+    EXPECT_EQ(block_refusal(layout, card_of(1)), "");
+    EXPECT_EQ(block_refusal(layout, card_of(1), ToolMode::ticks),
               "2048 points exceed the 2016 that a resident block may have");
     layout.slots = max_slots_in_ticks;
-    EXPECT_EQ(block_refusal(layout, ToolMode::ticks), "");
+    EXPECT_EQ(block_refusal(layout, card_of(1), ToolMode::ticks), "");
+    // In turns the card limits both together.
+    layout.turns = 2;
+    const ResidentCard exact{1, layout.shared_bytes(ToolMode::none)};
+    EXPECT_EQ(block_refusal(layout, exact), "");
+    EXPECT_EQ(block_refusal(layout, exact, ToolMode::ticks),
+              "48404 bytes of points exceed the 48384 that a resident block may have");
 }
 
 TEST(ResidentLayout, SaysWhatIsTooMuch) {
     const Problem problem = make_lattice_problem(body({32, 8, 8}, 1, 1), FACE_BITS);
-    const ResidentLayout one = lay_out_resident(problem, 1, 256, Partition::automatic, true);
-    EXPECT_EQ(block_refusal(one), "2048 particles exceed the 512 that a resident block may have");
-    const ResidentLayout few = lay_out_resident(problem, 4, 32, Partition::rows, true);
-    EXPECT_NE(block_refusal(few).find("neighbours in other blocks exceed the 128"), std::string::npos)
-        << block_refusal(few);
+    const ResidentCard small = card_of(1, 256);
+    const ResidentLayout one = lay_out_resident(problem, small, 256, Partition::automatic, true);
+    EXPECT_EQ(block_refusal(one, small), "2048 particles exceed the 1024 that a resident block may have");
+    const ResidentLayout few = lay_out_resident(problem, card_of(4), 16, Partition::rows, true);
+    EXPECT_NE(block_refusal(few, card_of(4)).find("neighbours in other blocks exceed the 128"),
+              std::string::npos)
+        << block_refusal(few, card_of(4));
 }
 
 // Blocks wait for each other. If a card did not start all of them at once they would wait for ever.
@@ -446,9 +507,9 @@ TEST(ResidentRefusal, IsOfCardsWithoutCooperativeLaunches) {
 
 TEST(ResidentRefusal, IsOfBodiesThatNoLayoutHolds) {
     Problem problem = make_lattice_problem(body({32, 8, 8}, 1, 1), FACE_BITS);
-    EXPECT_EQ(resident_refusal(problem, 4, true), "");
-    EXPECT_EQ(resident_refusal(problem, 3, true),
-              "2048 particles exceed the 1536 that 3 multiprocessors hold");
+    EXPECT_EQ(resident_refusal(problem, 1, true), "");
+    EXPECT_EQ(resident_refusal(make_lattice_problem(body({32, 8, 9}, 1, 1), FACE_BITS), 1, true),
+              "2304 particles exceed the 2048 that 1 multiprocessors hold");
     EXPECT_EQ(resident_refusal(Problem{}, 132, true), "there is no particle to reside");
 
     Problem several = problem;

@@ -174,22 +174,27 @@ private:
 
 class Layout {
 public:
-    Layout(const Problem& problem, int pollers, bool overlap,
-           const std::vector<std::vector<std::uint32_t>>& blocks)
+    // `threads`: of a block, if each of them has several particles; otherwise 0.
+    Layout(const Problem& problem, int pollers, bool overlap, int threads, bool rows,
+           std::vector<std::vector<std::uint32_t>> blocks)
         : problem_(problem),
           particle_(particle_of_voxel(problem.lattice)),
-          blocks_(blocks),
+          blocks_(std::move(blocks)),
           block_of_(problem.particle_count(), resident_none),
           overlap_(overlap) {
-        out_.blocks = int(blocks.size());
+        out_.blocks = int(blocks_.size());
         out_.pollers = pollers;
-        for (const auto& lanes : blocks)
+        for (const auto& lanes : blocks_)
             out_.lanes = std::max(out_.lanes, int(rounded_up(lanes.size(), warp)));
-        for (std::size_t b = 0; b < blocks.size(); ++b) {
-            for (const std::uint32_t i : blocks[b]) {
+        for (std::size_t b = 0; b < blocks_.size(); ++b) {
+            for (const std::uint32_t i : blocks_[b]) {
                 if (i != resident_none) block_of_[i] = std::uint32_t(b);
             }
         }
+        if (threads == 0) return;
+        out_.turns = std::max(2, units_of(out_.lanes, threads));
+        out_.lanes = rounded_up(out_.lanes, out_.turns * int(warp));
+        put_inner_first(rows ? warp : 1);
     }
 
     ResidentLayout make() {
@@ -200,7 +205,8 @@ public:
         out_.particle.assign(lanes, resident_none);
         out_.lane.assign(problem_.particle_count(), resident_none);
         out_.own_slot.assign(lanes, 0);
-        out_.neighbour_slot.assign(neighbour_bits * lanes, 0);
+        out_.neighbour_slot.assign(rounded_up(neighbour_bits, out_.turns > 1 ? slots_together : 1) * lanes,
+                                   0);
         out_.border.assign(lanes / warp, mixed_border);
         std::vector<std::size_t> slots(blocks_.size());
 #pragma omp parallel for schedule(dynamic)
@@ -212,6 +218,36 @@ public:
     }
 
 private:
+    // Orders the particles of each block, `unit` of them at a time: first those whose neighbours are all in
+    // the block. A thread steps them while points of other blocks are on their way.
+    void put_inner_first(std::size_t unit) {
+        for (std::size_t b = 0; b < blocks_.size(); ++b) {
+            std::vector<std::uint32_t> inner, outer;
+            for (std::size_t first = 0; first < blocks_[b].size(); first += unit) {
+                const auto begin = blocks_[b].begin() + std::ptrdiff_t(first);
+                const auto end =
+                    blocks_[b].begin() + std::ptrdiff_t(std::min(first + unit, blocks_[b].size()));
+                const bool reaches = std::any_of(begin, end, [&](std::uint32_t i) {
+                    return i != resident_none && bits_of(i, b).second != 0;
+                });
+                std::vector<std::uint32_t>& into = reaches ? outer : inner;
+                into.insert(into.end(), begin, end);
+                into.resize(rounded_up(into.size(), unit), resident_none);
+            }
+            inner.insert(inner.end(), outer.begin(), outer.end());
+            blocks_[b] = std::move(inner);
+        }
+    }
+
+    // The mask bits of the neighbours of particle i within block b, and beyond it.
+    std::pair<std::uint32_t, std::uint32_t> bits_of(std::uint32_t i, std::size_t b) const {
+        std::uint32_t within = 0, beyond = 0;
+        visit_neighbours(i, [&](std::uint32_t j, const Direction& direction) {
+            (block_of_[j] == b ? within : beyond) |= 1U << direction.bit;
+        });
+        return {within, beyond};
+    }
+
     glm::ivec3 at(std::uint32_t i) const { return problem_.lattice.coordinates(problem_.lattice.voxel[i]); }
 
     // Calls visit(j, direction) for each neighbour j of particle i that a lattice spring joins to it, or that
@@ -351,13 +387,13 @@ private:
         for (std::size_t row = 0; row < std::size_t(out_.lanes) / warp; ++row)
             out_.border[first / warp + row] = std::uint8_t(border_of(b, row * warp));
         for (std::size_t lane = 0; lane < std::size_t(out_.lanes); ++lane) {
-            for (std::size_t bit = 0; bit < neighbour_bits; ++bit)
-                out_.neighbour_slot[bit * out_.lane_count() + first + lane] = out_.own_slot[first + lane];
+            for (int bit = 0; bit < neighbour_bits; ++bit)
+                out_.neighbour_slot[out_.slot_index(bit, first + lane)] = out_.own_slot[first + lane];
             if (lane >= lanes.size() || lanes[lane] == resident_none) continue;
             const int border = out_.border[(first + lane) / warp];
             visit_neighbours(lanes[lane], [&](std::uint32_t j, const Direction& direction) {
-                const auto bit = std::size_t(mirrored(direction.bit, border));
-                out_.neighbour_slot[bit * out_.lane_count() + first + lane] = std::uint16_t(slot_of.at(j));
+                const int bit = mirrored(direction.bit, border);
+                out_.neighbour_slot[out_.slot_index(bit, first + lane)] = std::uint16_t(slot_of.at(j));
             });
         }
         return size;
@@ -365,15 +401,16 @@ private:
 
     // The border of the warp whose lanes begin at `first`.
     int border_of(std::size_t b, std::size_t first) const {
-        if (!overlap_) return mixed_border;
+        if (!overlap_ && out_.turns == 1) return mixed_border;
         const std::vector<std::uint32_t>& lanes = blocks_[b];
         std::uint32_t within = 0, beyond = 0;  // mask bits
         for (std::size_t lane = first; lane < std::min(first + warp, lanes.size()); ++lane) {
             if (lanes[lane] == resident_none) continue;
-            visit_neighbours(lanes[lane], [&](std::uint32_t j, const Direction& direction) {
-                (block_of_[j] == b ? within : beyond) |= 1U << direction.bit;
-            });
+            const auto [here, elsewhere] = bits_of(lanes[lane], b);
+            within |= here;
+            beyond |= elsewhere;
         }
+        if (out_.turns > 1) return beyond == 0 ? 0 : mixed_border;
         // A direction without neighbours may count to the border or not. The more warps of a block have the
         // same kind of border, the better.
         int best = mixed_border;
@@ -395,7 +432,7 @@ private:
 
     const Problem& problem_;
     const std::vector<std::uint32_t> particle_;  // in each voxel
-    const std::vector<std::vector<std::uint32_t>>& blocks_;
+    std::vector<std::vector<std::uint32_t>> blocks_;
     std::vector<std::uint32_t> block_of_;  // of each particle; resident_none: a ghost
     bool overlap_;
     std::vector<std::vector<std::uint32_t>> reached_;
@@ -406,18 +443,26 @@ private:
 
 }  // namespace
 
-ResidentLayout lay_out_resident(const Problem& problem, int blocks, int pollers, Partition partition,
-                                bool overlap) {
-    const auto lay_out = [&](bool rows) {
-        return Layout(problem, pollers, overlap, deal_out(problem, blocks, rows)).make();
+ResidentLayout lay_out_resident(const Problem& problem, const ResidentCard& card, int pollers,
+                                Partition partition, bool overlap) {
+    const auto lay_out = [&](bool in_turns, bool rows) {
+        return Layout(problem, pollers, overlap, in_turns ? card.threads : 0, rows,
+                      deal_out(problem, card.blocks, rows))
+            .make();
     };
-    if (partition == Partition::automatic && rows_are_full(problem)) {
-        // A block has whole rows. On a card with few blocks these can take more lanes than single particles
-        // do.
-        ResidentLayout layout = lay_out(true);
-        if (block_refusal(layout).empty()) return layout;
+    // A block has whole rows. On a card with few blocks these can take more lanes than single particles do.
+    std::vector<bool> in_rows = {partition == Partition::rows};
+    if (partition == Partition::automatic && rows_are_full(problem)) in_rows = {true, false};
+    const std::size_t own = problem.particle_count() - problem.ghosts.size();
+    ResidentLayout layout;
+    for (const bool in_turns : {false, true}) {
+        if (!in_turns && own > std::size_t(card.blocks) * std::size_t(card.threads)) continue;
+        for (const bool rows : in_rows) {
+            layout = lay_out(in_turns, rows);
+            if (block_refusal(layout, card).empty()) return layout;
+        }
     }
-    return lay_out(partition == Partition::rows);
+    return layout;
 }
 
 std::vector<std::uint16_t> slots_with(const ResidentLayout& layout, const std::vector<std::uint32_t>& mask) {
@@ -427,11 +472,22 @@ std::vector<std::uint16_t> slots_with(const ResidentLayout& layout, const std::v
         for (std::size_t lane = 0; lane < lanes; ++lane) {
             const std::uint32_t i = layout.particle[lane];
             const bool joined = i != resident_none && (mask[i] >> bit & 1U) != 0;
-            const std::size_t at = std::size_t(mirrored(bit, layout.border[lane / warp])) * lanes + lane;
+            const std::size_t at = layout.slot_index(mirrored(bit, layout.border[lane / warp]), lane);
             slot[at] = joined ? layout.neighbour_slot[at] : layout.own_slot[lane];
         }
     }
     return slot;
+}
+
+std::vector<std::uint16_t> own_slots_with(const ResidentLayout& layout,
+                                          const std::vector<std::uint32_t>& mask) {
+    std::vector<std::uint16_t> own = layout.own_slot;
+    if (layout.turns == 1) return own;
+    for (std::size_t lane = 0; lane < own.size(); ++lane) {
+        const std::uint32_t i = layout.particle[lane];
+        if (i != resident_none && (mask[i] & PINNED_BIT) != 0) own[lane] |= pinned_slot;
+    }
+    return own;
 }
 
 ResidentEdit resident_edit(const ResidentLayout& layout, const SpringEdit& edit) {
@@ -443,8 +499,7 @@ ResidentEdit resident_edit(const ResidentLayout& layout, const SpringEdit& edit)
             edit.touched.begin(), edit.touched.end(), particle,
             [](const SpringEdit::Touched& one, std::uint32_t i) { return one.particle < i; });
         const std::uint32_t lane = layout.lane[particle];
-        const auto word =
-            std::uint32_t(mirrored(bit, layout.border[lane / warp])) * layout.lane_count() + lane;
+        const auto word = std::uint32_t(layout.slot_index(mirrored(bit, layout.border[lane / warp]), lane));
         const bool joined = (touched->mask >> bit & 1U) != 0;
         edited.words.push_back({word, joined ? layout.neighbour_slot[word] : layout.own_slot[lane]});
     };
@@ -467,7 +522,7 @@ std::string resident_refusal(const Problem& problem, int multiprocessors, bool l
     if (std::string why = implicit_refusal(problem); !why.empty()) return why;
     if (problem.has_materials())
         return "resident blocks have one stiffness per spring group, and the scene has several materials";
-    const auto max_particles = std::size_t(multiprocessors) * max_resident_lanes;
+    const auto max_particles = std::size_t(multiprocessors) * max_resident_threads * max_resident_turns;
     const std::size_t own = problem.particle_count() - problem.ghosts.size();
     if (own > max_particles)
         return std::to_string(own) + " particles exceed the " + std::to_string(max_particles) + " that " +
@@ -475,17 +530,20 @@ std::string resident_refusal(const Problem& problem, int multiprocessors, bool l
     return {};
 }
 
-std::string block_refusal(const ResidentLayout& layout, ToolMode tool) {
+std::string block_refusal(const ResidentLayout& layout, const ResidentCard& card, ToolMode tool) {
     const auto beyond = [](int value, int most, const std::string& what) {
         return std::to_string(value) + " " + what + " exceed the " + std::to_string(most) +
                " that a resident block may have";
     };
-    if (layout.lanes > max_resident_lanes) return beyond(layout.lanes, max_resident_lanes, "particles");
-    if (layout.rounds > max_resident_rounds)
-        return beyond(layout.rounds * layout.pollers, max_resident_rounds * layout.pollers,
-                      "neighbours in other blocks");
+    const int turns = layout.turns > 1 ? max_resident_turns : 1;
+    if (layout.lanes > card.threads * turns) return beyond(layout.lanes, card.threads * turns, "particles");
+    const int rounds = layout.turns > 1 ? max_rounds_in_turns : max_resident_rounds;
+    if (layout.rounds > rounds)
+        return beyond(layout.rounds * layout.pollers, rounds * layout.pollers, "neighbours in other blocks");
     const int slots = tool == ToolMode::ticks ? max_slots_in_ticks : max_resident_slots;
-    if (layout.slots > slots) return beyond(layout.slots, slots, "points");
+    if (layout.turns == 1 && layout.slots > slots) return beyond(layout.slots, slots, "points");
+    if (layout.shared_bytes(tool) > card.shared_bytes)
+        return beyond(int(layout.shared_bytes(tool)), int(card.shared_bytes), "bytes of points");
     return {};
 }
 

@@ -18,17 +18,21 @@ namespace voxspring::layout {
 /// warp.
 enum class Partition : std::uint8_t { automatic, bisection, rows };
 
-/// The most lanes per block that the kernel is made for.
-inline constexpr int max_resident_lanes = 512;
+/// The most that the kernel is made for, of threads with particles per block.
+inline constexpr int max_resident_threads = 512;
+inline constexpr int max_resident_turns = 4;  ///< particles per thread
 inline constexpr int max_resident_rounds = 4;
 inline constexpr int max_resident_slots = 2048;  ///< 48 KiB of points
 inline constexpr int max_slots_in_ticks = 2016;  ///< whole warps that leave room for an order
+/// The same where threads have several particles. The card then limits the points.
+inline constexpr int max_rounds_in_turns = 8;
 
 /// The tables of ResidentStep. They follow from where particles are and have room for every spring that the
 /// lattice may have, so edits leave them as they are.
 struct ResidentLayout {
     int blocks = 0;
-    int lanes = 0;  ///< per block: whole warps
+    int lanes = 0;  ///< per block: `turns` for each of whole warps of threads
+    int turns = 1;  ///< particles of a thread, which it steps one after the other
     int pollers = 0;
     int rounds = 0;  ///< polls per poller
     int slots = 0;   ///< points in shared memory
@@ -43,20 +47,42 @@ struct ResidentLayout {
     /// points that blocks of this part publish; or resident_none if no block reaches it.
     std::vector<std::uint32_t> ghost_word;
 
+    int threads() const { return lanes / turns; }  ///< of a block, without pollers
     std::uint32_t lane_count() const { return std::uint32_t(blocks) * std::uint32_t(lanes); }
+    std::size_t slot_index(int bit, std::size_t at) const {
+        return layout::slot_index(bit, at, lane_count(), turns > 1);
+    }
+    /// Of a block of the kernel for such a tool.
+    std::size_t shared_bytes(ToolMode tool) const {
+        return 2 * sizeof(Vector<float>) * std::size_t(slots) +
+               (tool == ToolMode::ticks ? sizeof(TickOrder) : 0);
+    }
     bool operator==(const ResidentLayout&) const = default;
+};
+
+/// What a launch may have on a card.
+struct ResidentCard {
+    int blocks;                          ///< multiprocessors
+    std::size_t shared_bytes;            ///< of a block
+    int threads = max_resident_threads;  ///< of a block, without pollers
 };
 
 /// `problem` has a lattice, at least one particle that is no ghost, and no springs beyond the lattice; masks
 /// do not matter. Ghosts have no lane: blocks poll their points as they do those of other blocks. There are
-/// at most `blocks` blocks. `overlap`: if a whole warp can, springs within a block are added while points
-/// from beyond its border are still on their way. `automatic` takes rows if they waste at most a tenth of
-/// their lanes and a block can hold its share.
-ResidentLayout lay_out_resident(const Problem& problem, int blocks, int pollers, Partition partition,
-                                bool overlap);
+/// at most as many blocks as `card` has. `automatic` takes rows if they waste at most a tenth of their lanes
+/// and a block can hold its share.
+///
+/// If every thread can have one particle: `overlap`: if a whole warp can, springs within a block are added
+/// while points from beyond its border are still on their way. Otherwise threads have several particles, and
+/// those without neighbours in other blocks come first, whatever `overlap`.
+ResidentLayout lay_out_resident(const Problem& problem, const ResidentCard& card, int pollers,
+                                Partition partition, bool overlap);
 
 /// ResidentStep::slot for springs as in `mask`, which is a Lattice::mask.
 std::vector<std::uint16_t> slots_with(const ResidentLayout& layout, const std::vector<std::uint32_t>& mask);
+/// ResidentStep::own_slot for pins as in `mask`.
+std::vector<std::uint16_t> own_slots_with(const ResidentLayout& layout,
+                                          const std::vector<std::uint32_t>& mask);
 
 /// What an edit writes: first words of ResidentStep::slot, one of which may be written twice, then bits of
 /// particles.
@@ -85,8 +111,9 @@ std::vector<std::uint32_t> words_of_ghosts(const ResidentLayout& layout, const P
 /// `launches_together`: blocks may wait for each other.
 std::string resident_refusal(const Problem& problem, int multiprocessors, bool launches_together);
 
-/// Empty, or which limit of the kernel the layout exceeds.
-std::string block_refusal(const ResidentLayout& layout, ToolMode tool = ToolMode::none);
+/// Empty, or which limit of the kernel or of the card the layout exceeds.
+std::string block_refusal(const ResidentLayout& layout, const ResidentCard& card,
+                          ToolMode tool = ToolMode::none);
 
 /// For each lane the number of its particle in `held`, which is ascending; resident_none: it is not held.
 std::vector<std::uint32_t> held_by_lanes(const ResidentLayout& layout,

@@ -297,16 +297,16 @@ protected:
     }
 
     /// Enqueues a kernel that takes many steps of the particles in their buffers (kernels/resident.cu). Its
-    /// first argument may extend Step.
+    /// first argument may extend Step. The launch has the shape of `launch`.
     template <class AnyStep, class... Arguments>
-    void launch_words_together(const Kernel& kernel, dim3 grid, dim3 block, const AnyStep& step,
+    void launch_words_together(const Launch& launch, const AnyStep& step,
                                const Arguments&... arguments) const {
         ParticleRecord<Real>* const words = words_[std::size_t(current())].data();
         ParticleRecord<Real>* const previous = words_[std::size_t(1 - current())].data();
         Real* const increment = increment_.data();
         const std::size_t pitch = increment_pitch(placement_);
-        kernel.launch_together(stream(), grid, block, 0, step, words, previous, increment, pitch,
-                               arguments...);
+        launch.kernel->launch_together(stream(), launch.grid, launch.block, launch.shared_bytes, step, words,
+                                       previous, increment, pitch, arguments...);
     }
 
     void enqueue_step(int reading) override {

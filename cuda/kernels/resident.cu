@@ -1,5 +1,5 @@
-// Macros: LANES threads per block have one particle each, and POLLERS more threads wait for ROUNDS points of
-// other blocks each. SLOTS: how many points shared memory holds. BORDERS: the kinds of border in use, as
+// Macros: LANES threads per block have TURNS particles each, and POLLERS more threads wait for ROUNDS points
+// of other blocks each. SLOTS: how many points shared memory holds. BORDERS: the kinds of border in use, as
 // bits. MASKED: 1 if the lattice is stressed at rest, so that the spring to an absent neighbour would pull.
 // TOOL: a ToolMode. PART: 1 if the kernel steps a part of a body, beside kernels that step the others.
 #include "cuda/kernels/entry.h"
@@ -9,8 +9,8 @@ namespace voxspring::cuda {
 
 static_assert(sizeof(Real) == sizeof(float), "a tagged point has room for three floats");
 
-inline constexpr ResidentShape shape{LANES,   POLLERS,     ROUNDS,         SLOTS,
-                                     BORDERS, MASKED != 0, ToolMode::TOOL, PART != 0};
+inline constexpr ResidentShape shape{LANES,       POLLERS,        ROUNDS,    SLOTS, BORDERS,
+                                     MASKED != 0, ToolMode::TOOL, PART != 0, TURNS};
 using Block = ResidentBlock<Terms, shape>;
 
 /// Takes `count` steps, at least one, or as many as the host orders. The state is in `words` and `previous`
@@ -21,7 +21,12 @@ extern "C" __global__ void __launch_bounds__(Block::all_threads, 1)
     step(const __grid_constant__ Block::Step step, ParticleRecord<float>* words,
          ParticleRecord<float>* previous, float* increment, std::size_t pitch, int count, std::uint32_t tag,
          std::uint32_t launches) {
+#if TURNS > 1  // more than a block may declare
+    extern __shared__ __align__(16) unsigned char memory[];
+    Block::Shared& shared = *reinterpret_cast<Block::Shared*>(memory);
+#else
     __shared__ Block::Shared shared;
+#endif
     Block(shared, step).run({words, previous, increment, pitch}, count, tag, launches);
 }
 

@@ -11,7 +11,7 @@ namespace voxspring::cuda {
 
 /// What a resident kernel is compiled for.
 struct ResidentShape {
-    int lanes;              ///< threads of a block that have a particle each
+    int lanes;              ///< threads of a block that have particles
     int pollers;            ///< more threads, which wait for points of other blocks
     int rounds;             ///< points that each of these waits for
     int slots;              ///< points in shared memory
@@ -21,6 +21,9 @@ struct ResidentShape {
     /// The kernel steps a part of a body and exchanges the points at its borders with the kernels that step
     /// the parts beside it.
     bool part = false;
+    /// Particles of a thread. If there are several, the thread steps one after the other, and keeps none of
+    /// them in registers: x(t - dt) is in the other half of its slot, v in memory.
+    int turns = 1;
 };
 
 struct NoCompliance {
@@ -71,7 +74,9 @@ public:
     /// end. resident.cu describes the arguments.
     __device__ void run(const Memory& memory, int count, std::uint32_t tag, std::uint32_t launches) {
         const int thread = int(threadIdx.x);
-        if (thread < shape.lanes) {
+        if (shape.turns > 1 && thread < shape.lanes) {
+            run_in_turns(memory, count, tag, launches);
+        } else if (thread < shape.lanes) {
             const std::uint32_t at = blockIdx.x * shape.lanes + std::uint32_t(thread);
             Lane lane{};
             load(lane, at, memory);
@@ -110,6 +115,7 @@ private:
         bool active;  ///< there is a particle
         int word;
         int own_slot;
+        int newest;  ///< in turns: the half that the latest step wrote
         int slot[neighbour_bits];
         Vector<float> spacing;   ///< of the lattice, negative along axes in which the warp is mirrored
         TaggedPoint* published;  ///< null where no other block reaches the particle
@@ -146,6 +152,112 @@ private:
         shared_.points[half][1][slot] = point.y;
         shared_.points[half][2][slot] = point.z;
     }
+
+    __device__ Vector<float> get(int half, int slot) const {
+        return {shared_.points[half][0][slot], shared_.points[half][1][slot], shared_.points[half][2][slot]};
+    }
+
+    // --- Several particles per thread ---
+
+    static __device__ std::uint32_t lane_of(int turn) {
+        return (blockIdx.x * std::uint32_t(shape.turns) + std::uint32_t(turn)) * std::uint32_t(shape.lanes) +
+               threadIdx.x;
+    }
+
+    __device__ void run_in_turns(const Memory& memory, int count, std::uint32_t tag, std::uint32_t launches) {
+        ROLLED
+        for (int turn = 0; turn < shape.turns; ++turn) {
+            const std::uint32_t word = step_.particle[lane_of(turn)];
+            if (word == resident_none) continue;
+            const int slot = step_.own_slot[lane_of(turn)] % pinned_slot;
+            put(0, slot, load_past_l1(memory.words + word).position);
+            if constexpr (!Terms::increments) put(1, slot, load_past_l1(memory.previous + word).position);
+        }
+        __syncthreads();
+        Lane lane{};
+        memory_ = &memory;
+        run_lane<EveryNeighbour>(lane, count, tag);
+        static_cast<void>(
+            wait_until_counted(step_.started_blocks, launches * gridDim.x, step_.wait, tag + count));
+        ROLLED
+        for (int turn = 0; turn < shape.turns; ++turn) {
+            const std::uint32_t word = step_.particle[lane_of(turn)];
+            if (word == resident_none) continue;
+            const int slot = step_.own_slot[lane_of(turn)] % pinned_slot;
+            const std::uint32_t bits = load_past_l1(memory.words + word).bits;
+            cuda::store(memory.words + word, Particle<float>{get(lane.newest, slot), bits});
+            if constexpr (!Terms::increments)
+                cuda::store(memory.previous + word, Particle<float>{get(1 - lane.newest, slot), bits});
+        }
+    }
+
+    /// Reads what the particle of lane `at` needs for a step.
+    template <int half>
+    __device__ void load_turn(Lane& lane, std::uint32_t at) const {
+        const std::uint32_t word = step_.particle[at];
+        lane.active = word != resident_none;
+        if (!lane.active) return;
+        lane.word = int(word);
+        const std::uint16_t own = step_.own_slot[at];
+        lane.own_slot = own % pinned_slot;
+        lane.self = {{get(half, lane.own_slot)}, ACTIVE_BIT | ((own & pinned_slot) != 0 ? PINNED_BIT : 0)};
+        if constexpr (shape.masked) lane.self.bits = load_past_l1(memory_->words + word).bits;
+        if constexpr (Terms::increments) {
+            lane.before.high = load_axes(memory_->increment + word, memory_->pitch);
+        } else {
+            lane.before.high = get(1 - half, lane.own_slot);
+        }
+        const std::uint32_t published = step_.published[at];
+        lane.published = published == resident_none ? nullptr : step_.exchange + published;
+        if constexpr (shape.part) lane.sent = step_.links.sent[at];
+        const auto* const together = reinterpret_cast<const SlotsTogether*>(step_.slot);
+        UNROLLED
+        for (int first = 0; first < neighbour_bits; first += slots_together) {
+            constexpr std::uint32_t several = (1U << slots_together) - 1;
+            if ((Terms::groups >> first & several) == 0) continue;
+            const SlotsTogether slots = together[std::size_t(first / slots_together) * step_.lane_count + at];
+            UNROLLED
+            for (int n = 0; n < slots_together && first + n < neighbour_bits; ++n)
+                lane.slot[first + n] = slots.of[n];
+        }
+        lane.spacing = step_.spacing;
+        if constexpr (has_tool) {
+            lane.held = step_.held_by_lane[at];
+            lane.load = step_.motion.load[lane.word];
+        }
+    }
+
+    /// Takes a step of every particle of this thread: those with neighbours in other blocks last, once the
+    /// border's points have come. So the sum of a particle's springs has the order of the implicit kernels.
+    template <int half>
+    __device__ void step_in_turns(std::uint32_t tag, bool first, bool last) {
+        // After the wait for the border another tick's order may come.
+        const ToolNow tool = tool_now();
+        bool waits = !first;
+        ROLLED
+        for (int turn = 0; turn < shape.turns; ++turn) {
+            const std::uint32_t at = lane_of(turn);
+            Lane lane{};
+            load_turn<half>(lane, at);
+            if (waits && step_.border[at / 32] != 0) {
+                border_is_here();
+                waits = false;
+            }
+            if (!lane.active) continue;
+            Vector<float> load{};
+            if constexpr (has_tool) load = load_of(lane, last, [&] { return tool; });
+            GroupSums<float> sums;
+            add_springs<Terms, !shape.masked, EveryNeighbour, float>(
+                step_, lane.spacing, lane.self, SlotNeighbours{shared_, lane, half}, NoCompliance{}, sums);
+            finish<half>(lane, sums, load, tag, last);
+            if constexpr (Terms::increments)
+                store_axes(memory_->increment + lane.word, memory_->pitch, lane.before.high);
+        }
+        if (waits) border_is_here();
+        if constexpr (overlaps) own_points_are_here();
+    }
+
+    // --- One particle per thread ---
 
     __device__ void load(Lane& lane, std::uint32_t at, const Memory& memory) const {
         const std::uint32_t word = step_.particle[at];
@@ -198,17 +310,32 @@ private:
         return step_.polled_word[poll];
     }
 
+    /// Where the tool is, and the number of the tick.
+    struct ToolNow {
+        Vector<float> moved;
+        std::uint32_t tick;
+    };
+    __device__ ToolNow tool_now() const {
+        if constexpr (in_ticks) {
+            return {shared_.order.moved, shared_.order.tick};
+        } else if constexpr (has_tool) {
+            return {step_.tool.moved, 0};
+        } else {
+            return {};
+        }
+    }
+
     /// The load of a lane's particle in a step, including the tool's force. The host asks for the tool's
-    /// force of the `last` step of a launch or tick.
-    __device__ Vector<float> load_of(const Lane& lane, bool last) const {
+    /// force of the `last` step of a launch or tick. now(): a ToolNow.
+    template <class Now>
+    __device__ Vector<float> load_of(const Lane& lane, bool last, Now now) const {
         if (lane.held == resident_none) return lane.load;
-        Vector<float> moved = step_.tool.moved;
-        if constexpr (in_ticks) moved = shared_.order.moved;
+        const ToolNow tool = now();
         const Vector<float> force = hold_force(step_.held[lane.held].anchor, lane.self.point.high,
-                                               Vector<float>{0, 0, 0}, moved, step_.tool.stiffness);
+                                               Vector<float>{0, 0, 0}, tool.moved, step_.tool.stiffness);
         if (last) {
             if constexpr (in_ticks) {
-                answer(force, shared_.order.tick, step_.line.answers + lane.held);
+                answer(force, tool.tick, step_.line.answers + lane.held);
             } else {
                 step_.forces[lane.held] = {force};
             }
@@ -233,9 +360,13 @@ private:
     /// may come.
     template <class Border, int half>
     __device__ void step_lane(Lane& lane, std::uint32_t tag, bool first, bool last) {
+        if constexpr (shape.turns > 1) {
+            lane.newest = 1 - half;
+            return step_in_turns<half>(tag, first, last);
+        }
         constexpr bool full_stencil = !shape.masked;
         Vector<float> load{};
-        if constexpr (has_tool) load = load_of(lane, last);
+        if constexpr (has_tool) load = load_of(lane, last, [&] { return tool_now(); });
         GroupSums<float> sums;
         const SlotNeighbours neighbours{shared_, lane, half};
         add_springs<Terms, full_stencil, Except<Border>, float>(step_, lane.spacing, lane.self, neighbours,
@@ -243,6 +374,14 @@ private:
         if (!first) border_is_here();
         add_springs<Terms, full_stencil, Border, float>(step_, lane.spacing, lane.self, neighbours,
                                                         NoCompliance{}, sums);
+        finish<half>(lane, sums, load, tag, last);
+        if constexpr (overlaps) own_points_are_here();
+    }
+
+    /// Moves a lane's particle under the sums of its springs and under `load`, and passes on where it is.
+    template <int half>
+    __device__ void finish(Lane& lane, const GroupSums<float>& sums, Vector<float> load, std::uint32_t tag,
+                           bool last) {
         Vector<float> force = force_of<Terms, float>(step_, sums);
         if constexpr (has_tool) force = force + load;
         const Integrated<float, false> next =
@@ -255,7 +394,6 @@ private:
                        next.point.high, tag + 1);
         if constexpr (shape.part) send(lane.sent, next.point.high, tag + 1);
         put(1 - half, lane.own_slot, next.point.high);
-        if constexpr (overlaps) own_points_are_here();
     }
 
     /// Sends a point to the part that reads it. This happens in every step, since the next launch of a
@@ -396,6 +534,7 @@ private:
 
     Shared& shared_;
     const Step& step_;
+    const Memory* memory_ = nullptr;  ///< in turns
 };
 
 }  // namespace voxspring::cuda

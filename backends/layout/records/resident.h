@@ -26,6 +26,22 @@ inline constexpr int mirrored_z = 16;
 /// Mask bits of neighbours.
 inline constexpr int neighbour_bits = 26;
 
+/// A thread with one particle keeps that particle's slots in registers. A thread with several reads them anew
+/// in each step, so many at a time.
+inline constexpr int slots_together = 4;
+struct alignas(slots_together * sizeof(std::uint16_t)) SlotsTogether {
+    std::uint16_t of[slots_together];
+};
+/// Where ResidentStep::slot has a mask bit of lane `at`. `together`: threads have several particles.
+VOXSPRING_HOST_DEVICE constexpr std::size_t slot_index(int bit, std::size_t at, std::size_t lane_count,
+                                                       bool together) {
+    if (!together) return std::size_t(bit) * lane_count + at;
+    return (std::size_t(bit / slots_together) * lane_count + at) * slots_together +
+           std::size_t(bit % slots_together);
+}
+/// Set in ResidentStep::own_slot if threads have several particles and this one is pinned.
+inline constexpr std::uint16_t pinned_slot = 1U << 15;
+
 /// A lane or poll without work.
 inline constexpr std::uint32_t resident_none = 0xFFFFFFFFu;
 
@@ -59,11 +75,11 @@ inline constexpr std::uint64_t max_wait_nanoseconds = 10'000'000'000;
 
 /// Everything a resident launch needs. The lattice of the base class is not used.
 struct ResidentStep : ImplicitStep<float> {
-    // One per lane, `lanes` per block:
+    // One per lane. A lane is a thread's place for a particle; each thread of a block has as many:
     const std::uint32_t* particle;   ///< index of its word
     const std::uint32_t* published;  ///< index in `exchange`, for particles that other blocks reach
     const std::uint16_t* own_slot;
-    const std::uint16_t* slot;   ///< of the neighbour of each mask bit, `lane_count` apart; absent: its own
+    const std::uint16_t* slot;   ///< of the neighbour of each mask bit (slot_index()); absent: its own
     const std::uint8_t* border;  ///< kind of border and how it is mirrored, one per warp
     // One per poll, poller_rounds x blocks x pollers:
     const std::uint32_t* polled;       ///< index in `exchange`
