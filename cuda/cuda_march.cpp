@@ -20,7 +20,7 @@
 namespace voxspring::cuda {
 namespace {
 
-constexpr int min_architecture = 90;  // the first with the copy engine
+constexpr int first_with_async_copies = 80, first_with_tensor_copies = 90;
 
 /// The tiles that the tuning parameter allows. The list is empty if it names a tile that the precision lacks.
 std::vector<MarchTile> tiles_of(const std::string& tuned, Precision precision) {
@@ -73,16 +73,16 @@ TensorMap tensor_map(Real* data, const Lattice& lattice, const SoaStrides& axes,
     return map;
 }
 
-/// The kernel for a scene.
+/// The kernel for a scene, of which `blocks` share a multiprocessor: registers are for as many.
 KernelSource march_source(const Problem& problem, Formulation formulation, const MarchTile& tile,
-                          Precision precision) {
+                          Precision precision, int blocks) {
     const MarchShape& s = tile.shape;
     std::string shape;
     for (const int number : {s.rows, s.lanes, s.wide, s.high, s.planes, s.previous_windows})
         shape += (shape.empty() ? "" : ",") + std::to_string(number);
     KernelSource source{"march.cu", class_macros(problem, formulation, precision)};
     source.macros["THREADS"] = std::to_string(s.threads());
-    source.macros["BLOCKS"] = std::to_string(tile.blocks);
+    source.macros["BLOCKS"] = std::to_string(blocks);
     source.macros["SHAPE"] = "MarchShape{" + shape + "}";
     return source;
 }
@@ -93,7 +93,9 @@ public:
     explicit MarchBackend(const Options& options)
         : AxesBackend<Real>(options.formulation),
           tuned_(options.tuning.at("tile")),
-          tiles_(tiles_of(tuned_, precision)) {}
+          tiles_(tiles_of(tuned_, precision)),
+          tensor_copies_(options.tuning.at("copies") == "auto" &&
+                         this->device().architecture() >= first_with_tensor_copies) {}
 
     void upload(const Problem& problem, const State& state) override {
         this->template begin_upload<Real>();
@@ -106,12 +108,21 @@ public:
         constexpr int real = sizeof(Real);
         Launch launch = launch_;
         launch.step = this->measured_step(problem);
-        launch.kernel = this->kernel(march_source(problem, this->formulation(), tile_, precision));
+        KernelSource source = march_source(problem, this->formulation(), tile_, precision,
+                                           resident_blocks(tile_, precision, plan_device()));
+        if (tensor_copies_) {
+            source.macros["KEPT_PLANES"] = std::to_string(plan.kept_planes);
+        } else {
+            source.macros["ASYNC_COPIES"] = "1";
+        }
+        launch.kernel = this->kernel(source);
         launch.kernel->allow_shared(std::size_t(shape.shared_bytes(real)));
         const SoaStrides axes = march_strides(problem.lattice, sizeof(Real));
         for (std::size_t b = 0; b < 2; ++b) {
             Real* const positions = this->positions(b);
             Real* const before = by_increments(this->formulation()) ? this->increment() : positions;
+            launch.arrays[b] = {positions, before};
+            if (!tensor_copies_) continue;
             launch.windows[b] =
                 tensor_map(positions, problem.lattice, axes, shape.pitch(real), shape.height() + 2);
             launch.previous_windows[b] =
@@ -162,16 +173,20 @@ private:
     }
 
     MarchPlan planned(const Problem& problem, const std::vector<MarchTile>& tiles) const {
-        return plan_march(problem, tiles, precision, this->formulation(), march_device(this->device()),
-                          interior_);
+        return plan_march(problem, tiles, precision, this->formulation(), plan_device(), interior_);
+    }
+    MarchDevice plan_device() const {
+        MarchDevice device = march_device(this->device());
+        device.tensor_copies = tensor_copies_;
+        return device;
     }
 
     std::string refused(const Problem& problem) const override {
         if (tiles_.empty()) return "tiles of " + tuned_ + " are not for " + to_string(precision);
         const int architecture = this->device().architecture();
-        if (architecture < min_architecture)
+        if (architecture < first_with_async_copies)
             return "compute capability " + std::to_string(architecture / 10) + "." +
-                   std::to_string(architecture % 10) + " has no tensor copies, which came with 9.0";
+                   std::to_string(architecture % 10) + " has no asynchronous copies, which came with 8.0";
         if (std::string why = class_refusal(problem, precision, this->formulation(), "the march");
             !why.empty())
             return why;
@@ -197,6 +212,7 @@ private:
         MarchStep<Real> step{};
         std::size_t items = 0;
         std::size_t border_items = 0;  ///< how many of these, the first ones, are of borders
+        std::array<MarchArrays<Real>, 2> arrays{};
         std::array<TensorMap, 2> windows{}, previous_windows{};
         bool operator==(const Launch&) const = default;
     };
@@ -223,9 +239,16 @@ private:
         const MarchOutput<Real> output{this->positions(to), this->increment()};
         MarchStep<Real> step = launch_.step;
         step.items += begin;
-        launch_.kernel->launch(in, dim3(unsigned(end - begin)), dim3(unsigned(tile_.shape.threads())),
-                               std::size_t(tile_.shape.shared_bytes(sizeof(Real))), step,
-                               launch_.windows[from], launch_.previous_windows[to], output);
+        const auto enqueue = [&](const auto&... read) {
+            launch_.kernel->launch(in, dim3(unsigned(end - begin)), dim3(unsigned(tile_.shape.threads())),
+                                   std::size_t(tile_.shape.shared_bytes(sizeof(Real))), step, read...,
+                                   output);
+        };
+        if (tensor_copies_) {
+            enqueue(launch_.windows[from], launch_.previous_windows[to]);
+        } else {
+            enqueue(MarchArrays<Real>{launch_.arrays[from].positions, launch_.arrays[to].before});
+        }
     }
 
     bool splits_steps() const override { return true; }
@@ -243,6 +266,7 @@ private:
 
     const std::string tuned_;
     const std::vector<MarchTile> tiles_;  ///< to choose from
+    const bool tensor_copies_;            ///< otherwise threads copy
     MarchTile tile_{};
     double predicted_seconds_ = 0;
     MarchInterior interior_{};
@@ -276,7 +300,9 @@ const Registered entry({
         "one material, face and edge springs.",
     .precisions = {Precision::float32, Precision::float64},
     .formulations = {Formulation::increment, Formulation::position, Formulation::displacement},
-    .tuning = {{"tile", tiles}},
+    // How windows are filled. With auto the tensor copy engine does it where there is one, from compute
+    // capability 9.0 on, and otherwise threads.
+    .tuning = {{"tile", tiles}, {"copies", {"auto", "async"}}},
     .make = make_march,
     .bytes = march_bytes,
 });

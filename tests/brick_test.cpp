@@ -394,6 +394,28 @@ TEST(BrickPlan, AsksForNoMoreRegistersThanTheCompilerGave) {
     EXPECT_NE(registers_refusal(plan, 72), "") << "pollers cannot give what they do not have";
 }
 
+// The box of the paper is on the chip of every card but the smallest.
+TEST(BrickPlan, SuitsEveryCard) {
+    const Problem box = lattice(solid({32, 32, 32}));
+    for (const testing::CardProfile& card : testing::card_profiles()) {
+        SCOPED_TRACE(card.name);
+        const std::optional<BrickPlan> plan =
+            plan_bricks(box, Formulation::increment, card.device, card.architecture >= 90);
+        ASSERT_EQ(plan.has_value(), card.device.block_shared_bytes > 48U << 10U);
+        if (!plan) continue;
+        EXPECT_LE(std::size_t(plan->shape.shared_bytes()), card.device.block_shared_bytes);
+        EXPECT_LE(plan->shape.lanes() + plan->pollers, 1024);
+        EXPECT_LE(BrickLayout(box, *plan).blocks().size(), std::size_t(card.device.multiprocessors));
+        // Latencies are in cycles: a card at half the clock takes twice the time.
+        MarchDevice slow = card.device;
+        slow.hertz /= 2;
+        const std::optional<BrickPlan> slower =
+            plan_bricks(box, Formulation::increment, slow, card.architecture >= 90);
+        EXPECT_EQ(slower->shape, plan->shape);
+        EXPECT_NEAR(slower->seconds, 2 * plan->seconds, 1e-12);
+    }
+}
+
 TEST(BrickPlan, FitsTheDevice) {
     struct Body {
         const char* name;

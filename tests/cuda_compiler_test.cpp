@@ -367,7 +367,8 @@ TEST(Compiler, AToolCostsTheResidentKernelNothingWhereThereIsNone) {
 }
 
 /// Whether `tile` exists in that precision, and compiles.
-void compile_march(const char* tile, Precision precision, Formulation formulation, const Problem& problem) {
+void compile_march(const char* tile, Precision precision, Formulation formulation, const Problem& problem,
+                   int architecture = 90, bool async = false, const char* kept_planes = "0") {
     SCOPED_TRACE(std::string(tile) + " " + to_string(precision) + " " + to_string(formulation));
     const MarchTile shape = march_tile(tile, precision);
     if (shape.shape.warps() == 0) return;
@@ -375,7 +376,7 @@ void compile_march(const char* tile, Precision precision, Formulation formulatio
     std::string numbers;
     for (const int number : {s.rows, s.lanes, s.wide, s.high, s.planes, s.previous_windows})
         numbers += (numbers.empty() ? "" : ",") + std::to_string(number);
-    const KernelSource source =
+    KernelSource source =
         source_of("march.cu", {{"REAL", precision == Precision::float32 ? "float" : "double"},
                                {"TERMS", "KernelTerms<Formulation::" + to_string(formulation) + "," +
                                              std::to_string(problem.group_bits) + "u," +
@@ -384,8 +385,9 @@ void compile_march(const char* tile, Precision precision, Formulation formulatio
                                {"BLOCKS", std::to_string(shape.blocks)},
                                {"SHAPE", "MarchShape{" + numbers + "}"},
                                {"EQUAL_EDGES", equal_edges(problem, formulation) ? "true" : "false"}});
-    const CompiledKernel compiled = compile(source, 90);
-    EXPECT_EQ(compiled.code.substr(1, 3), "ELF");
+    if (async) source.macros["ASYNC_COPIES"] = "1";
+    source.macros["KEPT_PLANES"] = kept_planes;
+    EXPECT_EQ(compile(source, architecture).code.substr(1, 3), "ELF");
 }
 
 TEST(Compiler, CompilesTheMarch) {
@@ -399,10 +401,14 @@ TEST(Compiler, CompilesTheMarch) {
             compile_march(tile, precision, Formulation::position, problem);
         for (const Formulation formulation :
              {Formulation::position, Formulation::displacement, Formulation::increment})
-            compile_march("64x8", precision, formulation, moved);
+            compile_march("64x8", precision, formulation, moved, 90, false,
+                          formulation == Formulation::position ? "2" : "0");
     }
+    compile_march("64x16", Precision::float32, Formulation::position, moved, 80, true);
+    compile_march("32x20", Precision::float32, Formulation::increment, moved, 89, true);
+    compile_march("64x4", Precision::float64, Formulation::position, moved, 120, true);
     problem.group_bits = FACE_BITS;
-    compile_march("64x8", Precision::float32, Formulation::increment, problem);
+    compile_march("64x8", Precision::float32, Formulation::increment, problem, 120);
 }
 
 // Tiles of every size; the largest need registers that are moved to their threads.

@@ -3,8 +3,11 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <barrier>
 #include <bit>
 #include <cmath>
+#include <cstring>
+#include <deque>
 #include <limits>
 #include <map>
 #include <memory>
@@ -12,7 +15,9 @@
 #include <span>
 #include <stdexcept>
 #include <string>
+#include <thread>
 #include <tuple>
+#include <vector>
 
 #include "backends/layout/march_layout.h"
 #include "backends/layout/march_plan.h"
@@ -22,6 +27,46 @@
 #include "tests/bodies.h"
 #include "tests/host_subdomains.h"
 #include "tests/support.h"
+
+// What a device has for async_ring.h, with one host thread for each of a block's threads. A copy spoils its
+// destination when it is asked for, and brings its values only when its thread waits for it.
+#define __device__
+namespace voxspring::cuda {
+namespace {
+
+struct AsyncCopy {
+    void* to;
+    const void* from;
+    int bytes;
+};
+thread_local std::vector<AsyncCopy> open_copies;
+thread_local std::deque<std::vector<AsyncCopy>> ended_copies;
+thread_local std::barrier<>* block_barrier = nullptr;
+constexpr int copied_bytes = 16;
+
+void copy_async(void* to, const void* from, int bytes) {
+    std::memset(to, 0xFF, copied_bytes);
+    open_copies.push_back({to, from, bytes});
+}
+void end_copies() { ended_copies.push_back(std::exchange(open_copies, {})); }
+template <std::size_t pending>
+void await_copies() {
+    for (; ended_copies.size() > pending; ended_copies.pop_front()) {
+        for (const AsyncCopy& copy : ended_copies.front()) {
+            std::memset(copy.to, 0, copied_bytes);
+            std::memcpy(copy.to, copy.from, std::size_t(copy.bytes));
+        }
+    }
+}
+bool any_of_warp(bool here) { return here; }
+template <int threads>
+void meet_block() {
+    block_barrier->arrive_and_wait();
+}
+
+}  // namespace
+}  // namespace voxspring::cuda
+#include "cuda/kernels/async_ring.h"
 
 namespace voxspring::cuda {
 namespace {
@@ -64,11 +109,12 @@ std::map<std::string, Problem> lattices() {
     return problems;
 }
 
-template <class Scalar, Formulation f, int rows, int lanes, int wide, int high>
+template <class Scalar, Formulation f, int rows, int lanes, int wide, int high, int planes = 3,
+          int befores = 2>
 struct Variant {
     using Real = Scalar;
     static constexpr Formulation formulation = f;
-    static constexpr MarchShape shape{rows, lanes, wide, high, 3, 2};
+    static constexpr MarchShape shape{rows, lanes, wide, high, planes, befores};
     static constexpr Precision precision = sizeof(Real) == 4 ? Precision::float32 : Precision::float64;
 };
 
@@ -108,6 +154,7 @@ public:
     const Real* arrive() { return windows_.at(arrived_++).data() + shape.own(thread_, real); }
     void release() { ++released_; }
     const Real* before() const { return previous_windows_.at(before_).data() + shape.before_own(thread_); }
+    static void store(Pair<Real>* to, Pair<Real> pair) { *to = pair; }
     void release_before() { ++before_; }
 
 private:
@@ -152,6 +199,8 @@ public:
     }
     Simulation(const Simulation&) = delete;
 
+    /// Fills windows by asynchronous copies.
+    void copy_async() { async_ = true; }
     /// Makes every warp use masks.
     void mask_everything() {
         for (MarchItem& item : plan_.items) item.full_stencils = 0;
@@ -224,6 +273,10 @@ private:
         const MarchOutput<Real> output{after_.current.data(),
                                        by_increments(V::formulation) ? after_.before.data() : nullptr};
         for (const MarchItem& item : items_) {
+            if (async_) {
+                launch_async<groups>(item, output);
+                continue;
+            }
             HostPlanes<V> planes(step_, item, state_.current, state_.before);
             for (int thread = 0; thread < V::shape.threads(); ++thread) {
                 planes.start(thread);
@@ -237,9 +290,32 @@ private:
             }
         }
     }
-    template <std::uint32_t groups, bool equal>
+    template <std::uint32_t groups>
+    void launch_async(const MarchItem& item, const MarchOutput<Real>& output) {
+        constexpr int threads = V::shape.threads(), real = sizeof(Real);
+        const MarchArrays<Real> from{state_.current.data(), by_increments(V::formulation)
+                                                                ? after_.before.data()
+                                                                : after_.current.data()};
+        std::barrier<> barrier(threads);
+        std::vector<Pair<double>> shared(std::size_t(V::shape.shared_bytes(real)) / sizeof(Pair<double>));
+        std::vector<std::jthread> all;
+        for (int thread = 0; thread < threads; ++thread) {
+            all.emplace_back([&, thread] {
+                block_barrier = &barrier;
+                AsyncRings<Real, V::shape> planes(reinterpret_cast<unsigned char*>(shared.data()), step_,
+                                                  from, item, thread);
+                const bool full_stencil = (item.full_stencils >> (thread / 32) & 1U) != 0;
+                if (equal_edges(problem_, V::formulation)) {
+                    step_thread<groups, true>(item, output, thread, full_stencil, planes);
+                } else {
+                    step_thread<groups, false>(item, output, thread, full_stencil, planes);
+                }
+            });
+        }
+    }
+    template <std::uint32_t groups, bool equal, class Planes>
     void step_thread(const MarchItem& item, const MarchOutput<Real>& output, int thread, bool full_stencil,
-                     HostPlanes<V>& planes) {
+                     Planes& planes) {
         if (problem_.damping == 0 && !problem_.has_gravity()) {
             step_thread<KernelTerms<V::formulation, groups, 0, false>, equal>(item, output, thread,
                                                                               full_stencil, planes);
@@ -248,9 +324,9 @@ private:
                 item, output, thread, full_stencil, planes);
         }
     }
-    template <class Terms, bool equal>
+    template <class Terms, bool equal, class Planes>
     void step_thread(const MarchItem& item, const MarchOutput<Real>& output, int thread, bool full_stencil,
-                     HostPlanes<V>& planes) {
+                     Planes& planes) {
         if (full_stencil) {
             march<Terms, V::shape, false, equal>(step_, item, output, thread, planes);
         } else {
@@ -263,6 +339,7 @@ private:
     MarchPlan plan_;
     std::span<const MarchItem> items_;  ///< that it takes
     MarchStep<Real> step_;
+    bool async_ = false;
 };
 
 template <class V>
@@ -344,6 +421,31 @@ TYPED_TEST(MarchBody, SlabsGiveTheBitsOfTheWhole) {
     });
 }
 
+template <class V>
+class MarchCopies : public ::testing::Test {};
+/// Rings of every depth.
+using Rings = ::testing::Types<Variant<float, Formulation::position, 2, 8, 1, 2, 3, 2>,
+                               Variant<float, Formulation::increment, 2, 8, 1, 2, 4, 3>,
+                               Variant<float, Formulation::displacement, 2, 16, 2, 1, 4, 2>,
+                               Variant<double, Formulation::position, 1, 8, 1, 2, 4, 3>>;
+TYPED_TEST_SUITE(MarchCopies, Rings);
+
+// Threads are in windows of other threads at any time: no copy comes too early, and no wait is too short.
+TYPED_TEST(MarchCopies, OfThreadsGiveTheBitsOfTheCopyEngine) {
+    for (const auto& [name, multiprocessors] :
+         {std::pair{"wide_box", 150}, {"high_box", 1}, {"two_runs", 4}, {"pinned_box", 4}}) {
+        SCOPED_TRACE(name);
+        const Problem problem = lattices().at(name);
+        const State start = random_state(problem, 0.05, 7);
+        Simulation<TypeParam> by_engine(problem, start, multiprocessors);
+        Simulation<TypeParam> by_threads(problem, start, multiprocessors);
+        by_threads.copy_async();
+        by_engine.step(2);
+        by_threads.step(2);
+        testing::expect_same_bits(by_threads.download(), by_engine.download());
+    }
+}
+
 // A particle that is not finite affects only particles that it has a spring to.
 TYPED_TEST(MarchBody, AStrayParticleStaysAlone) {
     Problem problem = lattice(solid({13, 9, 8}));
@@ -419,6 +521,52 @@ TEST(MarchPlan, TakesTheTileThatIsPredictedToBeTheFastestOfThoseThatFit) {
             }
         }
     }
+}
+
+// The blocks that registers are compiled for are on a multiprocessor at once.
+TEST(MarchPlan, SuitsEveryCard) {
+    const Problem problem = lattice(solid({96, 96, 40}));
+    for (const testing::CardProfile& card : testing::card_profiles()) {
+        MarchDevice device = card.device;
+        device.tensor_copies = card.architecture >= 90;
+        for (const Precision precision : {Precision::float32, Precision::float64}) {
+            SCOPED_TRACE(std::string(card.name) + " " + to_string(precision));
+            const MarchPlan plan =
+                plan_march(problem, march_tiles(precision), precision, Formulation::position, device);
+            const auto bytes =
+                std::size_t(plan.tile.shape.shared_bytes(precision == Precision::float32 ? 4 : 8));
+            const int blocks = resident_blocks(plan.tile, precision, device);
+            ASSERT_GT(blocks, 0);
+            EXPECT_LE(bytes, device.block_shared_bytes);
+            EXPECT_LE(std::size_t(blocks) * (bytes + device.reserved_bytes), device.shared_bytes);
+            EXPECT_LE(blocks * plan.tile.shape.threads(), device.threads);
+            if (!device.tensor_copies) {
+                EXPECT_LE(blocks * plan.tile.shape.threads() * 128, 65536) << "registers";
+            }
+        }
+    }
+}
+
+TEST(MarchPlan, TellsL2WhatToKeepWhereTheStateIsSomewhatLarger) {
+    MarchDevice device = testing::march_device_of(132);
+    const auto kept = [&](const Problem& problem) {
+        return plan_march(problem, {march_tile("64x16", Precision::float32)}, Precision::float32,
+                          Formulation::position, device)
+            .kept_planes;
+    };
+    const Problem box = pinned(lattice(solid({64, 64, 64})));  // 6.3 MB
+    device.cache_bytes = 5e6;
+    EXPECT_EQ(kept(box), 2);
+    device.multiprocessors = 8;
+    EXPECT_EQ(kept(box), 0) << "several rounds of items";
+    device.multiprocessors = 132;
+    device.tensor_copies = false;
+    EXPECT_EQ(kept(box), 0) << "copies of threads have no policy";
+    device.tensor_copies = true;
+    device.cache_bytes = 8e6;
+    EXPECT_EQ(kept(box), 0) << "it fits";
+    device.cache_bytes = 3e6;
+    EXPECT_EQ(kept(box), 0) << "it is too large";
 }
 
 // This holds whatever the interior of a slab is.

@@ -235,13 +235,16 @@ double seconds_of(const BrickPlan& plan, double conflicts, const MarchDevice& de
     const double exchange = double(frame_of(shape)) / warp * 40 / 4;
     const double work = (warps * instructions / issued * (1 + 0.2 * conflicts) + exchange) / device.hertz;
     // What neighbours send travels while early springs are added. A poller with more words to look up than
-    // its registers hold looks them up in turns.
-    constexpr double barriers = 0.15e-6, trip = 0.75e-6;
+    // its registers hold looks them up in turns. Latencies were measured on an H200 at 1.98 GHz. Here they
+    // are in cycles, so that they follow the clock of other cards.
+    constexpr double measured_at = 1.98e9;
+    const double slower = measured_at / device.hertz;
+    const double barriers = 0.15e-6 * slower, trip = 0.75e-6 * slower;
     const int rounds = units_of(int(frame_of(shape)), plan.pollers);
     const double travel = trip * (rounds < kept_polls ? 1 : units_of(rounds, polls_in_turn));
     // With increments in memory, each group of a few loads in flight takes a round trip to L2.
     constexpr int in_flight = 3;
-    constexpr double load = 0.4e-6;
+    const double load = 0.4e-6 * slower;
     const double increments = plan.increments_in_memory ? load * units_of(shape.tile(), in_flight) : 0;
     return work + barriers + increments + std::max(0.0, travel - work * mask.early / mask.springs);
 }

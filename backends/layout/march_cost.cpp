@@ -32,6 +32,8 @@ constexpr double overlap_exponent = 5;
 
 /// Cycles to ask for a plane's copies, on the quarter whose warp does it.
 constexpr double copy_cycles = 100;
+/// Instructions of a thread to ask for a copy of 16 bytes, estimated from the source.
+constexpr double async_copy_cycles = 16;
 
 /// Instructions per warp and plane without masks, counted in the machine code of sm_90: 870 by `position`,
 /// 1370 by `increment`. In float64, whose pipe takes two cycles per instruction, it is that pipe's share of
@@ -90,7 +92,12 @@ int resident_blocks(const MarchTile& tile, Precision precision, const MarchDevic
     const auto bytes = std::size_t(tile.shape.shared_bytes(real_bytes(precision)));
     if (bytes > device.block_shared_bytes) return 0;
     const auto fit = int(device.shared_bytes / (bytes + device.reserved_bytes));
-    return std::min({tile.blocks, fit, device.threads / tile.shape.threads()});
+    // Threads that copy need 128 registers or spill; the others have as many as tile.blocks leaves.
+    constexpr int registers = 65536, registers_to_copy = 128;
+    const int most = device.tensor_copies
+                         ? tile.blocks
+                         : std::max(1, registers / (registers_to_copy * tile.shape.threads()));
+    return std::min({tile.blocks, most, fit, device.threads / tile.shape.threads()});
 }
 
 MarchRates march_rates(const MarchTile& tile, Precision precision, Formulation formulation) {
@@ -108,6 +115,13 @@ MarchCost::MarchCost(const MarchTile& tile, Precision precision, Formulation for
       warps_(tile.shape.warps()),
       resident_(std::max(1, resident_blocks(tile, precision, device))) {
     const int real = real_bytes(precision);
+    if (!device.tensor_copies) {
+        const int bytes_at_once = 16 * tile.shape.threads();
+        const int copies = units_of(3 * tile.shape.axis(real) * real, bytes_at_once) +
+                           units_of(3 * tile.shape.before_axis() * real, bytes_at_once);
+        for (double* cycles : {&rates_.full, &rates_.masked, &rates_.idle})
+            *cycles += async_copy_cycles * copies;
+    }
     start_bytes_ = (tile.shape.planes - 1) * tile.shape.window_bytes(real) +
                    (tile.shape.previous_windows - 1) * tile.shape.before_bytes(real);
 }
@@ -121,7 +135,8 @@ double MarchCost::plane_seconds(double cycles, int count) const {
     // A quarter has a whole number of warps.
     const int warps = count * warps_;
     const double uneven = double(units_of(warps, quarters) * quarters) / warps;
-    return (rates_.wait + count * copy_cycles + uneven * cycles / quarters) / device_.hertz;
+    const double asking = device_.tensor_copies ? copy_cycles : 0;
+    return (rates_.wait + count * asking + uneven * cycles / quarters) / device_.hertz;
 }
 
 /// A multiprocessor with the items that share it.

@@ -35,6 +35,7 @@ struct MarchDevice {
     double hertz = 0;                    ///< of the multiprocessors
     double bytes_per_second = 0;         ///< of the memory's pins
     double cache_bytes = 0;
+    bool tensor_copies = true;  ///< an engine fills windows; otherwise the threads of a block do
 };
 /// How many blocks of a tile share a multiprocessor; 0 if one is too large.
 int resident_blocks(const MarchTile& tile, Precision precision, const MarchDevice& device);

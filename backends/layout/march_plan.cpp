@@ -221,6 +221,18 @@ public:
     const MarchTile& tile() const { return tile_; }
     const MarchColumns& columns() const { return columns_; }
     double seconds() const { return seconds_; }
+    /// MarchPlan::kept_planes. Where the state is somewhat larger than L2, every step replaces there what the
+    /// next one reads first; telling L2 what to keep takes up to a tenth off a step. A smaller or larger
+    /// state, and items that march in several rounds, lose by it. Both bounds lie between states that were
+    /// measured on an H100.
+    int kept_planes(const MarchDevice& device) const {
+        constexpr double least = 0.9, most = 1.75;
+        const double state = state_bytes() / device.cache_bytes;
+        // In a box pinned below, the first plane is cut from all others: those items are soon done.
+        const auto at_once = std::size_t(cost_.slots());
+        const bool one_round = items_.size() <= at_once || items_[at_once].length() < shortest_part;
+        return device.tensor_copies && one_round && state > least && state < most ? 2 : 0;
+    }
     /// The items in the order of blocks.
     const std::vector<Run>& items() const { return items_; }
     std::size_t border_items() const { return border_items_; }
@@ -252,9 +264,9 @@ private:
             loads.push_back(load_of(item));
             bytes += bytes_of(item);
         }
-        const double state = double(lattice_->voxel_count()) * 3 * real_ * (increments_ ? 3 : 2);
-        seconds_ = cost_.step_seconds(loads, bytes, state);
+        seconds_ = cost_.step_seconds(loads, bytes, state_bytes());
     }
+    double state_bytes() const { return double(lattice_->voxel_count()) * 3 * real_ * (increments_ ? 3 : 2); }
 
     /// The share of a plane's springs that plane z has: the first plane of the lattice has only springs
     /// within it.
@@ -443,6 +455,7 @@ MarchPlan plan_march(const Problem& problem, const std::vector<MarchTile>& tiles
     plan.tile = best->tile();
     plan.seconds = best->seconds();
     plan.border_items = best->border_items();
+    plan.kept_planes = best->kept_planes(device);
     Writer(cells, plan.tile.shape).write(best->columns(), best->items(), plan);
     return plan;
 }

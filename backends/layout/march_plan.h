@@ -31,7 +31,8 @@ struct MarchPlan {
     std::vector<MarchItem> items;
     std::size_t border_items = 0;  ///< how many are outside of the interior
     std::vector<std::uint64_t> words;
-    double seconds = 0;  ///< predicted time of a step
+    int kept_planes = 0;  ///< that L2 is told to keep, of every kept_of; 0: it is told nothing
+    double seconds = 0;   ///< predicted time of a step
     bool operator==(const MarchPlan&) const = default;
 };
 

@@ -197,11 +197,11 @@ VOXSPRING_HOST_DEVICE Real integrate_component(const MarchStep<Real>& step, Real
 
 /// Moves a thread's particles of one plane by one step. The first of them is element `index` of each axis.
 /// `before`: the window of what the step overwrites.
-template <class Terms, MarchShape shape, bool masked, class Real>
+template <class Terms, MarchShape shape, bool masked, class Real, class Planes>
 VOXSPRING_HOST_DEVICE void integrate_plane(const MarchStep<Real>& step, const MarchOutput<Real>& output,
                                            std::size_t index, std::uint64_t word, const Real* before,
                                            const Own<Real, shape.rows>& own,
-                                           const Own<Real, shape.rows>& force) {
+                                           const Own<Real, shape.rows>& force, const Planes& planes) {
     using Bits = PlaneMask<shape.rows>;
     UNROLLED
     for (int r = 0; r < shape.rows; ++r) {
@@ -218,13 +218,13 @@ VOXSPRING_HOST_DEVICE void integrate_plane(const MarchStep<Real>& step, const Ma
             if constexpr (Terms::increments) {
                 if (!moves_a) next.a = 0;
                 if (!moves_b) next.b = 0;
-                *reinterpret_cast<Pair<Real>*>(output.increment + to) = next;
+                planes.store(reinterpret_cast<Pair<Real>*>(output.increment + to), next);
                 next = {at_a + next.a, at_b + next.b};
             } else {
                 if (!moves_a) next.a = at_a;
                 if (!moves_b) next.b = at_b;
             }
-            *reinterpret_cast<Pair<Real>*>(output.next + to) = next;
+            planes.store(reinterpret_cast<Pair<Real>*>(output.next + to), next);
         };
         store(0, &Vector<Real>::x, step.gravity.x);
         store(1, &Vector<Real>::y, step.gravity.y);
@@ -253,6 +253,7 @@ VOXSPRING_HOST_DEVICE void add_springs(const MarchStep<Real>& step, const Sides<
 /// - arrive(): waits for the next plane and returns its window.
 /// - release(): says that the window before the newest one is no longer needed.
 /// - before(): waits for the window of what the next plane's step overwrites; release_before() ends its use.
+/// - store(to, pair): stores what that plane's step computes.
 ///
 /// - refill(plane): called before `plane` arrives, to ask for later planes.
 /// - any(here): whether `here` holds for any thread that steps together with this one.
@@ -279,7 +280,7 @@ VOXSPRING_HOST_DEVICE void march(const MarchStep<Real>& step, const MarchItem& i
     std::size_t index = std::size_t(x) + std::size_t(item.y + shape.row(thread)) * step.row +
                         std::size_t(item.begin) * step.plane;
     const auto finish = [&](std::uint64_t word, const Particles& own, const Particles& force) {
-        integrate_plane<Terms, shape, masked>(step, output, index, word, planes.before(), own, force);
+        integrate_plane<Terms, shape, masked>(step, output, index, word, planes.before(), own, force, planes);
         planes.release_before();
         index += step.plane;
     };

@@ -38,14 +38,56 @@ struct Barrier {
     }
 };
 
-/// Copies the box at (x, y, z) of all three axes. Elements outside of the tensor become zeros.
-__device__ inline void copy_box(std::uint32_t to, const TensorMap& from, int x, int y, int z, Barrier done) {
-    asm volatile(
-        "cp.async.bulk.tensor.4d.shared::cluster.global.tile.mbarrier::complete_tx::bytes"
-        " [%0], [%1, {%2, %3, %4, %5}], [%6];" ::"r"(to),
-        "l"(&from), "r"(x), "r"(y), "r"(z), "r"(0), "r"(done.address)
-        : "memory");
-}
+/// What L2 keeps of the lattice's planes: `kept` of every kept_of, while all others go first. With 0 it keeps
+/// what it would keep anyway.
+template <int kept>
+struct CachePolicy {
+    std::uint64_t keep = 0, drop = 0;
+
+    __device__ CachePolicy() {
+        if constexpr (kept > 0) {
+            asm("createpolicy.fractional.L2::evict_last.b64 %0, 1.0;" : "=l"(keep));
+            asm("createpolicy.fractional.L2::evict_first.b64 %0, 1.0;" : "=l"(drop));
+        }
+    }
+    __device__ std::uint64_t of(int plane) const { return plane % kept_of < kept ? keep : drop; }
+
+    __device__ void store(Pair<float>* to, Pair<float> pair, int plane) const {
+        if constexpr (kept > 0) {
+            asm volatile("st.global.L2::cache_hint.v2.f32 [%0], {%1, %2}, %3;" ::"l"(to), "f"(pair.a),
+                         "f"(pair.b), "l"(of(plane))
+                         : "memory");
+        } else {
+            *to = pair;
+        }
+    }
+    __device__ void store(Pair<double>* to, Pair<double> pair, int plane) const {
+        if constexpr (kept > 0) {
+            asm volatile("st.global.L2::cache_hint.v2.f64 [%0], {%1, %2}, %3;" ::"l"(to), "d"(pair.a),
+                         "d"(pair.b), "l"(of(plane))
+                         : "memory");
+        } else {
+            *to = pair;
+        }
+    }
+    /// Copies the box at (x, y, z) of all three axes. Elements outside of the tensor become zeros.
+    __device__ void copy_box(std::uint32_t to, const TensorMap& from, int x, int y, int z,
+                             Barrier done) const {
+        if constexpr (kept > 0) {
+            asm volatile(
+                "cp.async.bulk.tensor.4d.shared::cluster.global.tile.mbarrier::complete_tx::bytes"
+                ".L2::cache_hint [%0], [%1, {%2, %3, %4, %5}], [%6], %7;" ::"r"(to),
+                "l"(&from), "r"(x), "r"(y), "r"(z), "r"(0), "r"(done.address), "l"(of(z))
+                : "memory");
+        } else {
+            asm volatile(
+                "cp.async.bulk.tensor.4d.shared::cluster.global.tile.mbarrier::complete_tx::bytes"
+                " [%0], [%1, {%2, %3, %4, %5}], [%6];" ::"r"(to),
+                "l"(&from), "r"(x), "r"(y), "r"(z), "r"(0), "r"(done.address)
+                : "memory");
+        }
+    }
+};
 
 /// A position in a ring: a slot, and the parity of the round.
 template <int slots>
@@ -76,15 +118,17 @@ struct WindowRing {
             empty(slot).make(warps);
         }
     }
-    __device__ void fill(RingPlace<slots> place, const TensorMap& from, int x, int y, int z) const {
+    template <class Cache>
+    __device__ void fill(const Cache& cache, RingPlace<slots> place, const TensorMap& from, int x, int y,
+                         int z) const {
         empty(place.slot).wait(place.parity ^ 1U);
         full(place.slot).arrive_expecting(bytes);
-        copy_box(windows + std::uint32_t(place.slot * stride), from, x, y, z, full(place.slot));
+        cache.copy_box(windows + std::uint32_t(place.slot * stride), from, x, y, z, full(place.slot));
     }
 };
 
 /// The rings of a block that marches over an item, and where this thread is in them (march()).
-template <class Real, MarchShape shape>
+template <class Real, MarchShape shape, int kept>
 class MarchRings {
     static constexpr int real = sizeof(Real);
     using PlaneRing = WindowRing<shape.planes, 3 * shape.axis(real) * real, shape.window_bytes(real)>;
@@ -94,7 +138,11 @@ class MarchRings {
 public:
     __device__ MarchRings(unsigned char* shared, const MarchStep<Real>& step, const TensorMap& positions,
                           const TensorMap& previous_windows, const MarchItem& item)
-        : positions_(positions), previous_windows_(previous_windows), item_(item), planes_(step.nz) {
+        : positions_(positions),
+          previous_windows_(previous_windows),
+          item_(item),
+          planes_(step.nz),
+          stored_plane_(item.begin) {
         const std::uint32_t address = shared_address(shared);
         const std::uint32_t barriers = address + PlaneRing::size + BeforeRing::size;
         ring_ = {address, barriers};
@@ -136,9 +184,11 @@ public:
         before_ring_.full(before_place_.slot).wait(before_place_.parity);
         return before_ + before_place_.slot * (shape.before_bytes(real) / real);
     }
+    __device__ void store(Pair<Real>* to, Pair<Real> pair) const { cache_.store(to, pair, stored_plane_); }
     __device__ void release_before() {
         release(before_ring_.empty(before_place_.slot));
         before_place_.advance();
+        ++stored_plane_;
     }
 
 private:
@@ -149,10 +199,10 @@ private:
     __device__ void fill(RingPlace<shape.planes> place, int plane) const {
         // The plane above the item's last one is the last to arrive, if there is one.
         if (plane <= item_.end && plane < planes_)
-            ring_.fill(place, positions_, item_.x - shape.margin(real), item_.y - 1, plane);
+            ring_.fill(cache_, place, positions_, item_.x - shape.margin(real), item_.y - 1, plane);
     }
     __device__ void fill_before(RingPlace<shape.previous_windows> place, int plane) const {
-        if (plane < item_.end) before_ring_.fill(place, previous_windows_, item_.x, item_.y, plane);
+        if (plane < item_.end) before_ring_.fill(cache_, place, previous_windows_, item_.x, item_.y, plane);
     }
 
     const TensorMap& positions_;
@@ -162,7 +212,9 @@ private:
     BeforeRing before_ring_;
     const Real* window_;
     const Real* before_;
-    int planes_;  ///< of the lattice
+    CachePolicy<kept> cache_;
+    int planes_;        ///< of the lattice
+    int stored_plane_;  ///< that the next stores are of
     RingPlace<shape.planes> place_;
     RingPlace<shape.previous_windows> before_place_;
 };

@@ -98,10 +98,21 @@ struct MarchStep {
     bool operator==(const MarchStep&) const = default;
 };
 
+/// If L2 is told what to keep, it is some of so many successive planes.
+inline constexpr int kept_of = 8;
+
 /// A CUtensorMap: x, y, z of a lattice and the three axes of its vectors as one tensor.
 struct alignas(128) TensorMap {
     std::uint64_t opaque[16];
     bool operator==(const TensorMap&) const = default;
+};
+
+/// What a step reads, where no engine copies: x or u at t, and what it overwrites.
+template <class Real>
+struct MarchArrays {
+    const Real* positions;
+    const Real* before;
+    bool operator==(const MarchArrays&) const = default;
 };
 
 /// What a step writes: x or u at t + dt (on positions and displacements over that of t - dt), and v in place.
