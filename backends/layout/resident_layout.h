@@ -24,7 +24,8 @@ inline constexpr int max_resident_turns = 4;  ///< particles per thread
 inline constexpr int max_resident_rounds = 4;
 inline constexpr int max_resident_slots = 2048;  ///< 48 KiB of points
 inline constexpr int max_slots_in_ticks = 2016;  ///< whole warps that leave room for an order
-/// The same where threads have several particles. The card then limits the points.
+/// The most points that a poller waits for where threads have several particles. The card then limits the
+/// points.
 inline constexpr int max_rounds_in_turns = 8;
 
 /// The tables of ResidentStep. They follow from where particles are and have room for every spring that the
@@ -52,7 +53,7 @@ struct ResidentLayout {
     std::size_t slot_index(int bit, std::size_t at) const {
         return layout::slot_index(bit, at, lane_count(), turns > 1);
     }
-    /// Of a block of the kernel for such a tool.
+    /// What a block of the kernel for such a tool takes.
     std::size_t shared_bytes(ToolMode tool) const {
         return 2 * sizeof(Vector<float>) * std::size_t(slots) +
                (tool == ToolMode::ticks ? sizeof(TickOrder) : 0);
