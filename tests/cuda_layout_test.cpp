@@ -340,8 +340,8 @@ TYPED_TEST(KernelBodies, ThePapersWaysChangeNoBit) {
         EXPECT_EQ(papers.download().increment, own.download().increment);
     };
     auto problems = networks();
-    for (const char* name : {"sparse_edges", "all_groups", "materials", "loads_and_pins"})
-        problems[name] = lattices().at(name);
+    const auto all = lattices();
+    for (const char* name : {"all_groups", "materials", "loads_and_pins"}) problems[name] = all.at(name);
     for (const auto& [name, problem] : problems) {
         SCOPED_TRACE(name);
         const State start = random_state(problem, 0.05, 7);
