@@ -17,6 +17,8 @@
 
 #include "backends/layout/march_cost.h"
 #include "backends/registry.h"
+#include "harness/study/study.h"
+#include "harness/study/study_bench.h"
 #include "harness/verification/verify.h"
 #include "tests/required.h"
 #include "tests/simd_target.h"
@@ -646,6 +648,17 @@ std::vector<std::string> every_specification() {
     return specs;
 }
 
+/// CUDA's specifications of the study as_paper, whose tuning parameters differ from the default all at once.
+std::vector<std::string> as_the_paper_had_them() {
+    std::vector<std::string> specs;
+    const Study study = load_study("as_paper");
+    for (const BackendSpec& spec : known_specs(study, study.scenes.front())) {
+        if (spec.entry->api == "cuda")
+            specs.push_back(spec.entry->name + ":precision=float32,formulation=paper," + spec.tuning());
+    }
+    return specs;
+}
+
 /// Approximate roots on each SIMD target of this processor, with the error of that target: once with forces
 /// from the strain, and once with forces from a difference of lengths.
 std::vector<std::string> roots_on_every_target() {
@@ -661,6 +674,7 @@ std::vector<std::string> roots_on_every_target() {
 }
 
 INSTANTIATE_TEST_SUITE_P(Backends, Conformance, ::testing::ValuesIn(every_specification()), test_name);
+INSTANTIATE_TEST_SUITE_P(AsPaper, Conformance, ::testing::ValuesIn(as_the_paper_had_them()), test_name);
 INSTANTIATE_TEST_SUITE_P(SimdTargets, Conformance, ::testing::ValuesIn(roots_on_every_target()), test_name);
 GTEST_ALLOW_UNINSTANTIATED_PARAMETERIZED_TEST(Conformance);
 INSTANTIATE_TEST_SUITE_P(Backends, ConformanceWithATool, ::testing::ValuesIn(with_a_tool()), test_name);

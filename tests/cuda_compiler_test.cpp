@@ -6,6 +6,7 @@
 #include <cstdlib>
 #include <filesystem>
 #include <memory>
+#include <optional>
 #include <string>
 #include <utility>
 #include <vector>
@@ -43,35 +44,62 @@ struct Kind {
     const char* file;
     std::map<std::string, std::string> macros;
     std::vector<const char*> fetches;
-    bool differs_in_launch = false;  ///< from another kind, and in nothing else
+    /// Set for kinds that differ from another kind in nothing that depends on the formulation.
+    std::optional<Formulation> only = {};
+    std::uint32_t terms = 0;  ///< besides those of a scene
 };
 
 std::vector<Kind> kinds() {
     const std::vector<const char*> memory = {"PastL1", "ThroughL1", "ThroughTexture"};
-    return {
-        {"implicit", "implicit.cu", {{"THREADS", "256"}, {"BLOCKS", "4"}}, memory},
-        {"tile",
-         "tile.cu",
-         {{"THREADS", "256"}, {"BLOCKS", "2"}, {"WIDTH", "64"}, {"HEIGHT", "4"}},
-         {"PastL1"}},
-        {"by_groups", "explicit.cu", {}, memory},
-        {"by_springs", "explicit.cu", {{"SECONDARY", "1"}}, memory},
-        {"delta", "delta.cu", {{"THREADS", "256"}, {"BLOCKS", "4"}}, {"ThroughL1"}},
-        {"groups_launched_dependent", "explicit.cu", {{"DEPENDENT_LAUNCH", "1"}}, {"PastL1"}, true},
-        {"deltas_launched_dependent",
-         "delta.cu",
-         {{"THREADS", "256"}, {"BLOCKS", "4"}, {"DEPENDENT_LAUNCH", "1"}},
-         {"ThroughL1"},
-         true},
-        {"groups_of_a_part", "explicit.cu", {{"LISTED_BLOCKS", "1"}}, {"PastL1"}, true},
-        {"springs_of_a_part", "explicit.cu", {{"SECONDARY", "1"}, {"LISTED_BLOCKS", "1"}}, {"PastL1"}, true},
-        {"deltas_of_a_part",
-         "delta.cu",
-         {{"THREADS", "256"}, {"BLOCKS", "4"}, {"LISTED_BLOCKS", "1"}},
-         {"ThroughL1"},
-         true},
-        {"add_forces", "scatter.cu", {{"FORCES", "1"}}, {"ThroughL1"}},
-        {"integrate", "scatter.cu", {}, {"ThroughL1"}}};
+    return {{"implicit", "implicit.cu", {{"THREADS", "256"}, {"BLOCKS", "4"}}, memory},
+            {"tile",
+             "tile.cu",
+             {{"THREADS", "256"}, {"BLOCKS", "2"}, {"WIDTH", "64"}, {"HEIGHT", "4"}},
+             {"PastL1"}},
+            {"by_groups", "explicit.cu", {}, memory},
+            {"by_springs", "explicit.cu", {{"SECONDARY", "1"}}, memory},
+            {"delta", "delta.cu", {{"THREADS", "256"}, {"BLOCKS", "4"}}, {"ThroughL1"}},
+            {"groups_launched_dependent",
+             "explicit.cu",
+             {{"DEPENDENT_LAUNCH", "1"}},
+             {"PastL1"},
+             Formulation::position},
+            {"deltas_launched_dependent",
+             "delta.cu",
+             {{"THREADS", "256"}, {"BLOCKS", "4"}, {"DEPENDENT_LAUNCH", "1"}},
+             {"ThroughL1"},
+             Formulation::position},
+            {"groups_of_a_part", "explicit.cu", {{"LISTED_BLOCKS", "1"}}, {"PastL1"}, Formulation::position},
+            {"springs_of_a_part",
+             "explicit.cu",
+             {{"SECONDARY", "1"}, {"LISTED_BLOCKS", "1"}},
+             {"PastL1"},
+             Formulation::position},
+            {"deltas_of_a_part",
+             "delta.cu",
+             {{"THREADS", "256"}, {"BLOCKS", "4"}, {"LISTED_BLOCKS", "1"}},
+             {"ThroughL1"},
+             Formulation::position},
+            {"implicit_bit_by_bit",
+             "implicit.cu",
+             {{"THREADS", "256"}, {"BLOCKS", "4"}},
+             {"PastL1"},
+             Formulation::paper,
+             term_bit_by_bit},
+            {"tile_bit_by_bit",
+             "tile.cu",
+             {{"THREADS", "256"}, {"BLOCKS", "2"}, {"WIDTH", "16"}, {"HEIGHT", "16"}},
+             {"PastL1"},
+             Formulation::paper,
+             term_bit_by_bit},
+            {"groups_by_rows", "explicit.cu", {{"ROWS", "1"}}, {"PastL1"}, Formulation::paper},
+            {"springs_by_rows",
+             "explicit.cu",
+             {{"SECONDARY", "1"}, {"ROWS", "1"}},
+             {"PastL1"},
+             Formulation::paper},
+            {"add_forces", "scatter.cu", {{"FORCES", "1"}}, {"ThroughL1"}},
+            {"integrate", "scatter.cu", {}, {"ThroughL1"}}};
 }
 
 class Compiler : public ::testing::TestWithParam<Formulation> {};
@@ -89,7 +117,7 @@ int newer_architecture() {
 TEST_P(Compiler, CompilesEveryKernel) {
     const bool on_oldest = GetParam() == Formulation::position || GetParam() == Formulation::compensated;
     for (const Kind& kind : kinds()) {
-        if (kind.differs_in_launch && GetParam() != Formulation::position) continue;
+        if (kind.only && kind.only != GetParam()) continue;
         for (const char* fetch : kind.fetches) {
             for (const char* real : {"float", "double"}) {
                 for (const bool everything : {false, true}) {
@@ -106,13 +134,14 @@ TEST_P(Compiler, CompilesEveryKernel) {
                         source.macros["REAL"] = real;
                         source.macros["FETCH"] = fetch;
                         const std::string terms =
-                            everything ? std::to_string(NEIGHBOUR_BITS) + "u," +
-                                             std::to_string(all_terms | term_off_lattice_rests |
-                                                            term_off_lattice_springs | term_full_stencil |
-                                                            term_resting | term_flush) +
-                                             "u,true"
-                                       : std::to_string(FACE_BITS | EDGE_BITS) + "u," +
-                                             std::to_string(term_gravity | term_pins) + "u,false";
+                            everything
+                                ? std::to_string(NEIGHBOUR_BITS) + "u," +
+                                      std::to_string(all_terms | term_off_lattice_rests |
+                                                     term_off_lattice_springs | term_full_stencil |
+                                                     term_resting | term_flush | kind.terms) +
+                                      "u,true"
+                                : std::to_string(FACE_BITS | EDGE_BITS) + "u," +
+                                      std::to_string(term_gravity | term_pins | kind.terms) + "u,false";
                         source.macros["TERMS"] =
                             "KernelTerms<Formulation::" + to_string(GetParam()) + "," + terms + ">";
                         const CompiledKernel compiled = compile(source, architecture);
@@ -238,6 +267,20 @@ TEST(DependentLaunches, LoadWordsAfterTheWait) {
             const std::size_t wait = code.find("griddepcontrol.wait");
             ASSERT_NE(wait, std::string::npos);
             EXPECT_GT(std::min(code.find("ld.global"), code.find("tex.1d")), wait);
+        }
+    }
+}
+
+// No load of a list or, past L1 or through a texture, of a position goes through a cache that 2008 lacked.
+TEST(ThePapersLists, AreReadPastL1) {
+    for (const char* secondary : {"", "1"}) {
+        for (const char* fetch : {"PastL1", "ThroughTexture"}) {
+            KernelSource source = source_of("explicit.cu", {{"FETCH", fetch}, {"ROWS", "1"}});
+            if (*secondary != 0) source.macros["SECONDARY"] = secondary;
+            const std::string code = compile(source, 999).code;
+            EXPECT_EQ(count_of("ld.global.nc", code), 0U);
+            EXPECT_EQ(count_of("ld.global.", code), count_of("ld.global.cg", code));
+            EXPECT_GT(count_of("ld.global.cg.u32", code) + count_of("ld.global.cg.b32", code), 0U);
         }
     }
 }

@@ -330,6 +330,63 @@ TYPED_TEST(KernelBodies, SkipsChangeNoBit) {
     EXPECT_EQ(general.download().displacement, expected.displacement);
 }
 
+// The paper's ways to find neighbours: masks bit by bit, and lists whose rows say where they begin and end.
+TYPED_TEST(KernelBodies, ThePapersWaysChangeNoBit) {
+    using Real = typename TypeParam::Real;
+    const auto expect_same = [](Simulation<TypeParam>& papers, Simulation<TypeParam>&& own) {
+        papers.step(2);
+        own.step(2);
+        EXPECT_EQ(papers.download().displacement, own.download().displacement);
+        EXPECT_EQ(papers.download().increment, own.download().increment);
+    };
+    auto problems = networks();
+    const auto all = lattices();
+    for (const char* name : {"all_groups", "materials", "loads_and_pins"}) problems[name] = all.at(name);
+    for (const auto& [name, problem] : problems) {
+        SCOPED_TRACE(name);
+        const State start = random_state(problem, 0.05, 7);
+        for (const ListLayout layout : {ListLayout::vertical, ListLayout::concatenated}) {
+            std::vector<NeighbourLists<Real>> kinds = {
+                list_by_springs<Real>(problem, layout, TypeParam::formulation)};
+            if (problem.springs.empty() && grouped_list_refusal(problem).empty())
+                kinds.push_back(list_by_groups<Real>(problem, layout, TypeParam::formulation));
+            for (const NeighbourLists<Real>& lists : kinds) {
+                ExplicitSimulation<TypeParam> rows(problem, start, lists);
+                rows.use_rows();
+                expect_same(rows, ExplicitSimulation<TypeParam>(problem, start, lists));
+            }
+        }
+        if (!problem.springs.empty()) continue;
+        const BlockShape shape{16, 16, 1};
+        ImplicitSimulation<TypeParam> bits(problem, start, shape);
+        bits.cover_the_lattice();
+        bits.test_bits();
+        bits.poison();
+        expect_same(bits, ImplicitSimulation<TypeParam>(problem, start, shape));
+        TileSimulation<TypeParam, 16, 16> tile(problem, start);
+        tile.cover_the_lattice();
+        tile.test_bits();
+        expect_same(tile, TileSimulation<TypeParam, 16, 16>(problem, start));
+    }
+}
+
+TEST(Masks, BitByBitFetchOnlyNeighboursThatExist) {
+    using V = Variant<float, Formulation::paper>;
+    const Problem problem = lattice(solid({3, 3, 3}), NEIGHBOUR_BITS);
+    const auto step = make_implicit_step<float>(problem, place_on_grid(problem.lattice), V::formulation);
+    int fetched = 0;
+    const auto neighbour = [&](int, int, int) {
+        ++fetched;
+        return Point<float, false>{};
+    };
+    const auto compliance = [](int, int, int) { return 1.0F; };
+    const Self<float, false> self{{}, ACTIVE_BIT | 0x00300105U};
+    implicit_force<V::AllTerms, false>(step, self, neighbour, compliance);
+    EXPECT_EQ(std::exchange(fetched, 0), neighbour_count);
+    implicit_force<V::BitByBit, false>(step, self, neighbour, compliance);
+    EXPECT_EQ(fetched, std::popcount(self.bits & NEIGHBOUR_BITS));
+}
+
 // A block is left out where nothing in it or around it changed in the step before.
 TYPED_TEST(KernelBodies, BlocksAtRestAreLeftOutToTheBit) {
     constexpr bool drifts = TypeParam::formulation == Formulation::paper;

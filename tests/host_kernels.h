@@ -70,6 +70,8 @@ struct Variant {
     /// The terms that a scene of the paper's two groups needs: `terms`.
     template <std::uint32_t terms>
     using Needed = KernelTerms<f, FACE_BITS | EDGE_BITS, terms, false>;
+    /// AllTerms, with no neighbour fetched before its bit is tested.
+    using BitByBit = KernelTerms<f, NEIGHBOUR_BITS, all_terms | term_bit_by_bit, true>;
     /// AllTerms, with blocks at rest left out, and `terms`.
     template <std::uint32_t terms>
     using Resting = KernelTerms<f, NEIGHBOUR_BITS, all_terms | term_resting | terms, true>;
@@ -305,6 +307,8 @@ public:
 
     /// Uses the kernel that needs no masks where no neighbour is missing.
     void use_interior() { interior_ = true; }
+    /// Uses the kernel that fetches no neighbour before it has tested its bit.
+    void test_bits() { bit_by_bit_ = true; }
     /// Uses the kernel that leaves out blocks at rest, with a flush or without.
     void leave_out_resting(bool flush) {
         resting_ = flush ? Rests::flushed : Rests::yes;
@@ -387,12 +391,17 @@ protected:
             return;
         }
 
+        if (bit_by_bit_) {
+            step_blocks<typename V::BitByBit>(current, output);
+            return;
+        }
         with_terms<V>(needed_, interior_, [&]<class Terms>(Terms) { step_blocks<Terms>(current, output); });
     }
 
     BlockShape shape_;
     bool needed_;
     bool interior_ = false;
+    bool bit_by_bit_ = false;
 
     enum class Rests : std::uint8_t { no, yes, flushed } resting_ = Rests::no;
     std::vector<Real> compliance_;
@@ -441,11 +450,18 @@ private:
             for_each_thread([&](int tx, int ty, int index, auto& self) {
                 self = tile->fill(tx, ty, index, row, slice, current);
             });
-            for_each_thread([&](int tx, int ty, int index, const auto& self) {
-                step_voxel<typename V::AllTerms>(step, index, self, output,
-                                                 TileNeighbours<Real, V::split, W, H>{*tile, tx, ty},
-                                                 GridCompliance<Real>{step.compliance, index, row, slice});
-            });
+            const auto step_each = [&]<class Terms>(Terms) {
+                for_each_thread([&](int tx, int ty, int index, const auto& self) {
+                    step_voxel<Terms>(step, index, self, output,
+                                      TileNeighbours<Real, V::split, W, H>{*tile, tx, ty},
+                                      GridCompliance<Real>{step.compliance, index, row, slice});
+                });
+            };
+            if (this->bit_by_bit_) {
+                step_each(typename V::BitByBit{});
+            } else {
+                step_each(typename V::AllTerms{});
+            }
         });
     }
 };
@@ -475,6 +491,13 @@ public:
 
     /// Uses the kernel that tests every term at run time.
     void use_general_kernel() { needed_ = false; }
+    /// Uses the paper's rows.
+    void use_rows() {
+        const std::size_t entries = lists_.neighbour.size();
+        put_rows_ahead(lists_);
+        step_.neighbour = lists_.neighbour.data() + (lists_.neighbour.size() - entries);
+        rows_ = true;
+    }
 
 private:
     const NeighbourLists<Real>* lists() const override { return &lists_; }
@@ -482,7 +505,11 @@ private:
     void step_once(const Current& current, const Output<Real>& output) override {
         with_terms<V>(needed_, false, [&]<class Terms>(Terms) {
             const auto step_thread = [&](int i) {
-                if (!lists_.constants.empty()) {
+                if (rows_ && !lists_.constants.empty()) {
+                    step_by_rows<Terms, true>(step_, i, current, output);
+                } else if (rows_) {
+                    step_by_rows<Terms, false>(step_, i, current, output);
+                } else if (!lists_.constants.empty()) {
                     step_by_springs<Terms>(step_, i, current, output);
                 } else {
                     step_by_groups<Terms>(step_, i, current, output);
@@ -495,6 +522,7 @@ private:
     }
 
     bool needed_;
+    bool rows_ = false;
     HostBlocks blocks_;
     NeighbourLists<Real> lists_;
     ExplicitStep<Real> step_;

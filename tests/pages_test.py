@@ -3,6 +3,7 @@
 The current directory is the source tree.
 """
 
+import json
 import pathlib
 import re
 import shutil
@@ -163,6 +164,65 @@ class Template(unittest.TestCase):
             source.write_text(words + '\nIt takes {{ us("table1", "box@32", "cuda_none") }} us.\n')
             self.assertIn("nvidia-h200/table1 has no row box@32/cuda_none/position/float32", make("--check").stderr)
             self.assertEqual(page.read_text(), text, "nothing is written")
+
+
+def as_paper_of(result, slower):
+    """A made-up result of the study as_paper, from one of figure8: steps of a backend take `slower(backend, scene)` times as long."""
+    made = {key: [] if isinstance(value, list) else value for key, value in result.items()}
+    for name in ("benchmarks", "verification"):
+        for row in result[name]:
+            scene, backend, _, precision, *rest = row["name"].split("/")
+            own = rows.PAPER[2:] if name == "benchmarks" else ()
+            if backend not in rows.PAPER or any("=" in one for one in rest):
+                continue
+            for layout in ["", ",layout=concatenated"] if backend in own and "explicit" in backend and scene == "box@32" else [""]:
+                tuning = [f"counters=rows,graph=off{layout}"] * backend.startswith("cuda")
+                time = slower(backend, scene) * (2 if layout else 1)
+                made[name].append(row | {"name": "/".join([scene, backend, "paper", precision, *tuning, *rest]), "formulation": "paper"}
+                                  | ({"real_time": row["real_time"] * time} if "real_time" in row else {}))
+    return made
+
+
+class AsPaper(unittest.TestCase):
+    """The page with and without results of the study as_paper."""
+
+    def page(self, folder, result=None):
+        copy = pathlib.Path(folder) / "results"
+        shutil.copytree("results", copy, ignore=shutil.ignore_patterns("local", "__pycache__", "as_paper.json*"))
+        if result:
+            (copy / "nvidia-h200/as_paper.json").write_text(json.dumps(result))
+        done = subprocess.run([sys.executable, "-B", copy / "paper.py"], capture_output=True, text=True, check=False)
+        self.assertEqual(done.stderr, "")
+        text = (copy / "README.md").read_text()
+        verdicts = {line[0]: line[2:] for line in cells_of(text) if len(line) == 4}
+        return text, verdicts
+
+    def test_not_measured(self):
+        with tempfile.TemporaryDirectory() as folder:
+            text, verdicts = self.page(folder)
+        self.assertIn("The study `as_paper` is not measured yet on this card.", text)
+        today = {name: own[1] for name, own in verdicts.items()}
+        self.assertEqual(verdicts["lists are faster than implicit addressing"][0], "not measured yet")
+        self.assertEqual(verdicts["changes of topology cost little"][0], "not measured by the paper")
+        self.assertTrue(today["CUDA is faster than OpenGL"].startswith("not decidable on this card; by compute shaders"))
+        self.assertIn(facts.addressing_verdict(), today.values())
+
+    def test_measured(self):
+        """Lists take 0.01 of their time on boxes, and 9 times it with counters on the largest one."""
+        def slower(backend, scene):
+            return 0.01 * (900 if (backend, scene) == ("cuda_explicit_cached_grid", "box@256") else 1) if "explicit" in backend else 1
+        with tempfile.TemporaryDirectory() as folder:
+            text, verdicts = self.page(folder, as_paper_of(rows.result("figure8"), slower))
+        for name, said in (("lists are faster than implicit addressing", "holds"),
+                           ("counters are faster than a secondary list", "depends on the dataset"),
+                           ("vertical lists are faster (Figure 6)", "holds"), ("CUDA is faster than OpenGL", "not decidable on this card"),
+                           ("changes of topology cost little", "not measured by the paper"),
+                           ("time is linear beyond 50,000 particles", "lists: holds from 17 million on")):
+            self.assertEqual(verdicts[name][0], said)
+        self.assertNotIn("not measured yet", text)
+        lines = {line[0]: line[1:] for line in cells_of(text)}
+        self.assertNotIn("-", lines["`cuda_explicit_device`"][-9:])
+        self.assertEqual(len([one for one in lines["`cuda_explicit_device`, concatenated"] if one != "-"]), 1)
 
 
 def case(scene, backend, microseconds, particles=1000, voxels=1000, tuning="", **more):

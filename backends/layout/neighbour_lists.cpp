@@ -14,14 +14,12 @@ namespace {
 // Signed, because OpenMP's loops prefer that.
 std::ptrdiff_t count_of(const Problem& problem) { return std::ptrdiff_t(problem.particle_count()); }
 
-// 128 bytes of list entries: columns of vertical lists begin on a cache line.
-constexpr std::uint32_t pitch_multiple = 32;
-
 ListShape make_shape(std::size_t particles, std::uint32_t slots, ListLayout layout) {
     if (layout == ListLayout::concatenated)
         return {.particle_stride = slots, .slot_stride = 1, .slots = slots};
     return {.particle_stride = 1,
-            .slot_stride = std::uint32_t(rounded_up(particles, std::size_t(pitch_multiple))),
+            // Columns begin on a cache line.
+            .slot_stride = ListRows::stride(std::uint32_t(particles)),
             .slots = slots};
 }
 
@@ -188,6 +186,21 @@ NeighbourLists<Real> list_by_springs(const Problem& problem, ListLayout layout, 
     return lists;
 }
 
+template <class Real>
+void put_rows_ahead(NeighbourLists<Real>& lists) {
+    const bool secondary = !lists.constants.empty();
+    const auto particles = std::uint32_t(lists.bits.size());
+    const std::size_t stride = ListRows::stride(particles);
+    std::vector<std::uint32_t> rows(ListRows::size(particles, secondary));
+    for (std::uint32_t i = 0; i < particles; ++i) {
+        rows[i] = std::uint32_t(lists.shape.at(i, 0));
+        for (std::uint32_t row = 1; row < ListRows::count(secondary); ++row)
+            rows[row * stride + i] = secondary ? lists.bits[i] & list_count_bits
+                                               : GroupCounters::count(lists.bits[i], int(row) - 1);
+    }
+    lists.neighbour.insert(lists.neighbour.begin(), rows.begin(), rows.end());
+}
+
 std::uint32_t longest_list(const SpringEdit& edit) {
     std::uint32_t longest = 0;
     for (const SpringEdit::Touched& touched : edit.touched)
@@ -253,6 +266,7 @@ ExplicitStep<Real> make_explicit_step(const Problem& problem, const NeighbourLis
 #define FOR_PRECISION(Real)                                                                        \
     template NeighbourLists<Real> list_by_groups(const Problem&, ListLayout, Formulation);         \
     template NeighbourLists<Real> list_by_springs(const Problem&, ListLayout, Formulation);        \
+    template void put_rows_ahead(NeighbourLists<Real>&);                                           \
     template EditedLists<Real> edited_by_groups(const Problem&, const SpringEdit&, std::uint32_t,  \
                                                 Formulation);                                      \
     template EditedLists<Real> edited_by_springs(const Problem&, const SpringEdit&, std::uint32_t, \

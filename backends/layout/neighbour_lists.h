@@ -42,6 +42,10 @@ NeighbourLists<Real> list_by_groups(const Problem& problem, ListLayout layout, F
 template <class Real>
 NeighbourLists<Real> list_by_springs(const Problem& problem, ListLayout layout, Formulation formulation);
 
+/// Puts the rows of ListRows ahead of the entries of filled lists.
+template <class Real>
+void put_rows_ahead(NeighbourLists<Real>& lists);
+
 /// New lists of the particles that an edit touched.
 template <class Real>
 struct EditedLists {

@@ -151,16 +151,21 @@ void CudaBackend::enqueue_steps(int count) {
         return;
     }
     if (borders_first_) borders_first_->order_after_main_stream();
+    if (!replays_steps()) {
+        for (; count > 0; --count) {
+            launch_step(current_);
+            current_ = 1 - current_;
+            stepped(1);
+        }
+        return;
+    }
     for (int k = graph_lengths - 1; k >= 0; --k) {
         for (; count >= 1 << k; count -= 1 << k) {
             std::optional<Graph>& graph =
                 graphs_[std::size_t(kind_of_step())][std::size_t(current_)][std::size_t(k)];
             if (!graph) {
                 graph.emplace(Graph::capture(stream_, [&] {
-                    for (int n = 0; n < 1 << k; ++n) {
-                        enqueue_tool((current_ + n) % 2);
-                        enqueue_step((current_ + n) % 2);
-                    }
+                    for (int n = 0; n < 1 << k; ++n) launch_step((current_ + n) % 2);
                 }));
             }
             graph->launch(stream_);

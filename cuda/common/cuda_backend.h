@@ -105,6 +105,10 @@ protected:
 
 private:
     void begin_upload();
+    void launch_step(int reading) {
+        enqueue_tool(reading);
+        enqueue_step(reading);
+    }
 
     /// Empty, or why the strategy cannot run `problem`, memory aside.
     virtual std::string refused(const Problem& problem) const = 0;
@@ -128,6 +132,8 @@ private:
     virtual bool split_steps(const std::vector<std::uint32_t>& /*border*/) { return false; }
     /// Enqueues one such part of a step that reads buffer `reading`.
     virtual void enqueue_part(int /*reading*/, StepPart, const Stream&) {}
+    /// Whether steps are replayed from graphs. Otherwise the host launches each.
+    virtual bool replays_steps() const { return true; }
     /// Whether the next step can be made in two parts.
     virtual bool splits_next_step() const { return true; }
     void enqueue_split_steps(int count);

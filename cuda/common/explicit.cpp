@@ -1,5 +1,6 @@
 #include "cuda/common/explicit.h"
 
+#include <limits>
 #include <numeric>
 #include <utility>
 
@@ -17,11 +18,16 @@ struct ListOptions {
     Secondary secondary = Secondary::always;
     ListLayout layout = ListLayout::vertical;
     unsigned block = 128;  ///< threads
+    bool rows = false;     ///< of ListRows stand ahead of the lists
 
     ListOptions(Secondary when, const Options& options)
         : secondary(when),
           layout(options.tuning.at("layout") == "vertical" ? ListLayout::vertical : ListLayout::concatenated),
-          block(unsigned(std::stoul(options.tuning.at("block")))) {}
+          block(unsigned(std::stoul(options.tuning.at("block")))),
+          rows(options.tuning.at("counters") == "rows") {
+        if (when == Secondary::where_needed && options.tuning.at("secondary") == "always")
+            secondary = Secondary::always;
+    }
 
     bool has_secondary(const Problem& problem) const {
         return secondary == Secondary::always ||
@@ -34,7 +40,9 @@ std::uint64_t explicit_bytes(const Problem& problem, const ListOptions& options,
     const bool secondary = options.has_secondary(problem);
     const bool off_lattice_rest = !problem.springs.empty() && !on_positions(formulation);
     const std::uint32_t slots = secondary ? slots_by_springs(problem) : slots_by_groups(problem);
+    const auto particles = std::uint32_t(problem.particle_count());
     return particle_bytes<Real>(problem, place_compact(problem), formulation) +
+           (options.rows ? ListRows::size(particles, secondary) * sizeof(std::uint32_t) : 0) +
            list_size(problem.particle_count(), slots, options.layout) *
                (sizeof(std::uint32_t) + (secondary ? sizeof(SpringConstants<Real>) : 0) +
                 (off_lattice_rest ? sizeof(SpringRest<Real>) : 0));
@@ -57,7 +65,9 @@ public:
         if (edit.empty()) return;
         const ExplicitStep<Real>& step = this->launch().step;
         const bool secondary = options_.has_secondary(edited);
-        if (secondary != (step.constants != nullptr) || longest_list(edit) > step.shape.slots ||
+        // Rows are not written one by one: they are there to compare with the paper, which timed no edits.
+        if (options_.rows || secondary != (step.constants != nullptr) ||
+            longest_list(edit) > step.shape.slots ||
             (needs_off_lattice_rest(edited) && step.off_lattice_rest == nullptr)) {
             lay_out_anew(edited);
             return;
@@ -72,7 +82,16 @@ public:
     }
 
     StepWork step_work(const Problem& problem) const override {
-        return explicit_work<Real>(problem, options_.has_secondary(problem), this->formulation());
+        const bool secondary = options_.has_secondary(problem);
+        StepWork work = explicit_work<Real>(problem, secondary, this->formulation());
+        // The rows that are read: where a list begins and how many entries it has, in all or of a group.
+        const int groups = int((problem.group_bits & FACE_BITS) != 0) +
+                           int((problem.group_bits & EDGE_BITS) != 0) +
+                           int((problem.group_bits & CORNER_BITS) != 0);
+        if (options_.rows)
+            work.read_once(problem.particle_count() * std::size_t(secondary ? 2 : 1 + groups) *
+                           sizeof(std::uint32_t));
+        return work;
     }
 
 private:
@@ -91,6 +110,7 @@ private:
         const Formulation formulation = this->formulation();
         NeighbourLists<Real> lists = secondary ? list_by_springs<Real>(problem, options_.layout, formulation)
                                                : list_by_groups<Real>(problem, options_.layout, formulation);
+        if (options_.rows) put_rows_ahead(lists);
         neighbour_.upload(lists.neighbour, this->stream());
         constants_.upload(lists.constants, this->stream());
         off_lattice_rest_.upload(lists.off_lattice_rest, this->stream());
@@ -99,7 +119,8 @@ private:
         launch.block = dim3(options_.block);
         launch.grid = dim3(blocks_for(problem.particle_count(), options_.block));
         launch.step = make_explicit_step<Real>(problem, lists, formulation);
-        launch.step.neighbour = neighbour_.data();
+        launch.step.neighbour =
+            neighbour_.data() + (options_.rows ? ListRows::size(launch.step.particles, secondary) : 0);
         launch.step.constants = constants_.data();
         launch.step.off_lattice_rest = off_lattice_rest_.data();
         if (!by_increments(formulation)) {
@@ -111,6 +132,7 @@ private:
             this->family().source("explicit.cu", problem, max_threads, blocks,
                                   needs_off_lattice_rest(problem) ? term_off_lattice_rests : 0);
         if (secondary) source.macros["SECONDARY"] = "1";
+        if (options_.rows) source.macros["ROWS"] = "1";
         launch.kernel = this->kernel(source);
         launch.source = source;
         return {launch, std::move(lists.bits)};
@@ -135,6 +157,13 @@ private:
                 return "one counter per spring group holds no constants of single springs: " + why;
         }
         if (std::string why = list_entry_refusal(problem, this->formulation()); !why.empty()) return why;
+        if (options_.rows && options_.layout == ListLayout::concatenated) {
+            const std::size_t entries =
+                problem.particle_count() *
+                (options_.has_secondary(problem) ? slots_by_springs(problem) : slots_by_groups(problem));
+            if (entries > std::numeric_limits<std::uint32_t>::max())
+                return std::to_string(entries) + " list entries exceed the 32 bits of an index in a row";
+        }
         return launch_refusal<Real>(problem.particle_count(), this->device(), this->family());
     }
     std::uint64_t bytes_needed(const Problem& problem) const override {
@@ -169,17 +198,26 @@ BackendEntry explicit_entry(const std::string& name, const std::string& summary,
                    ? explicit_bytes<float>(problem, chosen, options.formulation)
                    : explicit_bytes<double>(problem, chosen, options.formulation);
     };
+    std::map<std::string, TuningValues> own = {
+        // Whether a step is launched while the step before it still runs.
+        {"dependent_launch", {"off", "on"}},
+        {"block", {"128", "64", "256", "512"}},
+        {"fetch", fetches},
+        // The layouts of the paper's Figures 6 b and 6 a.
+        {"layout", {"vertical", "concatenated"}},
+        // Where the number of a list's entries is: with the particle, and lists are read in chunks before it
+        // is known; or in the paper's rows (ListRows), and each entry is read by itself.
+        {"counters", {"word", "rows"}},
+        // Whether steps are replayed from a graph, or launched one by one, as in the paper.
+        {"graph", {"on", "off"}}};
+    // The paper has the secondary list whatever the scene.
+    if (secondary == Secondary::where_needed) own["secondary"] = {"where_needed", "always"};
     return {.name = name,
             .api = "cuda",
             .summary = summary,
             .precisions = {Precision::float32, Precision::float64},
             .formulations = every_formulation,
-            .tuning = tuning({// Whether a step is launched while the step before it still runs.
-                              {"dependent_launch", {"off", "on"}},
-                              {"block", {"128", "64", "256", "512"}},
-                              {"fetch", fetches},
-                              // The layouts of the paper's Figures 6 b and 6 a.
-                              {"layout", {"vertical", "concatenated"}}}),
+            .tuning = tuning(own),
             .make = make,
             .bytes = bytes};
 }

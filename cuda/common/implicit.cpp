@@ -187,9 +187,10 @@ private:
 
     KernelSource source(const Problem& problem, dim3 grid, int registers,
                         std::uint32_t more_terms = 0) const {
-        KernelSource source = this->family().source(tiled_ ? "tile.cu" : "implicit.cu", problem, max_threads,
-                                                    this->blocks_with(registers, max_threads),
-                                                    (votes(grid) ? term_full_stencil : 0) | more_terms);
+        KernelSource source = this->family().source(
+            tiled_ ? "tile.cu" : "implicit.cu", problem, max_threads,
+            this->blocks_with(registers, max_threads),
+            (votes(grid) ? term_full_stencil : 0) | (interior_ == "bits" ? term_bit_by_bit : 0) | more_terms);
         if (tiled_) {
             source.macros["THREADS"] = std::to_string(shape_.x * shape_.y);
             source.macros["WIDTH"] = std::to_string(shape_.x);
@@ -263,8 +264,11 @@ BackendEntry implicit_entry(const std::string& name, const std::string& summary,
         // few registers make room for more of them. `auto` decides by the lattice's size and the formulation.
         {"registers", {"auto", "32", "40", "48", "64", "128"}},
         // Whether a warp skips the masks if all its particles have all neighbours (`vote`). `auto` decides by
-        // the lattice's size.
-        {"interior", {"auto", "mask", "vote"}},
+        // the lattice's size. `bits` fetches a neighbour only after its bit of the mask is tested, as in the
+        // paper; the others fetch all neighbours meanwhile.
+        {"interior", {"auto", "mask", "vote", "bits"}},
+        // Whether steps are replayed from a graph, or launched one by one, as in the paper.
+        {"graph", {"on", "off"}},
         // Which blocks of voxels are launched: those with a particle, or all, with one thread per voxel,
         // active or not, as in the paper.
         {"launched", {"occupied", "all"}},

@@ -15,7 +15,7 @@ BackendEntry implicit_entry(const std::string& name, const std::string& summary,
                             const TuningValues& blocks);
 
 /// Shapes of at most 256 threads.
-inline const TuningValues voxel_blocks = {"32x4x2",  "32x8x1", "64x4x1", "128x2x1",
-                                          "128x1x1", "16x4x4", "8x8x4"};
+inline const TuningValues voxel_blocks = {"32x4x2",  "32x8x1",  "64x4x1", "128x2x1",
+                                          "128x1x1", "16x16x1", "16x4x4", "8x8x4"};
 
 }  // namespace voxspring::cuda

@@ -24,7 +24,8 @@ KernelFamily::KernelFamily(const Options& options, Fetch path)
       fetch(path),
       all_terms(options.tuning.at("terms") == "all"),
       dependent_launch(is_tuned(options, "dependent_launch", "on")),
-      may_be_dependent(is_tuned(options, "dependent_launch", "auto")) {}
+      may_be_dependent(is_tuned(options, "dependent_launch", "auto")),
+      replays(!is_tuned(options, "graph", "off")) {}
 
 KernelFamily KernelFamily::on(const Device& device) const {
     KernelFamily family = *this;

@@ -59,6 +59,7 @@ struct KernelFamily {
     bool all_terms;         ///< compiled in, and asked for at run time (tuning `terms`)
     bool dependent_launch;  ///< tuning `dependent_launch`
     bool may_be_dependent;  ///< tuning `dependent_launch` is "auto": on if the device can
+    bool replays;           ///< steps from graphs, unless tuning `graph` is "off"
 
     explicit KernelFamily(const Options& options, Fetch path);
     /// This family with "auto" replaced by what it means on `device`.
@@ -335,6 +336,8 @@ protected:
         launch_kernel(in, *part_kernel_, dim3(unsigned(count)), launch_.block, launch_.shared_bytes,
                       launch_.step, reading, blocks);
     }
+
+    bool replays_steps() const final { return family_.replays; }
 
     bool gives_borders() const override { return true; }
     /// Called when places of particles were written into the state between two steps.

@@ -1,4 +1,5 @@
-// With SECONDARY the step reads the secondary list, otherwise one counter per spring group.
+// With SECONDARY the step reads the secondary list, otherwise one counter per spring group. With ROWS lists
+// are as the paper had them.
 #include "cuda/kernels/entry.h"
 #include "cuda/kernels/explicit.h"
 
@@ -9,7 +10,11 @@ KERNEL step(const __grid_constant__ ExplicitStep<Real> step, const __grid_consta
     AWAIT_STEP_BEFORE();
     const int i = int(BLOCK_NUMBER * blockDim.x + threadIdx.x);
     const Reader<Real, Terms::split, Fetch> current{high, low};
-#ifdef SECONDARY
+#if defined(ROWS) && defined(SECONDARY)
+    step_by_rows<Terms, true>(step, i, current, output);
+#elif defined(ROWS)
+    step_by_rows<Terms, false>(step, i, current, output);
+#elif defined(SECONDARY)
     step_by_springs<Terms>(step, i, current, output);
 #else
     step_by_groups<Terms>(step, i, current, output);

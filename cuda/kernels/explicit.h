@@ -121,4 +121,49 @@ VOXSPRING_HOST_DEVICE void step_by_springs(const ExplicitStep<Real>& step, int i
     integrate_and_store<Terms>(step.motion, output, i, self, before, force);
 }
 
+/// Steps particle i with a list as the paper had it: the rows of ListRows say where it begins and how many
+/// entries it has, and each entry is read by itself. The sums have the order of the other two.
+template <class Terms, bool secondary, class Real, class Current>
+VOXSPRING_HOST_DEVICE void step_by_rows(const ExplicitStep<Real>& step, int i, const Current& current,
+                                        const Output<Real>& output) {
+    if (i >= step.particles) return;
+    const std::size_t stride = ListRows::stride(std::uint32_t(step.particles));
+    const std::uint32_t* const row = step.neighbour - stride * ListRows::count(secondary) + i;
+    const std::size_t begin = current.entry(row);
+    const Self<Real, Terms::split> self = current.self(i);
+    const PreviousOrVelocity<Real> before = load_before<Terms>(output, i);
+    const auto pull_of = [&](std::size_t at, Real rest_length) {
+        const std::uint32_t entry = current.entry(step.neighbour + at);
+        SpringRest<Real> rest = listed_rest<Terms>(step.rest, entry);
+        if (secondary && Terms::template has<term_off_lattice_rests>(step.off_lattice_rest != nullptr) &&
+            entry >> LISTED_INDEX_BITS == OWN_DIRECTION)
+            rest = step.off_lattice_rest[at];
+        const auto other = current.point(listed_index<Terms>(entry), 0);
+        return unit_pull<Terms>(self.point - other, rest, rest_length, step.motion.shortest_squared);
+    };
+    Vector<Real> force{0, 0, 0};
+    if constexpr (secondary) {
+        const std::uint32_t count = current.entry(row + stride);
+        for (std::uint32_t s = 0; s < count; ++s) {
+            const std::size_t at = begin + std::size_t(s) * step.shape.slot_stride;
+            const SpringConstants<Real> constants = current.entry(step.constants + at);
+            const Pull<Real> pull = pull_of(at, constants.rest_length);
+            force = fused(pull.offset, pull.density * constants.stiffness, force);
+        }
+    } else {
+        for (int g = 0; g < 3; ++g) {
+            if ((Terms::groups & (g == 0 ? FACE_BITS : g == 1 ? EDGE_BITS : CORNER_BITS)) == 0) continue;
+            const std::uint32_t count = current.entry(row + stride * std::size_t(1 + g));
+            Vector<Real> group{0, 0, 0};
+            for (std::uint32_t s = 0; s < count; ++s) {
+                const std::size_t slot = step.first_slot[g] + s;
+                const Pull<Real> pull = pull_of(begin + slot * step.shape.slot_stride, step.rest_length[g]);
+                group = fused(pull.offset, pull.density, group);
+            }
+            force = force + group * step.stiffness[g];
+        }
+    }
+    integrate_and_store<Terms>(step.motion, output, i, self, before, force);
+}
+
 }  // namespace voxspring::cuda

@@ -87,7 +87,7 @@ __device__ inline int4 texel(cudaTextureObject_t texture, int index, int4) {
 }
 
 /// Reads positions through a texture object (tex1Dfetch): one float4, or two int4 for float64. Lists are read
-/// by plain loads.
+/// by plain loads, which with ROWS, as in 2008, no cache beside the multiprocessor serves.
 template <class Real>
 struct ThroughTexture {
     cudaTextureObject_t texture;
@@ -103,7 +103,11 @@ struct ThroughTexture {
     }
     template <class T>
     __device__ T entry(const T* p) const {
+#ifdef ROWS
+        return list_entry_past_l1(p);
+#else
         return list_entry_through_l1(p);
+#endif
     }
 };
 

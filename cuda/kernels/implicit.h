@@ -58,7 +58,8 @@ struct EveryNeighbour {
 /// Adds the springs of `self` to its `Chosen` neighbours. `neighbour(dx, dy, dz)` is the point at that offset
 /// and `compliance(dx, dy, dz)` its compliance. Both are called for absent neighbours too, so that no fetch
 /// waits for the mask. A selection then drops what they gave, so that a NaN in an inactive voxel stays there.
-/// `full_stencil`: every neighbour of the groups that are compiled in exists.
+/// With term_bit_by_bit they are called only for neighbours that exist. `full_stencil`: every neighbour of
+/// the groups that are compiled in exists.
 template <class Terms, bool full_stencil, class Chosen, class Real, class Neighbour, class Compliance>
 VOXSPRING_HOST_DEVICE void add_springs(const ImplicitStep<Real>& step, const Vector<Real>& spacing,
                                        const Self<Real, Terms::split>& self, Neighbour neighbour,
@@ -68,14 +69,19 @@ VOXSPRING_HOST_DEVICE void add_springs(const ImplicitStep<Real>& step, const Vec
     // All fetches of a group come before the first use. With few warps, as on a small lattice, an SM has
     // nothing else to do, and a step takes as long as the latencies that one thread waits for one after the
     // other.
-#define FETCH_NEIGHBOUR(bit, dx, dy, dz) \
-    [[maybe_unused]] const auto neighbour##bit = Chosen::has(dx, dy, dz) ? neighbour(dx, dy, dz) : self.point;
-#define ADD_SPRING(group, bit, dx, dy, dz)                                                                 \
-    if constexpr (Chosen::has(dx, dy, dz)) {                                                               \
-        Pull<Real> pull = lattice_pull<Terms>(step, spacing, self.point, neighbour##bit, bit, dx, dy, dz); \
-        if (materials) pull.density *= fast_series_stiffness(own_compliance, compliance(dx, dy, dz));      \
-        if (full_stencil || (self.bits >> (bit)&1U) != 0)                                                  \
-            sums.group = fused(pull.offset, pull.density, sums.group);                                     \
+    constexpr bool bit_by_bit = Terms::compiled(term_bit_by_bit);
+#define FETCH_NEIGHBOUR(bit, dx, dy, dz)         \
+    [[maybe_unused]] const auto neighbour##bit = \
+        Chosen::has(dx, dy, dz) && !bit_by_bit ? neighbour(dx, dy, dz) : self.point;
+#define ADD_SPRING(group, bit, dx, dy, dz)                                                                \
+    if constexpr (Chosen::has(dx, dy, dz)) {                                                              \
+        const bool exists = full_stencil || (self.bits >> (bit)&1U) != 0;                                 \
+        if (!bit_by_bit || exists) {                                                                      \
+            const auto there = bit_by_bit ? neighbour(dx, dy, dz) : neighbour##bit;                       \
+            Pull<Real> pull = lattice_pull<Terms>(step, spacing, self.point, there, bit, dx, dy, dz);     \
+            if (materials) pull.density *= fast_series_stiffness(own_compliance, compliance(dx, dy, dz)); \
+            if (exists) sums.group = fused(pull.offset, pull.density, sums.group);                        \
+        }                                                                                                 \
     }
 #define ADD_FACE(bit, dx, dy, dz) ADD_SPRING(face, bit, dx, dy, dz)
 #define ADD_EDGE(bit, dx, dy, dz) ADD_SPRING(edge, bit, dx, dy, dz)

@@ -11,8 +11,8 @@ import statistics
 
 import result_files
 from readme import tables
-from readme.rows import (CPU, GPU, PAPER, Missing, about_backend, by_name, fastest_of, figure, is_papers, medians, medians_of, result,
-                         three_digits)
+from readme.rows import (CPU, GPU, PAPER, RESULTS, Missing, about_backend, by_name, fastest_of, figure, is_papers, medians, medians_of,
+                         name_of, result, three_digits)
 from readme.tables import slow_down
 from result_files import distinct, groups, listed
 
@@ -27,6 +27,10 @@ ALIKE = 0.03
 LINEAR = 0.2
 # The verdict calls edits free if they slow steps down by at most this share.
 CHEAP = 0.05
+# Fragment shaders say nothing of OpenGL where compute shaders reach more than so many times their arithmetic.
+HELD_BACK = 4
+NOT_DECIDABLE = "not decidable on this card"
+NOT_MEASURED = "not measured yet"
 
 
 def row(study, scene, case, formulation="position", precision="float32", machine=GPU, rows=None):
@@ -151,9 +155,9 @@ class Dataset:
         return ("large" if self.particles > LARGE else "small") + (" sparse" if self.active < SPARSE else " full")
 
 
-def datasets(formulation="position"):
-    """The datasets of the study fastest on which both kinds of addressing ran without edits, small ones first."""
-    rows = [row for row in medians("fastest")
+def datasets(formulation="position", rows=None):
+    """The datasets of the study fastest, or of other rows, on which both kinds of addressing ran without edits, small ones first."""
+    rows = [row for row in (medians("fastest") if rows is None else rows)
             if row["formulation"] == formulation and row["precision"] == "float32" and not row.get("edits")]
     found = map(Dataset, groups(rows, "scene").values())
     return sorted((one for one in found if one.implicit and one.explicit), key=lambda one: (one.particles, one.active))
@@ -166,9 +170,9 @@ def winner(ratios):
     return "inverts" if all(ratio > 1 + ALIKE for ratio in ratios) else "is undecided"
 
 
-def addressing_verdict():
-    """`holds for small sparse bodies, inverts for large sparse and large full bodies`."""
-    by_kind = groups(datasets(), lambda one: one.kind)
+def addressing_verdict(of=None):
+    """`holds for small sparse bodies, inverts for large sparse and large full bodies`, of some datasets or those of the study fastest."""
+    by_kind = groups(of or datasets(), lambda one: one.kind)
     ratios = {kind: winner([one.ratio for one in by_kind[kind,]]) for kind in KINDS if (kind,) in by_kind}
     if len(set(ratios.values())) == 1:
         return next(iter(ratios.values()))
@@ -207,6 +211,8 @@ def vertical(case):
 
 def opengl_verdict():
     """The paper says that CUDA is faster than OpenGL's fragment shaders, with either addressing."""
+    if fragment_share() > HELD_BACK:
+        return NOT_DECIDABLE
     return verdict(ratio("table1", scene, cuda, gl) for scene in ("box@32", "heart") for cuda, gl in
                    (("cuda_implicit_cached", "gl_fragment_implicit"), ("cuda_explicit_cached_grid", "gl_fragment_explicit")))
 
@@ -263,9 +269,13 @@ def nanoseconds(one):
     return one["real_time"] * 1e3 / one["particles"]
 
 
-def growth(cases=papers_cuda, smallest=0):
-    """How far the time a particle of each case is from that on its largest box, over the boxes from a size on."""
-    rows = [one for one in medians("figure8") if cases(one) and one["particles"] >= smallest]
+def papers_lists(one):
+    return papers_cuda(one) and one["addressing"] == "explicit"
+
+
+def growth(cases=papers_cuda, smallest=0, rows=None):
+    """How far the time a particle of each case is from that on its largest box, over the boxes of Figure 8, or other rows, from a size on."""
+    rows = [one for one in (medians("figure8") if rows is None else rows) if cases(one) and one["particles"] >= smallest]
     found = []
     for of_case in groups(rows, tables.contender).values():
         last = nanoseconds(max(of_case, key=lambda one: one["particles"]))
@@ -273,15 +283,15 @@ def growth(cases=papers_cuda, smallest=0):
     return max(max(found) - 1, 1 - min(found))
 
 
-def linear_from():
+def linear_from(cases=papers_cuda, rows=None):
     """The fewest particles from which on the paper's CUDA strategies are linear."""
-    sizes = sorted({one["particles"] for one in medians("figure8") if papers_cuda(one)})
-    return next(size for size in sizes if growth(smallest=size) <= LINEAR)
+    sizes = sorted({one["particles"] for one in (medians("figure8") if rows is None else rows) if cases(one)})
+    return next(size for size in sizes if growth(cases, size, rows) <= LINEAR)
 
 
-def linear_verdict():
-    """The paper says linear beyond 50,000 particles."""
-    size = linear_from()
+def linear_verdict(cases=papers_cuda, rows=None):
+    """The paper says linear beyond 50,000 particles, of its lists alone."""
+    size = linear_from(cases, rows)
     if size <= 50_000:
         return "holds"
     return f"holds from {size / 1e6:.2g} million on" if size >= 1e6 else f"holds from {size:,} on"
@@ -291,6 +301,63 @@ def times_as_long(study, scene, case):
     """A case over the paper's fastest CUDA strategy on a dataset."""
     papers = [one for one in medians(study) if one["scene"] == scene and papers_cuda(one) and one["formulation"] == "position"]
     return us(study, scene, case) / fastest_of(papers)["real_time"]
+
+
+# --- The strategies as the paper had them -------------------------------------------------------------------
+
+def is_concatenated(one):
+    return "layout=concatenated" in name_of(one)
+
+
+def as_paper():
+    """The rows of the study as_paper. None before a card has measured it."""
+    return medians("as_paper") if result_files.named(RESULTS / GPU, "as_paper").exists() else []
+
+
+def of_as_paper(say):
+    """What `say` makes of the rows with vertical lists, or that there are no rows."""
+    found = [one for one in as_paper() if not is_concatenated(one)]
+    return say(found) if found else NOT_MEASURED
+
+
+def ratios_between(some, others, *keys):
+    """The times of rows over those of other rows with the same values of some keys."""
+    over = {tuple(one[key] for key in keys): one["real_time"] for one in others}
+    return [one["real_time"] / over[at] for one in some if (at := tuple(one[key] for key in keys)) in over]
+
+
+def as_paper_addressing():
+    return of_as_paper(lambda found: addressing_verdict(datasets("paper", found)))
+
+
+def as_paper_counters():
+    def of(backend, found):
+        return [one for one in found if one["backend"] == backend]
+    return of_as_paper(lambda found: verdict(ratios_between(of("cuda_explicit_cached_grid", found), of("cuda_explicit_cached", found), "scene")))
+
+
+def as_paper_vertical():
+    return of_as_paper(lambda found: verdict(ratios_between(found, filter(is_concatenated, as_paper()), "scene", "backend")))
+
+
+def as_paper_opengl():
+    if fragment_share() > HELD_BACK:
+        return NOT_DECIDABLE
+    best = {"CUDA": papers_cuda, "OpenGL": is_fragments}
+    return of_as_paper(lambda found: verdict(ratios_between(
+        *([fastest_of(own) for own in groups(filter(of, found), "scene").values()] for of in best.values()), "scene")))
+
+
+def as_paper_linear():
+    return of_as_paper(lambda found: linear_verdict(papers_lists, [one for one in found if one["scene"].startswith("box@")]))
+
+
+def as_paper_fetches(scene):
+    """How the implicit strategies fetch a neighbour, fastest first, each with its microseconds on a scene."""
+    def say(found):
+        own = sorted((one for one in found if one["scene"] == scene and one["backend"] in IMPLICIT), key=lambda one: one["real_time"])
+        return ", ".join(f"{FETCHES[one['backend']]} ({three_digits(one['real_time'])})" for one in own)
+    return of_as_paper(say)
 
 
 # --- Between studies, formulations, errors -----------------------------------------------------------------

@@ -52,4 +52,19 @@ struct GroupCounters {
 /// Slots that are read at a time; lists by springs have whole chunks.
 inline constexpr int list_chunk = 6;
 
+/// The paper's rows, which may stand ahead of the lists. A row has one element per particle and begins on a
+/// cache line. The first row says where a particle's list begins; the others say how many entries it has, in
+/// all with the secondary list and else of each group.
+struct ListRows {
+    static constexpr std::uint32_t cache_line = 32;  ///< elements
+    static VOXSPRING_HOST_DEVICE std::uint32_t count(bool secondary) { return secondary ? 2 : 4; }
+    static VOXSPRING_HOST_DEVICE std::uint32_t stride(std::uint32_t particles) {
+        return (particles + cache_line - 1) / cache_line * cache_line;
+    }
+    /// Elements of all rows.
+    static VOXSPRING_HOST_DEVICE std::size_t size(std::uint32_t particles, bool secondary) {
+        return std::size_t(stride(particles)) * count(secondary);
+    }
+};
+
 }  // namespace voxspring::layout
