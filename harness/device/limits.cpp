@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "backends/disk_cache.h"
+#include "harness/base/json.h"
 #include "harness/base/text.h"
 #include "version.h"  // generated
 
@@ -100,9 +101,8 @@ bool is_on_a_part(const DeviceLimits& limits) {
 
 /// What the limits of a device depend on.
 std::string name_in_cache(const Capabilities& device) {
-    return "limits-" + hash_of(nlohmann::json({version_commit, device.api, device.device, device.driver,
-                                               device.uuid, device.limits_of})
-                                   .dump());
+    return "limits-" + hash_of(json_text({version_commit, device.api, device.device, device.driver,
+                                          device.uuid, device.limits_of}));
 }
 
 }  // namespace
@@ -116,7 +116,7 @@ std::optional<DeviceLimits> best_so_far(const Capabilities& device) {
 DeviceLimits best_so_far(const Capabilities& device, const DeviceLimits& measured) {
     const std::optional<DeviceLimits> known = best_so_far(device);
     const DeviceLimits best = known ? best_of(*known, measured) : measured;
-    DiskCache().keep(name_in_cache(device), to_json(best).dump());
+    DiskCache().keep(name_in_cache(device), json_text(to_json(best)));
     return best;
 }
 

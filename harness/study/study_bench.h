@@ -73,7 +73,7 @@ public:
     /// The backends that the study asks for on this scene, including the choices of the rules.
     const std::vector<BackendSpec>& specs() const { return specs_; }
     /// The specs() in as few groups of at most StudyOptions::together as possible, whose sizes differ by at
-    /// most one. Backends that step on the host are in groups of their own, after all others.
+    /// most one. Backends that step on the host are in further groups, after all others.
     std::vector<std::vector<BackendSpec>> groups() const;
 
     /// The case of a backend, ready to be asked. Empty if it cannot run the scene; the result then has the
