@@ -224,6 +224,44 @@ def addressing(name, about):
     return about.get("addressing") or ("explicit" if "_explicit_" in f"{name}_" else "implicit")
 
 
+# Runs of one program differ by as much.
+LEAST_SPREAD = 0.01
+
+
+def as_known(value, *spreads, decimals=2):
+    """A ratio with as many digits as it deserves: the last one stands for less than twice what its times spread by together. 91.79 with
+    4% is 92. As ratio_text() of harness/results/print.h."""
+    uncertain = 2 * max(math.hypot(*(spread or 0 for spread in spreads)), LEAST_SPREAD) * abs(value)
+    place = max(math.floor(math.log10(uncertain)), -decimals) if uncertain else -decimals
+    return f"{round(value, -place):.{max(0, -place)}f}"
+
+
+# A limit is said to bind rows that reach this share of it.
+MIN_BINDING = 0.6
+
+
+def binder(row):
+    """Which limit binds a row; nothing where the row reaches too little of it to tell."""
+    return row.get("limited_by") if (row.get("fraction_of_limit") or 0) >= MIN_BINDING else None
+
+
+# The limits of a device that are times; of the others more is better.
+LIMITS_OF_TIME = ("launch_seconds", "grid_barrier_seconds", "exchange_seconds")
+
+
+def best_limits(results):
+    """{device as results call it: its limits}, each limit the best of several results of one machine. What the host's processors take part
+    in, a launch of OpenGL for example, differs from process to process."""
+    best = {}
+    for result in results:
+        for name, limits in result["context"]["voxspring"].get("limits", {}).items():
+            for key, value in limits.items() if isinstance(limits, dict) else ():
+                if isinstance(value, (int, float)):
+                    known = best.setdefault(name, {}).setdefault(key, value)
+                    best[name][key] = (min if key in LIMITS_OF_TIME else max)(known, value)
+    return best
+
+
 def counters(result):
     """{name: its "unit", and whether "less", "more" or "neither" is "better"} of the metrics that rows have as fields of these names."""
     return result["context"]["voxspring"].get("counters", {})

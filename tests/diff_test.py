@@ -397,6 +397,30 @@ class Diff(unittest.TestCase):
             one["context"]["voxspring"]["counters"] = {"wait": {"unit": "s", "better": "less"}}
         self.assertEqual(self.judge(old, new)[1]["fails"], ["1 slower"])
 
+    def test_sustained_times_are_judged_as_those_of_the_device(self):
+        def one(seed, factor=1, of="a"):
+            noise = random.Random(seed)
+            made = result([(name, 10, {"sustained_seconds_per_step": 11e-6 * (1 + noise.gauss(0, 0.003)) * (factor if name in of else 1),
+                                       "sustained_watts": 600 * factor, "limit_sum_seconds": 1e-6 * factor})
+                           for name in "abcdefgh"], seed)
+            made["context"]["voxspring"]["counters"] = {
+                "sustained_seconds_per_step": {"unit": "s", "better": "less"}, "sustained_watts": {"unit": "W", "better": "neither"},
+                "limit_sum_seconds": {"unit": "s", "better": "neither"}}
+            return made
+
+        found = self.judge(one(1), one(2, 1.25))[1]
+        slower = [(row["backend"], row["place"]) for row in found["rows"] if row["verdict"] not in ("same", "too noisy to tell")]
+        self.assertEqual(slower, [("a", {"measured": "sustained_seconds_per_step"})])
+        code, found, _ = self.judge(one(1), one(2))
+        self.assertEqual((code, found["fails"]), (0, []))
+        # A device's clock tells a shift of all rows that a host's would not.
+        fails = self.judge(one(1), one(2, 1.1, "abcdefgh"))[1]["fails"]
+        self.assertEqual(len(fails), 1)
+        self.assertIn("slower as a whole: x 1.1", fails[0])
+        # Files without such times are compared as they were.
+        self.assertEqual(self.judge(result(PLAIN), changed())[1]["counts"], {"same": 6})
+        self.assertEqual(self.judge(result(PLAIN), one(2))[0], 0)
+
     def test_the_setup_is_compared(self):
         def one(**context):
             made = result([(*row[:2], {"min_card_mhz": context.get("mhz", 1980)}) for row in PLAIN])

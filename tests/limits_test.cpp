@@ -9,6 +9,7 @@
 #include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <random>
 #include <set>
 #include <sstream>
 #include <string>
@@ -64,6 +65,61 @@ TEST(StepLimit, IsTheLongestOfWhatEachTakesAlone) {
         limit({.bytes = 5000, .footprint_bytes = 5000, .operations = 40000}, Precision::float64);
     EXPECT_EQ(float64.limited_by, "arithmetic");
     EXPECT_DOUBLE_EQ(float64.seconds, 4e-5);
+}
+
+// Catches a card with several denominators, a launch of another API, a sum without one of its terms, and a
+// rate that is worse than that of the step's own API.
+TEST(StepBound, HasTheRatesOfTheCardAndTheLaunchesOfTheApi) {
+    const DeviceLimits own = round_limits();
+    DeviceLimits other = round_limits();
+    other.launch_seconds = 1e-9;
+    other.cached_copy_bytes_per_second = 2e9;  // slower than the API's own, unlike the next
+    other.copy_bytes_per_second = 5e9;
+    other.float32_operations_per_second = 4e10;
+    other.float64_operations_per_second.reset();
+    // By its own API: 2 us of launches, 5 us of bytes, 6 us of operations. By the other one: 1 us, 1.5 us.
+    const StepWork work{.bytes = 5000, .footprint_bytes = 5000, .operations = 60000, .launches = 2};
+    const StepBound alone = bound_of(work, Precision::float32, own, {own});
+    EXPECT_EQ(alone.longest.limited_by, "arithmetic");
+    EXPECT_DOUBLE_EQ(alone.longest.seconds, 6e-6);
+    EXPECT_DOUBLE_EQ(alone.sum_seconds, 13e-6);
+    const StepBound of_card = bound_of(work, Precision::float32, own, {other, own});
+    EXPECT_EQ(of_card.longest.limited_by, "launch");
+    EXPECT_DOUBLE_EQ(of_card.longest.seconds, 2e-6);
+    EXPECT_DOUBLE_EQ(of_card.sum_seconds, 4.5e-6);
+    const StepBound in_cache =
+        bound_of({.bytes = 1000, .footprint_bytes = 1000}, Precision::float32, own, {other});
+    EXPECT_DOUBLE_EQ(in_cache.sum_seconds, 1e-6 + 0.25e-6);
+    // An API without float64 says nothing about it.
+    EXPECT_DOUBLE_EQ(bound_of(work, Precision::float64, own, {other}).longest.seconds, 60e-6);
+}
+
+// Catches a limit that is kept as the last process measured it, rather than the best.
+TEST(BestLimits, TakeTheBetterOfEach) {
+    DeviceLimits one = round_limits(), other = round_limits();
+    one.bandwidth = {{100, 0, 5e9}, {100, 0.5, 2e9}};
+    other.bandwidth = {{100, 0, 4e9}, {100, 0.5, 3e9}, {200, 0, 1e9}};
+    one.launch_seconds = 2e-6;
+    other.copy_bytes_per_second = 2e9;
+    other.float64_operations_per_second.reset();
+    one.exchange_seconds = 3e-6;
+    for (const DeviceLimits& best : {best_of(one, other), best_of(other, one)}) {
+        EXPECT_EQ(best.launch_seconds, 1e-6);
+        EXPECT_EQ(best.copy_bytes_per_second, 2e9);
+        EXPECT_EQ(best.float64_operations_per_second, 1e9);
+        EXPECT_EQ(best.exchange_seconds, 3e-6);
+        EXPECT_THAT(best.bandwidth,
+                    ::testing::UnorderedElementsAre(Bandwidth{100, 0, 5e9}, Bandwidth{100, 0.5, 3e9},
+                                                    Bandwidth{200, 0, 1e9}));
+    }
+    Capabilities device;
+    device.device = "the device of a test, " + std::to_string(std::random_device{}());
+    EXPECT_FALSE(best_so_far(device));
+    EXPECT_EQ(best_so_far(device, one).launch_seconds, 2e-6);
+    EXPECT_EQ(best_so_far(device, other).launch_seconds, 1e-6);
+    EXPECT_EQ(best_so_far(device, one).launch_seconds, 1e-6);
+    device.driver = "another driver";
+    EXPECT_FALSE(best_so_far(device));
 }
 
 TEST(StepLimit, TakesTheCachesRateForWhatFitsIntoIt) {
@@ -565,6 +621,34 @@ TEST(PrintedLimits, SayWhereFragmentShadersHaveFewProcessors) {
     EXPECT_THAT(printed(), HasSubstr("CUDA: not measured: out of memory"));
     device["float32_operations_per_second"] = 0.8e13;
     EXPECT_THAT(printed(), Not(HasSubstr("of the arithmetic"))) << "a quarter";
+}
+
+// Catches rows of one card with several denominators, and those of another card or of a part of it among
+// them.
+TEST(MeasuredLimits, OfACardAreThoseOfAllItsApis) {
+    MeasuredLimits measured;
+    const auto device = [&](const std::string& api, const std::string& uuid, double compute = 0) {
+        Capabilities capabilities;
+        capabilities.api = capabilities.limits_of = api;
+        capabilities.uuid = uuid;
+        measured.of(capabilities, [&] {
+            DeviceLimits rates = round_limits();
+            if (compute > 0) rates.compute_shader_float32_operations_per_second = compute;
+            return rates;
+        });
+        return capabilities;
+    };
+    const Capabilities cuda = device("CUDA", "GPU-a"), vulkan = device("Vulkan", "GPU-a"),
+                       part = device("OpenGL", "GPU-a", 1e12), other = device("other", "GPU-b"),
+                       cpu = device("CPU", ""), mesa = device("Mesa", "");
+    EXPECT_EQ(measured.on_card_of(cuda).size(), 3u);
+    EXPECT_EQ(measured.on_card_of(vulkan).size(), 3u);
+    for (const Capabilities& alone : {part, other, cpu, mesa})
+        EXPECT_EQ(measured.on_card_of(alone).size(), 1u) << alone.api;
+    measured.improve_launch(cuda, 1e-7);
+    measured.improve_launch(cuda, 1e-3);
+    EXPECT_EQ(measured.json().at("CUDA").at("launch_seconds"), 1e-7);
+    EXPECT_EQ(measured.json().at("Vulkan").at("launch_seconds"), 1e-6);
 }
 
 TEST(MeasuredLimits, AreMeasuredOnceForWhatSharesThem) {

@@ -44,9 +44,21 @@ TEST(Noise, IsInRepetitionsOfTwoKinds) {
                 ElementsAre("its repetitions are of two kinds (6% apart)"));
     EXPECT_THAT(reasons_of_noise({.seconds = {1, 1.02, 1.001, 1.021, 1, 1.002, 1.02, 1, 1.001}}), IsEmpty())
         << "near enough to say the same";
-    EXPECT_THAT(reasons_of_noise({.seconds = {1, 1.01, 1.02, 1.03, 1.04, 1.05, 1.06, 1.07, 1.08}}), IsEmpty())
+    EXPECT_THAT(reasons_of_noise({.seconds = {1.04, 1.01, 1.07, 1, 1.08, 1.03, 1.06, 1.02, 1.05}}), IsEmpty())
         << "no gap";
     EXPECT_THAT(reasons_of_noise({.seconds = {1, 1, 1, 1, 1.06, 1, 1, 1, 1}}), IsEmpty()) << "one is no kind";
+}
+
+TEST(Noise, IsInRepetitionsThatDrift) {
+    EXPECT_THAT(reasons_of_noise({.seconds = {1, 1.01, 1.02, 1.03, 1.04, 1.05, 1.06, 1.07, 1.08}}),
+                ElementsAre("its repetitions drift (6% from the first third to the last)"));
+    EXPECT_THAT(reasons_of_noise({.seconds = {1.08, 1.07, 1.06, 1.05, 1.04, 1.03, 1.02, 1.01, 1}}),
+                ElementsAre("its repetitions drift (-6% from the first third to the last)"));
+    EXPECT_THAT(reasons_of_noise({.seconds = {1, 1.005, 1.01, 1.015, 1.02, 1.025, 1.03, 1.035, 1.04}}),
+                IsEmpty())
+        << "by less than 5%";
+    EXPECT_THAT(reasons_of_noise({.seconds = {1, 1.05, 1.01, 1.08, 1.03, 1.0, 1.06, 1.07, 1.08}}), IsEmpty())
+        << "the thirds differ by 6%, as they do by chance";
 }
 
 TEST(Noise, IsInClocksThatMoved) {

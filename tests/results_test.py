@@ -60,6 +60,46 @@ class AutoRules(unittest.TestCase):
                 self.assertEqual([(rule["occupancy"], rule["particles"], rule["order"]) for rule in auto_rules.rules()], said)
 
 
+class Written(unittest.TestCase):
+    """How figures of rows are written, and which limits are named."""
+
+    def test_a_ratio_has_as_many_digits_as_its_spread_deserves(self):
+        def row(time, spread=0.0, **fields):
+            return {"real_time": time, "spread": spread} | fields
+
+        rows = auto_rules.rows
+        for time, spread, said in ((91.79, 0.04, "92"), (27.374, 0, "27.4"), (1.7349, 0.002, "1.73"), (1.7349, 0.04, "1.7"), (1, 0, "1.00"),
+                                   (153, 0.2, "150")):
+            self.assertEqual(rows.ratio_text(row(time, spread), row(1)), said)
+        self.assertEqual(rows.share(row(1, fraction_of_limit=0.423)), "42 %")
+        self.assertEqual(rows.share(row(1, 0.1, fraction_of_limit=0.923)), "90 %")
+        self.assertEqual(rows.share_of_sum(row(2, limit_sum_seconds=2.5e-6)), "125 %")
+        self.assertEqual(rows.sustained(row(2, sustained_seconds_per_step=2.5e-6)), "2.5")
+        old = row(2)
+        self.assertEqual([rows.share(old), rows.share_of_sum(old), rows.sustained(old)], ["-"] * 3)
+        self.assertIn("bursts", rows.without_sustained([old]))
+        self.assertEqual(rows.without_sustained([old, row(2, sustained_seconds_per_step=1e-6)]), "")
+
+    def test_no_limit_binds_a_row_that_is_far_from_it(self):
+        for fraction, said in ((0.6, "launch"), (0.59, None), (None, None)):
+            self.assertEqual(result_files.binder({"limited_by": "launch", "fraction_of_limit": fraction}), said)
+
+    def test_the_best_limits_of_several_files(self):
+        def file(**limits):
+            return {"context": {"voxspring": {"limits": {"OpenGL": {"api": "OpenGL 4.5"} | limits, "Vulkan": "no device"}}}}
+
+        self.assertEqual(result_files.best_limits([
+            file(launch_seconds=7.29e-6, copy_bytes_per_second=1e11), file(launch_seconds=3.3e-6, copy_bytes_per_second=9e10),
+            {"context": {"voxspring": {}}}]), {"OpenGL": {"launch_seconds": 3.3e-6, "copy_bytes_per_second": 1e11}})
+
+    def test_no_published_step_is_shorter_than_a_launch_of_its_api(self):
+        known = auto_rules.rows.limits_of_machine()
+        for study in ("table1", "figure7", "figure8", "fastest"):
+            for row in auto_rules.rows.medians(study):
+                if row["family"] in ("OpenGL", "Vulkan"):
+                    self.assertGreater(row["real_time"] * 1e-6, known[row["limits_of"]]["launch_seconds"], row["name"])
+
+
 class InTemporaryFolder(unittest.TestCase):
     def setUp(self):
         folder = tempfile.TemporaryDirectory()

@@ -1,10 +1,15 @@
 #include "harness/device/limits.h"
 
+#include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
+#include <string_view>
 #include <vector>
 
+#include "backends/disk_cache.h"
+#include "harness/base/json.h"
 #include "harness/base/text.h"
+#include "version.h"  // generated
 
 namespace voxspring {
 namespace {
@@ -63,11 +68,118 @@ DeviceLimits device_limits_of(const nlohmann::json& json) {
     return limits;
 }
 
+DeviceLimits best_of(const DeviceLimits& one, const DeviceLimits& other) {
+    DeviceLimits best = one;
+    const nlohmann::json seen = to_json(other);
+    visit(best, [&](const std::string_view name, auto& value) {
+        const auto found = seen.find(name);
+        if (found == seen.end()) return;
+        const double theirs = *found, ours = std::optional<double>(value).value_or(theirs);
+        value = name.ends_with("_per_second") || name == "cache_bytes" ? std::max(ours, theirs)
+                                                                       : std::min(ours, theirs);
+    });
+    for (const Bandwidth& theirs : other.bandwidth) {
+        const auto ours = std::find_if(best.bandwidth.begin(), best.bandwidth.end(), [&](const auto& own) {
+            return own.footprint_bytes == theirs.footprint_bytes && own.written_share == theirs.written_share;
+        });
+        if (ours == best.bandwidth.end()) {
+            best.bandwidth.push_back(theirs);
+        } else {
+            ours->bytes_per_second = std::max(ours->bytes_per_second, theirs.bytes_per_second);
+        }
+    }
+    return best;
+}
+
+namespace {
+
+/// Whether fragment shaders run on a small part of the processors that compute shaders run on.
+bool is_on_a_part(const DeviceLimits& limits) {
+    return limits.float32_operations_per_second <
+           limits.compute_shader_float32_operations_per_second.value_or(0) / 4;
+}
+
+/// What the limits of a device depend on.
+std::string name_in_cache(const Capabilities& device) {
+    return "limits-" + hash_of(json_text({version_commit, device.api, device.device, device.driver,
+                                          device.uuid, device.limits_of}));
+}
+
+}  // namespace
+
+std::optional<DeviceLimits> best_so_far(const Capabilities& device) {
+    const std::optional<std::string> kept = DiskCache().find(name_in_cache(device));
+    if (!kept) return std::nullopt;
+    return device_limits_of(nlohmann::json::parse(*kept));
+}
+
+DeviceLimits best_so_far(const Capabilities& device, const DeviceLimits& measured) {
+    const std::optional<DeviceLimits> known = best_so_far(device);
+    const DeviceLimits best = known ? best_of(*known, measured) : measured;
+    DiskCache().keep(name_in_cache(device), json_text(to_json(best)));
+    return best;
+}
+
+StepBound bound_of(const StepWork& work, Precision precision, const DeviceLimits& own,
+                   const std::vector<DeviceLimits>& of_card) {
+    StepBound bound;
+    const auto add = [&](double seconds, const char* name) {
+        bound.sum_seconds += seconds;
+        if (bound.longest.limited_by.empty() || seconds > bound.longest.seconds)
+            bound.longest = {seconds, name};
+    };
+    const auto shortest = [&](const StepWork& part, double seconds) {
+        for (const DeviceLimits& one : of_card) {
+            if (precision == Precision::float32 || one.float64_operations_per_second)
+                seconds = std::min(seconds, limit_of(part, one, precision).seconds);
+        }
+        return seconds;
+    };
+    StepWork bytes = work, operations{.operations = work.operations, .launches = 0};
+    bytes.operations = 0;
+    bytes.launches = bytes.exchanges = 0;
+    add(work.launches * own.launch_seconds, "launch");
+    add(work.exchanges * own.exchange_seconds.value_or(0), "exchange");
+    add(shortest(bytes, limit_of(bytes, own, precision).seconds), "bandwidth");
+    add(shortest(operations, limit_of(operations, own, precision).seconds), "arithmetic");
+    return bound;
+}
+
+const std::string& MeasuredLimits::name_of(const Capabilities& capabilities) {
+    return capabilities.limits_of.empty() ? capabilities.api : capabilities.limits_of;
+}
+
+std::vector<DeviceLimits> MeasuredLimits::on_card_of(const Capabilities& capabilities) const {
+    std::vector<DeviceLimits> all;
+    const auto own = measured_.find(name_of(capabilities));
+    if (own != measured_.end() && own->second.limits && is_on_a_part(*own->second.limits))
+        return {*own->second.limits};
+    for (const auto& [name, one] : measured_) {
+        const bool same =
+            capabilities.uuid.empty() ? name == name_of(capabilities) : one.uuid == capabilities.uuid;
+        if (same && one.limits) all.push_back(*one.limits);
+    }
+    return all;
+}
+
+void MeasuredLimits::improve_launch(const Capabilities& capabilities, double seconds) {
+    const auto known = measured_.find(name_of(capabilities));
+    if (known == measured_.end() || !known->second.limits) return;
+    DeviceLimits& limits = *known->second.limits;
+    if (seconds >= limits.launch_seconds) return;
+    limits.launch_seconds = seconds;
+    (void)best_so_far(capabilities, limits);
+}
+
 std::optional<DeviceLimits> MeasuredLimits::of(const Capabilities& capabilities,
                                                const std::function<DeviceLimits()>& measure) {
-    const std::string& of = capabilities.limits_of.empty() ? capabilities.api : capabilities.limits_of;
+    const std::string& of = name_of(capabilities);
     if (const auto known = measured_.find(of); known != measured_.end()) return known->second.limits;
-    Measured one{.api = capabilities.api, .device = capabilities.device, .limits = {}, .why_not = {}};
+    Measured one{.api = capabilities.api,
+                 .device = capabilities.device,
+                 .uuid = capabilities.uuid,
+                 .limits = {},
+                 .why_not = {}};
     try {
         one.limits = measure();
     } catch (const Unavailable& absent) {

@@ -7,6 +7,7 @@
 #include <optional>
 #include <ostream>
 #include <string>
+#include <vector>
 
 #include "backends/backend.h"
 
@@ -15,6 +16,26 @@ namespace voxspring {
 /// The limits that apply as JSON, with the names of the result's schema; and the reverse.
 nlohmann::json to_json(const DeviceLimits& limits);
 DeviceLimits device_limits_of(const nlohmann::json& json);
+
+/// The better of two measurements of each limit.
+DeviceLimits best_of(const DeviceLimits& one, const DeviceLimits& other);
+
+/// The best limits of a device that any process of this build has measured, `measured` included: rates of a
+/// processor, and launches that take the host's time, differ from process to process by tens of percent. Kept
+/// in the user's cache. The second function returns nothing if nothing was measured yet.
+DeviceLimits best_so_far(const Capabilities& device, const DeviceLimits& measured);
+std::optional<DeviceLimits> best_so_far(const Capabilities& device);
+
+/// The shortest time of a step on a card, and the sum of the times whose longest one that is.
+struct StepBound {
+    StepLimit longest;
+    double sum_seconds = 0;
+};
+/// `own`: the limits of the step's API. `of_card`: those of all APIs on the same card. Bytes and operations
+/// take the shortest time by any of them, so that all rows of a card have one denominator; launches and
+/// exchanges are those of the step's API.
+StepBound bound_of(const StepWork& work, Precision precision, const DeviceLimits& own,
+                   const std::vector<DeviceLimits>& of_card);
 
 /// The limits of every device that was measured, by Capabilities::limits_of or, where that is empty, by the
 /// name of the API.
@@ -25,12 +46,20 @@ public:
     std::optional<DeviceLimits> of(const Capabilities& capabilities,
                                    const std::function<DeviceLimits()>& measure);
 
+    /// The limits of all APIs that were measured on the card of `capabilities`. Its own alone for a device
+    /// without a UUID, and for fragment shaders that run on a small part of the card.
+    std::vector<DeviceLimits> on_card_of(const Capabilities& capabilities) const;
+    /// Takes a launch that was shorter in another process.
+    void improve_launch(const Capabilities& capabilities, double seconds);
+
     /// By the names above: api, device and every limit that applies, or the reason why there are none.
     nlohmann::json json() const;
 
 private:
+    static const std::string& name_of(const Capabilities& capabilities);
+
     struct Measured {
-        std::string api, device;
+        std::string api, device, uuid;
         std::optional<DeviceLimits> limits;
         std::string why_not;  ///< why there are no limits
     };

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <filesystem>
 #include <fstream>
@@ -27,6 +28,23 @@ double parting(std::vector<double> values) {
         if (gap > times_as_wide * wider) widest = std::max(widest, gap);
     }
     return widest / median(values);
+}
+
+/// The change from the median of the first third of the values to that of the last third, as a fraction of
+/// the first; 0 if the values do not rise or fall by more than chance explains. That is the test of Mann
+/// (1945) and Kendall, at 1%: it takes six values.
+double drift(const std::vector<double>& values) {
+    const std::size_t count = values.size(), third = count / 3;
+    double rises = 0;
+    for (std::size_t n = 0; n < count; ++n) {
+        for (std::size_t m = 0; m < n; ++m)
+            rises += double(values[n] > values[m]) - double(values[n] < values[m]);
+    }
+    constexpr double one_percent = 2.576;  // of a normal distribution, on both sides
+    const double by_chance = std::sqrt(double(count * (count - 1) * (2 * count + 5)) / 18);
+    if (third == 0 || std::abs(rises) <= one_percent * by_chance) return 0;
+    const auto part = std::ptrdiff_t(third);
+    return median({values.end() - part, values.end()}) / median({values.begin(), values.begin() + part}) - 1;
 }
 
 std::string percent(double fraction) { return std::to_string(std::lround(100 * fraction)) + "%"; }
@@ -85,6 +103,8 @@ std::vector<std::string> reasons_of_noise(const Observed& observed) {
         // The median of two groups is the time of one of two states, whichever was more frequent.
         if (const double apart = parting(observed.seconds); apart > max_parting)
             add("its repetitions are of two kinds", percent(apart) + " apart");
+        if (const double change = drift(observed.seconds); std::abs(change) > max_drift)
+            add("its repetitions drift", percent(change) + " from the first third to the last");
     }
     if (!observed.spins.empty()) {
         const auto [least, most] = std::minmax_element(observed.spins.begin(), observed.spins.end());

@@ -29,7 +29,7 @@ unsigned other_processes(const std::vector<pid_t>& on_card, const OwnProcesses& 
 
 /// What is known about the repetitions of one case. A list is empty or has one element per repetition.
 struct Observed {
-    std::vector<double> seconds = {};        ///< of each repetition
+    std::vector<double> seconds = {};        ///< of each repetition, in the order in which they were made
     std::vector<double> spins = {};          ///< spin_seconds() after it
     std::vector<double> waits = {};          ///< its threads' waits for a core, relative to its time
     std::vector<unsigned> card_mhz = {};     ///< after it
@@ -44,6 +44,8 @@ constexpr double max_spread = 0.1;
 /// The largest gap, as a fraction of the median, between two groups of repetitions that still counts as one
 /// group.
 constexpr double max_parting = 0.03;
+/// The largest accepted change from the first third of the repetitions to the last one.
+constexpr double max_drift = 0.05;
 /// The largest accepted change of a clock. Times change by as much as the clock does.
 constexpr double max_clock_change = 0.1;
 /// The largest accepted median of Observed::waits. More waiting means that another process had the cores.

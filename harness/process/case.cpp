@@ -2,6 +2,7 @@
 
 #include <omp.h>
 
+#include <cstdlib>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <stdexcept>
@@ -36,6 +37,8 @@ public:
           scene_(scene),
           program_(description.at("program")),
           device_(device_of(program_.at("device"))) {
+        // A folder that cannot be made: nothing is found there, and nothing is kept.
+        if (program_.at("cold")) setenv("VOXSPRING_CACHE", "/dev/null/none", 1);
         const int threads = program_.at("threads");
         omp_set_num_threads(threads > 0 ? threads : omp_get_num_procs());
     }
@@ -171,6 +174,17 @@ nlohmann::json Case::finish(const std::string& doing, const OnEvent& on_event) {
     return process_->finish(doing, on_event);
 }
 
+std::vector<nlohmann::json> Case::afresh(const std::vector<nlohmann::json>& questions,
+                                         const std::string& doing, bool cold) {
+    if (interrupted()) throw Interrupted();
+    CaseProgram program = program_;
+    program.cold = cold;
+    Worker worker(*workers_, case_description(spec_, program), timeout_);
+    std::vector<nlohmann::json> answers = {introduction_by(worker, spec_)};
+    for (const nlohmann::json& question : questions) answers.push_back(worker.ask(question, doing));
+    return answers;
+}
+
 const nlohmann::json& Case::capabilities() const { return scope_.find("introduction")->at("capabilities"); }
 
 DeviceLimits Case::measure_limits(JournalScope scope) {
@@ -178,7 +192,15 @@ DeviceLimits Case::measure_limits(JournalScope scope) {
     if (scope.find(device) == nullptr) {
         nlohmann::json measured;
         const auto failure = failure_of([&] {
-            measured = ask({{"do", "limits"}}, "measuring the limits of its device");
+            const nlohmann::json question = {{"do", "limits"}};
+            const std::string doing = "measuring the limits of its device";
+            const Capabilities of = capabilities_of(capabilities());
+            const DeviceLimits once = device_limits_of(ask(question, doing));
+            const bool first = !best_so_far(of);
+            DeviceLimits best = best_so_far(of, once);
+            for (int more = 1; first && of.steps_on_host() && more < host_processes; ++more)
+                best = best_so_far(of, device_limits_of(afresh({question}, doing).back()));
+            measured = voxspring::to_json(best);
         });
         if (!failure && measured.is_null()) throw Interrupted();
         scope.keep(device, failure ? nlohmann::json(*failure) : measured);
@@ -215,6 +237,7 @@ nlohmann::json case_description(const BackendSpec& spec, const CaseProgram& prog
               {"parameters", program.parameters},
               {"shared", program.shared != nullptr ? program.shared->description() : nlohmann::json()},
               {"threads", program.threads},
+              {"cold", program.cold},
               {"device",
                {{"number", program.device.number},
                 {"wraps", program.device.wraps},

@@ -24,6 +24,9 @@ public:
     const char* what() const noexcept override { return "interrupted"; }
 };
 
+/// How many processes measure what depends on where the system puts a process's memory and threads.
+constexpr int host_processes = 3;
+
 /// A backend with its options that runs a scene. Its process starts with the first question that the journal
 /// cannot answer.
 class Case {
@@ -52,8 +55,15 @@ public:
     /// ask() in two parts, as Worker::begin() and finish().
     void begin(const nlohmann::json& question);
     nlohmann::json finish(const std::string& doing, const OnEvent& on_event = {});
-    /// Measures the device's limits on a separate backend, unless `scope` has them. Throws as ask() does.
+    /// Measures the device's limits on a separate backend, unless `scope` has them. The best that this build
+    /// has measured on the device counts (best_so_far() of limits.h). Throws as ask() does.
     DeviceLimits measure_limits(JournalScope scope);
+    /// Ends the process, if any. The next question starts another one.
+    void restart() { process_.reset(); }
+    /// Starts a further process, asks it the questions in turn, and ends it. Returns the introduction and the
+    /// answers. With `cold` it finds no compiled kernel on disk. Throws as ask() does.
+    std::vector<nlohmann::json> afresh(const std::vector<nlohmann::json>& questions, const std::string& doing,
+                                       bool cold = false);
 
     /// Ends the process, if any, and does not wait for that. The case must not be asked again.
     void dismiss();

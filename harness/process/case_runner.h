@@ -48,6 +48,7 @@ struct CaseProgram {
     /// The device of all backends in the case's process. It is set before the first one is made, since a
     /// backend opens its device in its constructor.
     DeviceNumber device = {};
+    bool cold = false;  ///< the process finds nothing in the cache on disk, and keeps nothing there
 };
 
 }  // namespace voxspring

@@ -4,6 +4,7 @@
 #include <fmt/ranges.h>
 
 #include <algorithm>
+#include <cmath>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <set>
@@ -132,11 +133,23 @@ StepTimes step_times_of(const std::vector<Row>& rows) {
 std::string time_text(const Row& row, double seconds, const StepTimes& repetitions) {
     constexpr double min_spread = 0.03;  // two runs' medians differ by this much anyway
     std::string text = row.noise_mark() + si(seconds, "s");
-    const auto found = repetitions.find(row.case_name());
-    if (found == repetitions.end() || found->second.size() < 3) return text;
-    const double spread = relative_spread(found->second);
+    const double spread = spread_of_case(row.case_name(), repetitions);
     if (spread >= min_spread) text += fmt::format(" +-{:.0f}%", 100 * spread);
     return text;
+}
+
+double spread_of_case(const std::string& case_name, const StepTimes& repetitions) {
+    const auto found = repetitions.find(case_name);
+    return found == repetitions.end() || found->second.size() < 3 ? 0 : relative_spread(found->second);
+}
+
+std::string ratio_text(double ratio, double spread, int decimals) {
+    constexpr double least_spread = 0.01;  // runs of one program differ by as much
+    const double uncertain = 2 * std::max(spread, least_spread) * std::abs(ratio);
+    if (!(uncertain > 0)) return fixed_text(ratio, decimals);
+    const int place = std::max(int(std::floor(std::log10(uncertain))), -decimals);
+    const double unit = std::pow(10, place);
+    return fixed_text(std::round(ratio / unit) * unit, std::max(0, -place));
 }
 
 Verdicts verdicts_of(const Result& result) {
@@ -254,16 +267,19 @@ void print_table(const Result& result, std::ostream& out, TableWidth width) {
     const StepTimes repetitions = step_times_of(measured);
     const Verdicts verdicts = verdicts_of(result);
     std::vector<Row> all;
-    std::map<std::string, double> fastest;  ///< seconds, by scene
+    std::map<std::string, const Row*> fastest;  ///< by scene
     std::set<std::string> chaotic;
-    for (const std::vector<Row>& rows : medians_by_scene(measured)) {
-        fastest[rows.front().identity.scene] = rows.front().step_seconds();
+    const std::vector<std::vector<Row>> by_scene = medians_by_scene(measured);
+    for (const std::vector<Row>& rows : by_scene) {
+        fastest[rows.front().identity.scene] = &rows.front();
         all.insert(all.end(), rows.begin(), rows.end());
     }
+    const auto spread = [&](const Row& row) { return spread_of_case(row.case_name(), repetitions); };
     const auto errors_of = [](const Row& row) { return row.errors.value_or(Errors()); };
     print_rows<Row>(
         all,
         {{{"time a step"}, [&](const Row& row) { return time_text(row, row.step_seconds(), repetitions); }},
+         {{"steps", 9}, [](const Row& row) { return std::to_string(row.workpiece->steps); }},
          {{"particles/s", 4},
           [](const Row& row) { return si(row.benchmark->particle_updates_per_second, "/s"); }},
          {{"springs/s", 6},
@@ -274,12 +290,18 @@ void print_table(const Result& result, std::ostream& out, TableWidth width) {
           [&](const Row& row) { return error_cell(errors_of(row).total_relative_l2); }},
          {{"threshold/motion", 8}, [&](const Row& row) { return threshold_text(row, verdicts); }},
          {{"x fastest", 1},
-          [&](const Row& row) { return fixed_text(row.step_seconds() / fastest[row.identity.scene], 2); }},
+          [&](const Row& row) {
+              const Row& best = *fastest[row.identity.scene];
+              return ratio_text(row.step_seconds() / best.step_seconds(),
+                                std::hypot(spread(row), spread(best)));
+          }},
          {{"% of roofline", 3},
-          [](const Row& row) {
-              return percent_cell(row.limit ? row.limit->fraction : std::nullopt) + row.limit_mark();
+          [&](const Row& row) {
+              if (!row.limit || !row.limit->fraction) return std::string("-");
+              const double percent = 100 * *row.limit->fraction;
+              return ratio_text(percent, spread(row), percent < 9.95 ? 1 : 0) + "%" + row.limit_mark();
           }}},
-        width, out);
+        width, out, 10);
     for (const Row& row : all) {
         if (!row.errors || !row.errors->chaotic) continue;
         chaotic.insert(row.identity.scene + " in " + row.identity.formulation + " " + row.identity.precision +

@@ -25,17 +25,17 @@ struct ColumnOf {
 std::vector<std::string> counter_names(const std::vector<const Row*>& rows);
 std::string counter_cell(const Row& row, const std::string& name);
 
-/// Prints one line per row: its scene and backend, `columns`, and the counters. The first counter stays in
-/// any width, and the last one is the first to go.
+/// Prints one line per row: its scene and backend, `columns`, and the counters. The last counter is the first
+/// to go; `first_counter` is Column::expendable of the first one, which by default stays in any width.
 template <std::derived_from<Row> T>
 void print_rows(const std::vector<T>& rows, const std::vector<ColumnOf<T>>& columns, TableWidth width,
-                std::ostream& out) {
+                std::ostream& out, int first_counter = 0) {
     std::vector<ColumnOf<T>> all = {{{"scene", 0, true}, [](const T& row) { return row.identity.scene; }},
                                     {{"backend", 0, true}, [](const T& row) { return row.label(); }}};
     all.insert(all.end(), columns.begin(), columns.end());
     std::vector<const Row*> plain;
     for (const T& row : rows) plain.push_back(&row);
-    int expendable = 0;
+    int expendable = first_counter;
     for (const std::string& name : counter_names(plain)) {
         std::string heading = name;
         std::replace(heading.begin(), heading.end(), '_', ' ');
@@ -57,6 +57,14 @@ StepTimes step_times_of(const std::vector<Row>& rows);
 /// "~1.25 us +-6%": the time of a step. It begins with the mark of a row that is not to be trusted, and ends
 /// with relative_spread() of the repetitions if that is 3% or more.
 std::string time_text(const Row& row, double seconds, const StepTimes& repetitions);
+
+/// relative_spread() of the repetitions of a case; 0 if there are fewer than three.
+double spread_of_case(const std::string& case_name, const StepTimes& repetitions);
+
+/// A ratio of two times with as many digits as it deserves: the last one stands for less than twice the
+/// `spread` of the ratio, or twice 1% if that is more, and there are at most `decimals`. 91.79 with a spread
+/// of 4% is "92".
+std::string ratio_text(double ratio, double spread, int decimals = 2);
 
 /// Prints one line per reason not to trust rows: how many rows, and which in a few words. The table marks
 /// each such row, and the file has its figures.

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -161,13 +162,19 @@ std::string quantity_text(const nlohmann::json& target, const char* key) {
            (target.contains("over") ? " x " + target.at("over").get<std::string>() : " of the limit");
 }
 
-std::string ratio_text(const nlohmann::json& ratio, int digits = 2) {
+std::string number_text(const nlohmann::json& ratio, int digits = 2) {
     if (!ratio.is_number()) return "-";
     return fixed_text(ratio.get<double>(), digits);
 }
 
+/// The time of a step while steps follow each other for seconds.
+std::string sustained_text(const nlohmann::json& block) {
+    const auto found = block.find("sustained_seconds_per_step");
+    return found == block.end() ? "-" : si(found->get<double>(), "s");
+}
+
 std::string percent_of(const nlohmann::json& fraction) {
-    return fraction.is_number() ? ratio_text(100 * fraction.get<double>(), 0) + "%" : "-";
+    return fraction.is_number() ? number_text(100 * fraction.get<double>(), 0) + "%" : "-";
 }
 
 std::string verdict(const nlohmann::json& target) {
@@ -202,7 +209,7 @@ nlohmann::json block_of(const Result& result, const SplitCases& rows) {
         {"name", best.case_name()}, {"seconds_per_step", best.step_seconds()}, {"chosen_from", rows.size()}};
     const nlohmann::json fields = to_json(best);
     for (const char* field :
-         {"scene", "formulation", "precision", "backend", "tuning", "particles", "springs", "voxels",
+         {"scene", "formulation", "precision", "backend", "tuning", "steps", "particles", "springs", "voxels",
           "particle_updates_per_second", "spring_updates_per_second", "limit_seconds", "limited_by",
           "fraction_of_limit", "error_relative_l2", "error_max", "error_steps", "reference"}) {
         block[field] = fields.at(field);
@@ -213,6 +220,10 @@ nlohmann::json block_of(const Result& result, const SplitCases& rows) {
     }
     block["device"] = result.own_context().at("backends").at(best.identity.backend).at("device");
     if (!best.noisy.empty()) block["noisy"] = best.noisy;
+    for (const char* counter : {"sustained_seconds_per_step", "sustained_watts", "limit_sum_seconds"}) {
+        const Counter* const found = best.counters.find(counter);
+        if (found != nullptr && found->value) block[counter] = *found->value;
+    }
     block["paper"] = nullptr;
     if (const Row* paper = fastest_row(rows, of_the_paper)) {
         block["paper"] = {{"name", paper->case_name()},
@@ -253,27 +264,32 @@ std::vector<nlohmann::json> fastest_of(const Result& result, const std::vector<T
 }
 
 void print_fastest(const Result& result, std::ostream& out, TableWidth width) {
-    const std::vector<Column> columns = {{"scene", 0, true},      {"fastest", 0, true}, {"time a step"},
-                                         {"particles/s", 5},      {"springs/s", 6},     {"rounding error", 3},
-                                         {"threshold/motion", 8}, {"% of roofline", 2}, {"x paper's", 1},
-                                         {"x auto", 1},           {"cold start", 4},    {"warm start", 7}};
+    const std::vector<Column> columns = {{"scene", 0, true},   {"fastest", 0, true},  {"time a step"},
+                                         {"steps", 8},         {"sustained", 2},      {"particles/s", 5},
+                                         {"springs/s", 6},     {"rounding error", 3}, {"threshold/motion", 8},
+                                         {"% of roofline", 2}, {"x paper's", 1},      {"x auto", 1},
+                                         {"cold start", 4},    {"warm start", 7}};
     std::vector<std::vector<std::string>> table;
     const std::vector<nlohmann::json>& blocks = result.rows<nlohmann::json>("fastest");
     const std::vector<Row> rows = rows_from_json(blocks);
     const StepTimes repetitions = step_times_of(result.rows("benchmarks"));
     const Verdicts verdicts = verdicts_of(result);
+    const auto spread = [&](const std::string& name) { return spread_of_case(name, repetitions); };
     for (std::size_t i = 0; i < rows.size(); ++i) {
         const Row& row = rows[i];
         const nlohmann::json& block = blocks[i];
         const auto& paper = block.at("paper");
         table.push_back(
             {row.identity.scene, row.label(), time_text(row, block.at("seconds_per_step"), repetitions),
+             std::to_string(block.value("steps", 0)), sustained_text(block),
              si(block.at("particle_updates_per_second"), "/s"),
              si(block.at("spring_updates_per_second"), "/s"),
              error_cell(row.errors ? row.errors->relative_l2 : std::nullopt), threshold_text(row, verdicts),
              percent_of(block.at("fraction_of_limit")) + row.limit_mark(),
-             paper.is_null() ? "-" : ratio_text(paper.at("ratio")),
-             ratio_text(block.at("auto").at("times_fastest")),
+             paper.is_null() ? "-"
+                             : ratio_text(paper.at("ratio"),
+                                          std::hypot(spread(row.identity.name), spread(paper.at("name")))),
+             number_text(block.at("auto").at("times_fastest")),
              row.start ? si(row.start->ready_seconds, "s") : "-",
              row.start && row.start->warm_ready_seconds ? si(*row.start->warm_ready_seconds, "s") : "-"});
     }

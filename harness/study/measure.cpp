@@ -1,14 +1,18 @@
 #include "harness/study/measure.h"
 
 #include <algorithm>
+#include <chrono>
 #include <cmath>
 #include <cstdint>
+#include <deque>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
-#include <span>
 #include <stdexcept>
 #include <string>
+#include <tuple>
 #include <utility>
+#include <vector>
 
 #include "harness/base/bad_input.h"
 #include "harness/base/interruption.h"
@@ -63,6 +67,9 @@ struct MeasurementContext {
     }
 };
 
+/// How many starts of a backend are measured; no further one is begun after max_start_seconds.
+constexpr std::size_t starts = 3;
+constexpr double max_start_seconds = 5;
 constexpr const char* launch_before = "launch";
 constexpr const char* launch_after = "launch afterwards";
 std::string name_of_repetition(int number) { return "repetition " + std::to_string(number); }
@@ -127,8 +134,18 @@ public:
     /// repetitions and after them: other activity of the processor may last for seconds, and must not raise
     /// the limit.
     void measure_launch(const char* when) {
-        if (!failure_.empty() || !case_.process() || known(when) || limit().limited_by != "launch") return;
+        if (!failure_.empty() || !case_.process() || known(when)) return;
+        if (bound(launch_seconds(), {}).longest.limited_by != "launch") return;
         attempt([&] { case_.scope().keep(when, case_.ask({{"do", "launch"}}, "measuring a launch")); });
+    }
+    /// The shortest launch of the case's process; empty if none was measured there.
+    std::optional<double> launch_seconds() const {
+        std::optional<double> least;
+        for (const char* when : {launch_before, launch_after}) {
+            if (known(when) && kept(when).is_number())
+                least = std::min(least.value_or(INFINITY), kept(when).get<double>());
+        }
+        return least;
     }
     /// Starts the warm-up in the case's process.
     void begin_warming_up() {
@@ -146,10 +163,32 @@ public:
         });
     }
 
+    /// Starts the backend some more times, each in a separate process, since one start is no sample.
+    void measure_starts() {
+        if (finished() || !context_.batch.start_times || known("starts")) return;
+        attempt([&] {
+            nlohmann::json samples = nlohmann::json::array();
+            const auto begin = std::chrono::steady_clock::now();
+            while (samples.size() + 1 < starts && std::chrono::steady_clock::now() - begin <
+                                                      std::chrono::duration<double>(max_start_seconds)) {
+                const auto answers = case_.afresh({nlohmann::json{{"do", "warm up"}, {"batches", 0}}},
+                                                  "starting once more", true);
+                samples.push_back({{"construct_seconds", answers.front().at("construct_seconds")},
+                                   {"compile_seconds", answers.back().at("compile_seconds")},
+                                   {"upload_seconds", answers.back().at("upload_seconds")}});
+            }
+            case_.scope().keep("starts", samples);
+        });
+    }
+
     /// Makes the next repetition, unless the case has failed. The last repetition is finished only when the
     /// state that it left has been judged.
     void repeat() {
         attempt([&] {
+            if (done_ > 0 && process_of(done_) != process_of(done_ - 1)) {
+                case_.restart();
+                (void)case_.ask({{"do", "warm up"}, {"batches", 1}}, "warming up");
+            }
             const std::string name = name_of_repetition(done_ + 1);
             nlohmann::json answer = timed(name);
             count(answer);
@@ -201,6 +240,24 @@ public:
         attempt([&] { case_.scope().keep("edits", case_.ask({{"do", "edits"}}, "timing its edits")); });
     }
 
+    /// The median time of a batch; infinite if the case has failed.
+    double seconds() const {
+        if (!failure_.empty() || done_ == 0 || missing() > 0) return INFINITY;
+        return median(observed().seconds);
+    }
+    bool on_host() const { return capabilities_of(case_.capabilities()).steps_on_host(); }
+    /// Steps without a pause, in a separate process while no other has the device.
+    void sustain() {
+        if (known("sustained")) return;
+        attempt([&] {
+            const std::vector<nlohmann::json> answers = case_.afresh(
+                {nlohmann::json{{"do", "warm up"}, {"batches", 1}},
+                 nlohmann::json{{"do", "sustain"}, {"seconds", context_.batch.sustained_seconds}}},
+                "stepping without a pause");
+            case_.scope().keep("sustained", answers.back());
+        });
+    }
+
     /// Whether the scene's own start strains too few springs to verify the case.
     bool needs_strained_start() const { return own_share_ < min_strained_share; }
     bool lacks_strained_start() const {
@@ -219,6 +276,11 @@ public:
 
     /// Adds the rows of the case, which has this number in its scene.
     void add_rows(StudyBench& bench, int number);
+    /// Tells the bench of the shortest launch of its process.
+    void tell_launch(StudyBench& bench) const {
+        if (const auto seconds = launch_seconds())
+            bench.improve_launch(capabilities_of(case_.capabilities()), *seconds);
+    }
 
 private:
     bool known(const std::string& name) const { return case_.scope().find(name) != nullptr; }
@@ -237,6 +299,12 @@ private:
         ++done_;
         seconds_ += repetition.at("host_seconds").get<double>();
     }
+    /// The number of the process that makes a repetition, from 0: where a process's memory and threads lie
+    /// decides the time of a backend that steps on the host.
+    int process_of(int repetition) const {
+        const int processes = on_host() && context_.batch.rewind ? host_processes : 1;
+        return repetition * processes / std::max(processes, context_.batch.repetitions);
+    }
     nlohmann::json timed(const std::string& name);
     Row judged() const;
     void look_at_state(nlohmann::json& answer, bool is_last);
@@ -250,10 +318,11 @@ private:
     }
     bool resumed() const;
     EditPart edit_part() const;
-    StartPart start_part() const;
+    StartPart start_part(Counters& counters) const;
     bool leaves_out_tiles() const;
-    StepLimit limit() const;
-    LimitPart limit_part() const;
+    StepBound bound(std::optional<double> launch, const std::vector<DeviceLimits>& of_card) const;
+    LimitPart limit_part(const StudyBench& bench, Counters& counters) const;
+    void count_processes(const Observed& seen, Counters& counters) const;
     Observed observed() const;
     Row common_row(const StudyBench& bench) const;
 
@@ -340,9 +409,10 @@ void TimedCase::look_at_state(nlohmann::json& answer, bool is_last) {
 }
 
 /// How many repetitions other_repetition() and judged() look at. Fingerprints can be compared within a
-/// process.
+/// process; those of backends on the host are of the state as any process has it.
 int TimedCase::repetitions_judged() const {
-    const bool all = !context_.batch.rewind || !capabilities_of(case_.capabilities()).deterministic;
+    const bool all =
+        !context_.batch.rewind || !capabilities_of(case_.capabilities()).deterministic || on_host();
     return all ? done_ : done_ - known_before_;
 }
 
@@ -356,7 +426,8 @@ std::string TimedCase::other_repetition() const {
         if (one.contains("verified")) {
             const Row verified = row_from_json(one.at("verified"));
             if (!verified.verdict->passed) return name + ": " + verified.reason.value_or("");
-        } else if (n > known_before_ && one.at("fingerprint") != unjudged_->at("fingerprint")) {
+        } else if ((n > known_before_ || on_host()) &&
+                   one.at("fingerprint") != unjudged_->at("fingerprint")) {
             return name + " left another state than the last one, from the same start";
         }
     }
@@ -389,14 +460,33 @@ EditPart TimedCase::edit_part() const {
             .seconds_per_step_without = median(plain)};
 }
 
-StartPart TimedCase::start_part() const {
-    const nlohmann::json& warm = kept("warm");
-    StartPart start{.construct_seconds = kept("introduction").at("construct_seconds"),
-                    .compile_seconds = warm.at("compile_seconds"),
-                    .upload_seconds = warm.at("upload_seconds")};
-    const double without_compiling = start.construct_seconds + start.upload_seconds;
-    start.warm_ready_seconds = without_compiling;
-    start.ready_seconds = without_compiling + start.compile_seconds;
+/// The medians of the starts. The counters say by how much these differ.
+StartPart TimedCase::start_part(Counters& counters) const {
+    std::vector<double> construct, compile, upload, warm, cold;
+    const auto add = [&](double constructed, const nlohmann::json& of) {
+        construct.push_back(constructed);
+        compile.push_back(of.at("compile_seconds"));
+        upload.push_back(of.at("upload_seconds"));
+        warm.push_back(construct.back() + upload.back());
+        cold.push_back(warm.back() + compile.back());
+    };
+    add(kept("introduction").at("construct_seconds"), kept("warm"));
+    if (known("starts")) {
+        for (const nlohmann::json& one : kept("starts")) add(one.at("construct_seconds"), one);
+    }
+    const auto spread = [](const std::vector<double>& samples) -> std::optional<double> {
+        if (samples.size() < 2) return std::nullopt;
+        const auto [least, most] = std::minmax_element(samples.begin(), samples.end());
+        return (*most - *least) / 2 / median(samples);
+    };
+    counters.add("starts", double(cold.size()), Unit::number, Better::neither);
+    counters.add("ready_spread", spread(cold), Unit::number, Better::neither);
+    counters.add("warm_ready_spread", spread(warm), Unit::number, Better::neither);
+    StartPart start{.construct_seconds = median(construct),
+                    .compile_seconds = median(compile),
+                    .upload_seconds = median(upload)};
+    start.warm_ready_seconds = start.construct_seconds + start.upload_seconds;
+    start.ready_seconds = *start.warm_ready_seconds + start.compile_seconds;
     return start;
 }
 
@@ -405,31 +495,46 @@ bool TimedCase::leaves_out_tiles() const {
     return work.contains("tiles_stepped") && work.at("tiles_stepped") < work.at("tiles");
 }
 
-/// The limit of a step of the whole body; empty if it is not known.
-StepLimit TimedCase::limit() const {
+/// The bound of a step of the whole body, by launches that take `launch` seconds if that is less than
+/// elsewhere; without a name if it is not known.
+StepBound TimedCase::bound(std::optional<double> launch, const std::vector<DeviceLimits>& of_card) const {
     if (!case_.limits || kept("step work").is_null()) return {};
-    DeviceLimits limits = *case_.limits;
-    for (const char* when : {launch_before, launch_after}) {
-        if (known(when) && kept(when).is_number())
-            limits.launch_seconds = std::min(limits.launch_seconds, kept(when).get<double>());
-    }
-    return limit_of(step_work_of(kept("step work")), limits, case_.spec().options.precision);
+    DeviceLimits own = *case_.limits;
+    own.launch_seconds = std::min(own.launch_seconds, launch.value_or(own.launch_seconds));
+    return bound_of(step_work_of(kept("step work")), case_.spec().options.precision, own, of_card);
 }
 
 /// Empty if the backend does not tell the work of a step, or if steps leave out tiles at rest: the limit
 /// would be that of the whole body.
-LimitPart TimedCase::limit_part() const {
+LimitPart TimedCase::limit_part(const StudyBench& bench, Counters& counters) const {
     if (kept("step work").is_null() || leaves_out_tiles()) return {};
     const StepWork work = step_work_of(kept("step work"));
     LimitPart part{.bytes = work.bytes,
                    .written_bytes = work.written_bytes,
                    .footprint_bytes = work.footprint_bytes,
                    .operations = work.operations};
-    if (const StepLimit one = limit(); !one.limited_by.empty()) {
-        part.seconds = one.seconds;
-        part.limited_by = one.limited_by;
+    const auto of_card = bench.limits_on_card_of(capabilities_of(case_.capabilities()));
+    if (const StepBound one = bound(launch_seconds(), of_card); !one.longest.limited_by.empty()) {
+        part.seconds = one.longest.seconds;
+        part.limited_by = one.longest.limited_by;
+        counters.add("limit_sum_seconds", one.sum_seconds, Unit::second, Better::neither);
     }
     return part;
+}
+
+/// How many processes made the repetitions, and by how much their medians differ.
+void TimedCase::count_processes(const Observed& seen, Counters& counters) const {
+    std::vector<std::vector<double>> of_process(1);
+    for (int n = 0; n < done_; ++n) {
+        of_process.resize(std::size_t(process_of(n)) + 1);
+        of_process.back().push_back(seen.seconds[std::size_t(n)]);
+    }
+    if (of_process.size() < 2) return;
+    std::vector<double> medians;
+    for (const std::vector<double>& times : of_process) medians.push_back(median(times));
+    const auto [least, most] = std::minmax_element(medians.begin(), medians.end());
+    counters.add("processes", double(medians.size()), Unit::number, Better::neither);
+    counters.add("process_spread", (*most - *least) / 2 / median(medians), Unit::number, Better::neither);
 }
 
 Observed TimedCase::observed() const {
@@ -487,13 +592,25 @@ void TimedCase::add_rows(StudyBench& bench, int number) {
         bench.add("failed", row);
         return;
     }
-    row.limit = limit_part();
-    if (context_.batch.start_times) row.start = start_part();
+    if (known("sustained")) {
+        const nlohmann::json& sustained = kept("sustained");
+        const auto figure = [&](const char* key, double scale = 1) -> std::optional<double> {
+            if (!sustained.contains(key)) return std::nullopt;
+            return scale * sustained.at(key).get<double>();
+        };
+        row.counters.add("sustained_seconds_per_step", figure("seconds_per_step"), Unit::second,
+                         Better::less);
+        row.counters.add("sustained_watts", figure("watts"), Unit::watt, Better::neither);
+        row.counters.add("sustained_hertz", figure("min_mhz", 1e6), Unit::hertz, Better::neither);
+    }
+    row.limit = limit_part(bench, row.counters);
+    if (context_.batch.start_times) row.start = start_part(row.counters);
     if (const nlohmann::json& warm = kept("warm"); warm.contains("chosen"))
         row.choice = ChoicePart{warm.at("chosen"), warm.at("predicted_seconds")};
     if (context_.edits > 0) row.edits = edit_part();
     if (resumed()) row.resumed = true;
     const Observed seen = observed();
+    count_processes(seen, row.counters);
     row.noisy = reasons_of_noise(seen);
     if (!seen.card_mhz.empty()) {
         const auto [least, most] = std::minmax_element(seen.card_mhz.begin(), seen.card_mhz.end());
@@ -649,6 +766,36 @@ void solve_strained_start(StudyBench& bench, const ReferenceSolution& own, const
     add_spreads(bench, run.scene, specs, *run.solution);
 }
 
+namespace {
+
+/// A group of cases that are measured in turns.
+struct TimedGroup {
+    std::vector<Case> entered;
+    std::optional<MeasurementContext> context;
+    std::vector<TimedCase> cases;
+};
+
+/// Makes the fastest case of each formulation and precision, on a device and on the host, step without a
+/// pause.
+void sustain_fastest(StudyBench& bench, std::deque<TimedGroup>& groups) {
+    std::map<std::tuple<Formulation, Precision, bool>, TimedCase*> fastest;
+    for (TimedGroup& group : groups) {
+        for (TimedCase& one : group.cases) {
+            if (!std::isfinite(one.seconds())) continue;
+            const Options& options = one.spec().options;
+            TimedCase*& best = fastest[{options.formulation, options.precision, one.on_host()}];
+            if (best == nullptr || one.seconds() < best->seconds()) best = &one;
+        }
+    }
+    for (const auto& [key, one] : fastest) {
+        if (interrupted()) return;
+        bench.show(one->label() + " without a pause", int(bench.specs().size()), int(bench.specs().size()));
+        one->sustain();
+    }
+}
+
+}  // namespace
+
 void measure(StudyBench& bench, const Batch& batch) {
     const Scene& scene = bench.scene();
     SharedState state(scene.problem.particle_count());
@@ -657,40 +804,63 @@ void measure(StudyBench& bench, const Batch& batch) {
     std::optional<ReferenceSolution> solution;
     StrainedRun strained;
     State left;
-    int number = 0;
-    for (const std::span<const BackendSpec> group : bench.groups()) {
-        std::vector<Case> entered = bench.enter_all(group, timing_program(batch, state),
-                                                    {.limits = true, .at_once = !batch.start_times});
-        if (entered.empty()) continue;
-        std::vector<BackendSpec> specs;
-        for (const Case& one : entered) specs.push_back(one.spec());
-        if (!solution) {
-            solution.emplace(solution_of(bench, edited ? *edited : scene.problem, batch, specs));
-        } else {
-            add_spreads(bench, scene, specs, *solution);
+    std::deque<TimedGroup> groups;
+    // A row's limit is that of its card, which APIs of later groups may raise.
+    const auto add_rows = [&] {
+        int number = 0;
+        for (TimedGroup& group : groups) {
+            for (TimedCase& one : group.cases) one.tell_launch(bench);
         }
-        const MeasurementContext context{scene,    batch,        *solution,
-                                         state,    left,         SceneRunner(scene).edits_within(batch.steps),
-                                         strained, bench.card(), entered};
-        std::vector<TimedCase> cases;
-        cases.reserve(entered.size());
-        for (Case& one : entered) cases.emplace_back(one, context);
-        if (batch.start_times) compile_together(bench, cases);
-        warm_up_all(bench, cases, batch.start_times);
-        const int total = repeat_interleaved(bench, cases);
-        judge_states(bench, cases, total);
-        for (TimedCase& one : cases) {
-            if (!interrupted()) one.measure_edits();
-            if (!interrupted()) one.measure_launch(launch_after);
+        for (TimedGroup& group : groups) {
+            for (TimedCase& one : group.cases) {
+                if (one.finished()) one.add_rows(bench, number);
+                ++number;
+            }
         }
-        solve_strained_start(bench, *solution, batch, cases, strained);
-        judge_strained_starts(bench, cases, total);
-        for (Case& one : entered) one.dismiss();
-        for (TimedCase& one : cases) {
-            if (one.finished()) one.add_rows(bench, number);
-            ++number;
+    };
+    try {
+        for (const std::vector<BackendSpec>& group : bench.groups()) {
+            std::vector<Case> entered = bench.enter_all(group, timing_program(batch, state),
+                                                        {.limits = true, .at_once = !batch.start_times});
+            if (entered.empty()) continue;
+            std::vector<BackendSpec> specs;
+            for (const Case& one : entered) specs.push_back(one.spec());
+            if (!solution) {
+                solution.emplace(solution_of(bench, edited ? *edited : scene.problem, batch, specs));
+            } else {
+                add_spreads(bench, scene, specs, *solution);
+            }
+            TimedGroup& timed = groups.emplace_back();
+            timed.entered = std::move(entered);
+            timed.context.emplace(MeasurementContext{scene, batch, *solution, state, left,
+                                                     SceneRunner(scene).edits_within(batch.steps), strained,
+                                                     bench.card(), timed.entered});
+            std::vector<TimedCase>& cases = timed.cases;
+            cases.reserve(timed.entered.size());
+            for (Case& one : timed.entered) cases.emplace_back(one, *timed.context);
+            if (batch.start_times) compile_together(bench, cases);
+            warm_up_all(bench, cases, batch.start_times);
+            for (TimedCase& one : cases) {
+                if (!interrupted()) one.measure_starts();
+            }
+            const int total = repeat_interleaved(bench, cases);
+            judge_states(bench, cases, total);
+            for (TimedCase& one : cases) {
+                if (!interrupted()) one.measure_edits();
+                if (!interrupted()) one.measure_launch(launch_after);
+            }
+            solve_strained_start(bench, *solution, batch, cases, strained);
+            judge_strained_starts(bench, cases, total);
+            // The processes of a card's cases have ended before those of the host are timed.
+            for (Case& one : timed.entered) one.dismiss();
+            for (Case& one : timed.entered) one.restart();
         }
+        if (batch.sustained_seconds > 0) sustain_fastest(bench, groups);
+    } catch (const Interrupted&) {
+        add_rows();
+        throw;
     }
+    add_rows();
 }
 
 }  // namespace voxspring

@@ -114,13 +114,16 @@ void StudyBench::turn_to(const StudyScene& item, std::shared_ptr<const Scene> sc
     progress_.expect(number_ - 1, expected_cases());
 }
 
-std::vector<std::span<const BackendSpec>> StudyBench::groups() const {
+std::vector<std::vector<BackendSpec>> StudyBench::groups() const {
     const auto most = std::size_t(options_.together);
-    const std::size_t count = (specs_.size() + most - 1) / most;
-    std::vector<std::span<const BackendSpec>> groups;
-    for (std::size_t n = 0; n < count; ++n) {
-        const std::size_t begin = specs_.size() * n / count, end = specs_.size() * (n + 1) / count;
-        groups.push_back(std::span(specs_).subspan(begin, end - begin));
+    std::vector<BackendSpec> specs = specs_;
+    const auto of_host = std::stable_partition(specs.begin(), specs.end(), has_driver);
+    std::vector<std::vector<BackendSpec>> groups;
+    for (const auto& [first, last] : {std::pair(specs.begin(), of_host), std::pair(of_host, specs.end())}) {
+        const auto size = std::size_t(last - first), count = (size + most - 1) / most;
+        for (std::size_t n = 0; n < count; ++n)
+            groups.emplace_back(first + std::ptrdiff_t(size * n / count),
+                                first + std::ptrdiff_t(size * (n + 1) / count));
     }
     return groups;
 }

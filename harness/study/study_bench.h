@@ -73,8 +73,8 @@ public:
     /// The backends that the study asks for on this scene, including the choices of the rules.
     const std::vector<BackendSpec>& specs() const { return specs_; }
     /// The specs() in as few groups of at most StudyOptions::together as possible, whose sizes differ by at
-    /// most one.
-    std::vector<std::span<const BackendSpec>> groups() const;
+    /// most one. Backends that step on the host are in further groups, after all others.
+    std::vector<std::vector<BackendSpec>> groups() const;
 
     /// The case of a backend, ready to be asked. Empty if it cannot run the scene; the result then has the
     /// reason.
@@ -112,6 +112,14 @@ public:
     References& references() { return references_; }
     /// The generator that shuffles the repetitions of several cases. Its seed is in the result.
     std::mt19937& order();
+    /// The limits of all APIs that were measured on the card of a backend with these capabilities.
+    std::vector<DeviceLimits> limits_on_card_of(const Capabilities& capabilities) const {
+        return limits_.on_card_of(capabilities);
+    }
+    /// Takes a launch of a backend's API that was shorter than the one known.
+    void improve_launch(const Capabilities& capabilities, double seconds) {
+        limits_.improve_launch(capabilities, seconds);
+    }
     const Card* card() const { return card_.get(); }  ///< null: there is no card, or it cannot be watched
     /// Shows what is being done, and how many of the scene's measurements are done. `total` counts those of
     /// expected_cases().

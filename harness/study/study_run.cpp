@@ -339,7 +339,7 @@ std::size_t StudyRun::row_count() const {
 
 void StudyRun::publish() {
     bench_->describe_devices();
-    if (!result_.rows("benchmarks").empty() && !result_.context.contains("caches")) {
+    if (row_count() > 0 && !result_.context.contains("caches")) {
         nlohmann::json machine = google_benchmark_context();
         machine.update(result_.context);  // keeps the date of the beginning
         result_.context = std::move(machine);

@@ -1,6 +1,7 @@
 #include "harness/study/timing_runner.h"
 
 #include <omp.h>
+#include <sched.h>
 
 #include <algorithm>
 #include <chrono>
@@ -11,8 +12,10 @@
 #include <optional>
 #include <stdexcept>
 #include <utility>
+#include <vector>
 
 #include "harness/base/statistics.h"
+#include "harness/device/energy.h"
 #include "harness/device/noise.h"
 #include "harness/scene/scene_runner.h"
 #include "harness/study/random_starts.h"
@@ -45,6 +48,39 @@ void spread_threads() {
     while (seconds_since(begin) < moment) {
     }
 }
+
+/// While this object lives, each OpenMP thread runs on a processor that no other of them has. The system
+/// would otherwise move threads, or let two share a core, in some batches and not in others.
+class PinnedThreads {
+public:
+    PinnedThreads() {
+        std::vector<int> processors;
+        if (sched_getaffinity(0, sizeof before_, &before_) != 0) return;
+        for (int n = 0; n < CPU_SETSIZE; ++n) {
+            if (CPU_ISSET(n, &before_)) processors.push_back(n);
+        }
+        if (processors.empty() || std::size_t(omp_get_max_threads()) > processors.size()) return;
+        pinned_ = true;
+#pragma omp parallel
+        {
+            cpu_set_t one;
+            CPU_ZERO(&one);
+            CPU_SET(processors[std::size_t(omp_get_thread_num())], &one);
+            (void)sched_setaffinity(0, sizeof one, &one);
+        }
+    }
+    PinnedThreads(const PinnedThreads&) = delete;
+    PinnedThreads& operator=(const PinnedThreads&) = delete;
+    ~PinnedThreads() {
+        if (!pinned_) return;
+#pragma omp parallel
+        (void)sched_setaffinity(0, sizeof before_, &before_);
+    }
+
+private:
+    cpu_set_t before_ = {};
+    bool pinned_ = false;
+};
 
 /// While this object lives, the process has one thread per processor, as a program that edits a body would
 /// have. Some backends rebuild tables on the host at an edit, and edits are timed. No other case is being
@@ -85,11 +121,9 @@ public:
         if (what == "warm up") return warm_up(backend, question.at("batches"));
         if (what == "repeat") return repeat(backend);
         if (what == "state") return read(backend, steps_in_all(batch_));
-        if (what == "fingerprint") {
-            const std::string own = backend.state_fingerprint();
-            return own.empty() ? fingerprint_of(backend.download()) : own;
-        }
+        if (what == "fingerprint") return fingerprint(backend);
         if (what == "edits") return edits(backend);
+        if (what == "sustain") return sustain(backend, question.at("seconds"));
         if (what == "strained") return strained(backend);
         if (what == "compile") return compile();
         if (what == "launch") {
@@ -107,6 +141,11 @@ public:
     }
 
 private:
+    static std::string fingerprint(Backend& backend) {
+        const std::string own = backend.state_fingerprint();
+        return own.empty() ? fingerprint_of(backend.download()) : own;
+    }
+
     /// Reads the state that has been reached. Throws if the run diverged.
     nlohmann::json read(Backend& backend, int steps) {
         const State state = backend.download();
@@ -167,7 +206,11 @@ private:
         if (batch_.rewind) runner_.rewind(backend);
         std::optional<AllProcessors> all;
         if (runner_.edits_within(batch_.steps) > 0) all.emplace();
-        if (backend.capabilities().steps_on_host()) spread_threads();
+        std::optional<PinnedThreads> pinned;
+        if (backend.capabilities().steps_on_host()) {
+            pinned.emplace();
+            spread_threads();
+        }
         const std::optional<double> plain_seconds = plain(backend);
         const auto waited_begin = waited_seconds();
         const double cpu_begin = cpu_seconds_of_thread();
@@ -185,6 +228,43 @@ private:
         answer["spin_seconds"] = spin_seconds();
         // Batches that continue from each other are still monitored.
         if (backend.divergence()) (void)read(backend, steps_in_all(batch_));
+        return answer;
+    }
+
+    /// Batches without a pause, for a third of `seconds` until clocks settle and then for `seconds`: the mean
+    /// time of a step by the backend's clock, and what the device's meter says, if it has one. They must
+    /// leave the state of the first one.
+    nlohmann::json sustain(Backend& backend, double seconds) {
+        std::optional<PinnedThreads> pinned;
+        if (backend.capabilities().steps_on_host()) pinned.emplace();
+        const bool comparable = batch_.rewind && backend.capabilities().deterministic;
+        double stepped = 0;
+        std::int64_t batches = 0;
+        const auto batch = [&] {
+            if (batch_.rewind) runner_.rewind(backend);
+            stepped += backend.timed([&] { runner_.run(backend, batch_.steps); }).device_seconds;
+            ++batches;
+        };
+        batch();
+        const std::string first = comparable ? fingerprint(backend) : "";
+        for (const auto begin = Clock::now(); seconds_since(begin) < seconds / 3;) batch();
+        stepped = 0;
+        batches = 0;
+        nlohmann::json answer;
+        try {
+            const auto meter = energy_meter_of(backend.capabilities());
+            const EnergyUse use = measure_energy(*meter, 0, seconds, batch);
+            answer["watts"] = use.watts;
+            if (use.min_mhz) answer["min_mhz"] = *use.min_mhz;
+        } catch (const DeviceError&) {
+            throw;
+        } catch (const std::runtime_error&) {
+            // The device's power is not known.
+            for (const auto begin = Clock::now(); batches == 0 || seconds_since(begin) < seconds;) batch();
+        }
+        answer["seconds_per_step"] = stepped / (double(batches) * batch_.steps);
+        if (comparable && fingerprint(backend) != first)
+            throw std::runtime_error("batches without a pause left another state than the first one");
         return answer;
     }
 

@@ -18,6 +18,9 @@ struct Batch {
     /// steps all cases are at the same state except for rounding, and errors are measured after the last
     /// batch.
     bool rewind = true;
+    /// How long the fastest cases of a scene are also stepped without a pause; 0: not at all. The repetitions
+    /// are bursts of milliseconds, at clocks that a device may not hold for a second.
+    double sustained_seconds = 0;
     /// A case stops repeating once its repetitions have taken this long together, after at least two. It
     /// requires `rewind`: without it all cases must make the same number of steps.
     double most_seconds = std::numeric_limits<double>::infinity();
@@ -28,8 +31,9 @@ int steps_in_all(const Batch& batch);
 
 /// Answers "warm up" with the times of the first upload, "repeat" with a timed batch, "state" with the state
 /// that the last batch left, through `shared`, "fingerprint" with that of this state, "edits" with their
-/// latencies, "strained" with the state after a batch from strained_start(), through `shared`, and "step
-/// work" with the least work of a step (limits.h).
+/// latencies, "sustain" with the time of a step while batches follow each other for so long, "strained" with
+/// the state after a batch from strained_start(), through `shared`, and "step work" with the least work of a
+/// step (limits.h).
 CaseProgram timing_program(const Batch& batch, SharedState& shared);
 
 }  // namespace voxspring

@@ -12,6 +12,7 @@ import statistics
 from dataclasses import dataclass
 
 import comparison
+import result_files
 from result_files import distinct, groups, listed
 
 from . import charts, reading
@@ -19,6 +20,8 @@ from .charts import ABOUT
 
 # Keeps a number and its unit on one line.
 SPACE = "\N{NO-BREAK SPACE}"
+# Counters that columns of figures.vegalite have in other units.
+IN_COLUMNS = {"sustained_seconds_per_step", "limit_sum_seconds"}
 TARGETS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
 # The most names in a headline.
 FEW = 3
@@ -183,7 +186,7 @@ class Figure:
     def __init__(self, name, rows, page, tell, by, below):
         self.name, self.rows, self.page, self.below, self.about = name, rows, page, below, ABOUT["figures"][name]
         self.columns, self.legend = charts.columns(self.about["columns"], self.about.get("named")), self.about.get("legend", "backend")
-        self.columns += page.counters(rows, {key for key, *_ in self.columns})
+        self.columns += page.counters(rows, {key for key, *_ in self.columns} | IN_COLUMNS)
         # Captions name the results with a list, or of a study.
         having = self.about.get("having", "benchmarks")
         self.results = [one for one in page.results if (one.lists[having] if having in one.lists else one.study == having)]
@@ -361,10 +364,11 @@ def limits_below(rows):
 def roofline(_, group):
     best = max([row for row in group if row["of_limit"] <= 1] or group, key=lambda row: row["of_limit"])
     middle = statistics.median(row["of_limit"] for row in group)
-    bound = statistics.mode(row["limited_by"] for row in group)
-    share = sum(row["limited_by"] == bound for row in group) / len(group)
+    bound = [row["limited_by"] for row in group if row["limited_by"]]
+    most = statistics.mode(bound) if bound else ""
+    binds = f", and {most} binds {bound.count(most)} of the {len(bound)} that reach {percent(result_files.MIN_BINDING)}" if bound else ""
     text = f"{best['backend']} comes closest to its limit, {percent(best['of_limit'])} on {best['scene']}"
-    return text, f"{text}; the median row reaches {percent(middle)}, and {bound} binds {percent(share)} of them"
+    return text, f"{text}; the median row reaches {percent(middle)}{binds}"
 
 
 # One panel per dataset: one that fits a card's cache, and one far beyond it. If neither was measured: the smallest and the largest.

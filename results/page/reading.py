@@ -206,7 +206,9 @@ def measured(results):
     return [row | {
         "threshold": verdicts.get((result.path, row["name"].split("/iterations:")[0]), "-"), "microseconds": row["real_time"], "least": min(times), "most": max(times), "repetition_times": tuple(times),
         "spring_rate": row["springs"] / row["real_time"] * 1e6, "of_limit": row.get("fraction_of_limit"),
-        "limited_by": row.get("limited_by"),
+        "limited_by": result_files.binder(row),
+        "of_sum": row["limit_sum_seconds"] * 1e6 / row["real_time"] if row.get("limit_sum_seconds") else None,
+        "sustained": row["sustained_seconds_per_step"] * 1e6 if row.get("sustained_seconds_per_step") else None,
         "limit_microseconds": row["limit_seconds"] * 1e6 if row.get("limit_seconds") else None,
         **moved_and_computed(row), "rounding": row.get("error_relative_l2"), "rounding_max": row.get("error_max"),
         "error_steps": row.get("error_steps", row["steps"]), "edits": row.get("edits"),

@@ -114,7 +114,7 @@ def repetitions_above_limit():
     above = above_limit(repetitions)
     names = listed(sorted({f"{tables.contender(one)} on {one['scene']}" for one in above}))
     marked = all(one.get("noisy") and one["limited_by"] == "launch" for one in above)
-    reason = ", marked `~`: its time and that of an empty launch moved" if marked else ""
+    reason = ", marked `~`, by launches" if marked else ""
     return f"{len(above)} of {len(repetitions):,} repetitions" + (f" ({names}{reason})" if above else "")
 
 

@@ -33,6 +33,11 @@ def machines(study):
     return [loaded(path) for path in result_files.committed(RESULTS) if result_files.study_of(path) == study]
 
 
+def limits_of_machine(machine=GPU):
+    """The best of each limit over all studies of a machine."""
+    return result_files.best_limits(loaded(path) for path in result_files.within(RESULTS / machine))
+
+
 def name_of(row):
     """scene/backend/formulation/precision, and what of its tuning is not at its default."""
     return row["name"].split("/iterations:")[0]
@@ -134,6 +139,39 @@ def microseconds(value):
 def percent(value):
     return f"{100 * value:.0f} %" if value is not None else "-"
 
+
+def as_known(value, *rows, decimals=2):
+    """A ratio of times of some rows, or a share of one, with as many digits as it deserves."""
+    return result_files.as_known(value, *(row.get("spread") for row in rows), decimals=decimals)
+
+
+def ratio_text(row, base):
+    """The time of a row over that of another."""
+    return as_known(row["real_time"] / base["real_time"], row, base)
+
+
+def share(row):
+    """What share of its limit a row reaches."""
+    fraction = row.get("fraction_of_limit")
+    return f"{as_known(100 * fraction, row, decimals=0)} %" if fraction is not None else "-"
+
+
+def share_of_sum(row):
+    """What share of its time the terms of its limit take together: more than 100 % if they overlap."""
+    terms = row.get("limit_sum_seconds")
+    return f"{as_known(100e6 * terms / row['real_time'], row, decimals=0)} %" if terms else "-"
+
+
+def sustained(row):
+    """The time of a step while steps follow each other for seconds, in us; a dash where that was not measured."""
+    seconds = row.get("sustained_seconds_per_step")
+    return microseconds(seconds * 1e6 if seconds else None)
+
+
+def without_sustained(rows):
+    """Why no row has a sustained time, once for a table; nothing if one has."""
+    old = all("sustained_seconds_per_step" not in row for row in rows)
+    return "A dash under *sustained*: files of this commit have bursts alone. " * old
 
 def marked(row, text):
     """A figure, with the mark of a row that its run says is not to be trusted."""

@@ -5,8 +5,8 @@ import math
 
 import result_files
 from readme.rows import (
-    GPU, RESULTS, by_name, contender, fastest_of, giga, held_out, is_papers, loaded, machines, medians, medians_of, percent, result, table,
-    three_digits, time_of, tuning_of,
+    GPU, RESULTS, by_name, contender, fastest_of, giga, held_out, is_papers, loaded, machines, medians, medians_of, percent, result, share,
+    share_of_sum, table, three_digits, time_of, tuning_of,
 )
 from result_files import distinct, groups
 
@@ -18,8 +18,11 @@ def papers(row):
 
 
 def limit_of(row):
-    """What share of its limit a row reaches, and which limit that is."""
-    return f"{percent(row['fraction_of_limit'])} ({row['limited_by']})" if row["fraction_of_limit"] else "-"
+    """What share of its limit a row reaches, which limit that is if it binds, and the share of the sum of its terms."""
+    if not row["fraction_of_limit"]:
+        return "-"
+    words = [result_files.binder(row), row.get("limit_sum_seconds") and f"sum {share_of_sum(row)}"]
+    return share(row) + f" ({', '.join(filter(None, words))})" * any(words)
 
 
 def contenders(rows):

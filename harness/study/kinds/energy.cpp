@@ -171,8 +171,11 @@ void EnergyStudy::run(StudyBench& bench) {
 }
 
 void EnergyStudy::print(const Result& result, std::ostream& out, TableWidth width) const {
-    print_rows<EnergyRow>(result.rows<EnergyRow>("energy"),
-                          {{{"clock", 7}, [](const auto& row) { return row.clock(); }}}, width, out);
+    print_rows<EnergyRow>(
+        result.rows<EnergyRow>("energy"),
+        {{{"steps", 8}, [](const auto& row) { return std::to_string(row.workpiece->steps); }},
+         {{"clock", 7}, [](const auto& row) { return row.clock(); }}},
+        width, out);
     print_unmeasured(result, out);
 }
 

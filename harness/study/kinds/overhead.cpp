@@ -144,6 +144,7 @@ void OverheadStudy::print(const Result& result, std::ostream& out, TableWidth wi
     print_rows<OverheadRow>(
         result.rows<OverheadRow>("overhead"),
         {{{"particles", 1}, [](const auto& row) { return std::to_string(row.workpiece->particles); }},
+         {{"steps", 3}, [](const auto& row) { return std::to_string(row.workpiece->steps); }},
          {{"handed over"}, [](const auto& row) { return row.handed_over; }}},
         width, out);
     print_unmeasured(result, out);

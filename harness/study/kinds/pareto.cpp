@@ -304,7 +304,7 @@ void ParetoStudy::measure(StudyBench& bench, const std::vector<int>& counts, Row
     std::optional<Refined> refined;
     std::map<std::string, std::string> by_uuid;
     int begun = 0;
-    for (const std::span<const BackendSpec> group : bench.groups()) {
+    for (const std::vector<BackendSpec>& group : bench.groups()) {
         std::vector<Case> cases = bench.enter_all(group, program, {.at_once = true});
         if (cases.empty()) continue;
         compile_all(bench, cases, counts.front(), total());

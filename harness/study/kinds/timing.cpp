@@ -21,6 +21,7 @@ public:
         if (const auto most = study.find("most_particle_steps"))
             most_particle_steps_ = most->integer(1, max_particle_steps);
         if (const auto most = study.find("most_case_seconds")) most_case_seconds_ = most->number(1e-3, 1e6);
+        read_sustained(study);
     }
     std::string read_scene(JsonObject& item) const override {
         if (const auto times = item.find("start_times")) (void)times->boolean();
@@ -46,6 +47,10 @@ protected:
     void read_start_times(JsonObject& study) {
         if (const auto times = study.find("start_times")) start_times_ = times->boolean();
     }
+    void read_sustained(JsonObject& study) {
+        if (const auto seconds = study.find("sustained_seconds"))
+            sustained_seconds_ = seconds->number(0, 3600);
+    }
     /// The batch for a scene. A scene with edits always makes all of its steps, since edits belong to certain
     /// steps.
     Batch batch_of(const Study& study, const StudyScene& item, const Scene& scene) const {
@@ -56,6 +61,7 @@ protected:
                 .total_error = total_error_,
                 .start_times = item.settings.value("start_times", start_times_),
                 .rewind = item.settings.value("rewind", true),
+                .sustained_seconds = sustained_seconds_,
                 .most_seconds = most_case_seconds_};
     }
 
@@ -65,6 +71,7 @@ private:
     static constexpr std::int64_t max_particle_steps = 1'000'000'000'000;
 
     bool start_times_ = true;
+    double sustained_seconds_ = 0;
     std::int64_t most_particle_steps_ = max_particle_steps;
     double most_case_seconds_ = Batch().most_seconds;
 };
@@ -74,6 +81,7 @@ public:
     FastestStudy() { total_error_ = false; }
     void read(JsonObject& study) override {
         read_start_times(study);
+        read_sustained(study);
         if (const auto targets = study.find("targets")) targets_ = read_targets(*targets);
     }
     std::string read_scene(JsonObject& item) const override {
