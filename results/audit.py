@@ -409,8 +409,6 @@ SENTENCES = {
         "table1", "box@32", "cuda_explicit_cached_grid", "cuda_explicit_cached"),
     r"concatenated lists take ([\d.]+) times as long past L1": lambda: over(
         "tuning", "box@160", "cuda_explicit_device layout=concatenated", "cuda_explicit_device"),
-    r"Fragment shaders take ([\d.]+) times as long as CUDA with implicit addressing": lambda: over(
-        "table1", "box@32", "gl_fragment_implicit", "cuda_implicit_cached"),
     r"paper's box and ([\d.]+) times with lists": lambda: over("table1", "box@32", "gl_fragment_explicit", "cuda_explicit_cached_grid"),
     r"take ([\d.]+) times as long as CUDA\. Among": lambda: over("table1", "box@32", "gl_compute_implicit", "cuda_implicit_cached"),
     r"faster: by a factor of ([\d.]+) on the box": lambda: over("table1", "box@32", "gl_fragment_explicit", "gl_fragment_implicit"),
