@@ -750,7 +750,7 @@ INSTANTIATE_TEST_SUITE_P(, LostDevice,
                          [](const auto& tested) { return tested.param.first; });
 
 TEST_P(LostDevice, KeepsWhatWasFinishedAndNamesTheRest) {
-    write(R"({"backends": ["losing_*", "test_sound"], "repetitions": 4, "steps": 2,
+    write(R"({"backends": ["losing_*", "test_sound"], "start_times": false, "repetitions": 4, "steps": 2,
               "scenes": [{"scene": "box@3"}, {"scene": "box@4"}, {"scene": "box@5"}]})");
     const auto [call, number] = GetParam();
     device = {{}, number, false};
