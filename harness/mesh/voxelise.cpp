@@ -241,10 +241,9 @@ Voxelised voxelise(Mesh mesh, std::optional<double> chosen_pitch, double fill,
     const glm::dvec3 extent = facts.high - facts.low;
     // Some voxels across the thinnest side, unless the mesh is flat.
     const double thinnest = std::min({extent.x, extent.y, extent.z}) / 4;
-    const std::string suggestion =
-        fmt::format("about {:.2g}: the mesh is {} in its file's unit of length",
-                    thinnest > 0 ? std::min(default_pitch(facts), thinnest) : default_pitch(facts),
-                    text_of(extent));
+    const std::string suggestion = fmt::format(
+        "about {:.2g}: the mesh is {} in its file's unit of length",
+        thinnest > 0 ? std::min(default_pitch(facts), thinnest) : default_pitch(facts), text_of(extent));
     const glm::dvec3 sides = glm::max(glm::ceil(extent / pitch - 1e-9), glm::dvec3(1));
     const double voxels = sides.x * sides.y * sides.z;
     if (!(voxels <= double(limits.voxels)) || std::max({sides.x, sides.y, sides.z}) > max_side)

@@ -22,6 +22,7 @@
 #include "harness/scene/edit_schedule.h"
 #include "harness/scene/scene_file.h"
 #include "harness/scene/stability.h"
+#include "harness/volume/resample.h"
 #include "harness/volume/text_header.h"
 #include "harness/volume/volume.h"
 
@@ -41,11 +42,24 @@ struct LoadedDataset {
     LabelledGrid labelled;
     std::optional<VolumeFacts> volume{};
     std::vector<std::string> notes{};
+    std::shared_ptr<const MeshInGrid> mesh{};
 };
+
+LoadedDataset load_mesh(const DatasetSpec& dataset, const std::filesystem::path& path,
+                        const SceneSizeLimits& limits) {
+    Voxelised voxelised =
+        voxelise(read_mesh(path), dataset.pitch, dataset.fill.value_or(default_fill), limits);
+    VolumeFacts facts;
+    facts.placement = Placement{voxelised.source.origin, {glm::dvec3(1, 0, 0), {0, 1, 0}, {0, 0, 1}}};
+    return {{std::move(voxelised.grid), {numbered_label(1)}},
+            facts,
+            std::move(voxelised.notes),
+            std::make_shared<const MeshInGrid>(std::move(voxelised.source))};
+}
 
 LoadedDataset load_dataset(const SceneFile& scene, const std::string& file, const SceneSizeLimits& limits) {
     const DatasetSpec& dataset = scene.dataset;
-    if (dataset.type != DatasetType::volume) {
+    if (!dataset.is_from_file()) {
         checked_voxel_count(dataset.dims, limits, file, "dataset.dims");
         LabelledGrid labelled{
             dataset.type == DatasetType::box ? make_box(dataset.dims) : make_heart(dataset.dims),
@@ -57,9 +71,18 @@ LoadedDataset load_dataset(const SceneFile& scene, const std::string& file, cons
     const std::filesystem::path path = std::filesystem::path(file).parent_path() / dataset.file;
     if (dataset.file_source) {
         std::error_code error;
-        if (!is_volume_name(dataset.file))
+        const bool is_mesh = dataset.type == DatasetType::mesh;
+        if (is_mesh && !is_mesh_name(dataset.file))
+            dataset.file_source->refuse("a mesh, whose name ends in " + mesh_endings());
+        if (!is_mesh && !is_volume_name(dataset.file))
             dataset.file_source->refuse("a volume file, whose name ends in " + volume_endings());
         if (!std::filesystem::is_regular_file(path, error)) dataset.file_source->refuse("a file that exists");
+    }
+    if (dataset.type == DatasetType::mesh) {
+        if (scene.spacing)
+            throw BadInput(file, "spacing", "a spacing beside a mesh",
+                           "\"pitch\" of the dataset: the distance of the voxels that are made");
+        return load_mesh(dataset, path, limits);
     }
     const Volume volume = read_volume(path, {scene.spacing, dataset.frame}, limits);
     // In a file of segments the segments are the body.
@@ -70,6 +93,11 @@ LoadedDataset load_dataset(const SceneFile& scene, const std::string& file, cons
                              : above_threshold(volume, dataset.threshold.value_or(0)),
                          volume.facts, volume.notes};
     loaded.volume->labels = std::move(loaded.labelled.counts);
+    if (dataset.pitch) {
+        const glm::dvec3 shift = resample(loaded.labelled, *dataset.pitch,
+                                          dataset.fill.value_or(default_fill), path.string(), limits);
+        if (auto& placement = loaded.volume->placement) placement->origin += placement->to_file(shift);
+    }
     loaded.notes.insert(loaded.notes.end(), loaded.labelled.notes.begin(), loaded.labelled.notes.end());
     return loaded;
 }
@@ -265,14 +293,14 @@ void pin_regions(Problem& problem, const SceneFile& scene) {
     pin(problem, std::move(pinned));
 }
 
-/// Whether the scene is a volume without a scene file: its user has chosen only what options say.
-bool is_volume_by_itself(const SceneFile& scene) {
-    return scene.dataset.type == DatasetType::volume && !scene.dataset.file_source;
+/// Whether the scene is a volume or mesh without a scene file: its user has chosen only what options say.
+bool is_body_by_itself(const SceneFile& scene) {
+    return scene.dataset.is_from_file() && !scene.dataset.file_source;
 }
 
 /// What is decided for the user of a volume without a scene file, apart from gravity (gravity_of()).
 std::string chosen_for_user(const SceneFile& file_says, const Scene& scene) {
-    const bool above_zero = !file_says.dataset.threshold && scene.volume->labels.empty();
+    const bool above_zero = !scene.mesh && !file_says.dataset.threshold && scene.volume->labels.empty();
     const Region& pinned = file_says.pinned.front();
     const auto [from, to] = voxels_of(pinned, scene.problem.lattice);
     std::vector<std::string> groups;
@@ -412,11 +440,12 @@ Scene build(SceneFile file_says, const std::string& file, const SceneSizeLimits&
     Scene scene;
     scene.description = file_says.description;
     scene.volume = std::move(dataset.volume);
+    scene.mesh = std::move(dataset.mesh);
     scene.notes = std::move(dataset.notes);
     keep_parts(labelled.grid, file_says, file, scene.notes);
     Problem& problem = scene.problem;
     problem = make_problem(file_says, std::move(labelled));
-    if (is_volume_by_itself(file_says)) {
+    if (is_body_by_itself(file_says)) {
         for (Region& region : file_says.pinned) region = on_an_axis_with_slices(region, problem.lattice);
         scene.notes.push_back(chosen_for_user(file_says, scene));
     }
@@ -430,7 +459,7 @@ Scene build(SceneFile file_says, const std::string& file, const SceneSizeLimits&
     problem.damping = file_says.damping;
     std::string parts_note = describe(parts_of(problem), problem.has_gravity());
     if (!parts_note.empty()) {
-        if (file_says.dataset.type == DatasetType::volume)
+        if (file_says.dataset.is_from_file())
             parts_note +=
                 "; --parts largest, or \"parts\" of a scene's dataset, keeps the largest part alone";
         scene.notes.push_back(std::move(parts_note));
@@ -443,8 +472,8 @@ Scene build(SceneFile file_says, const std::string& file, const SceneSizeLimits&
     problem.time_step = choose_time_step(file_says.time_step, scene.stable_time_step, limiting, file);
     set_field(scene.state.displacement, file_says.displacement, 1, problem);
     set_field(scene.state.increment, file_says.velocity, problem.time_step, problem);
-    // A user who brings a volume may not know these keys; a scene of a box is written with them.
-    if (file_says.dataset.type == DatasetType::volume) {
+    // A user who brings a body may not know these keys; a scene of a box is written with them.
+    if (file_says.dataset.is_from_file()) {
         if (std::string note = why_it_falls_or_rests(scene); !note.empty())
             scene.notes.push_back(std::move(note));
     }
@@ -471,7 +500,7 @@ struct Resize {
 
 Resize split_resize(const std::string& argument) {
     const auto at = argument.rfind('@');
-    if (at == std::string::npos || argument.ends_with(".json") || is_volume_name(argument))
+    if (at == std::string::npos || argument.ends_with(".json") || is_body_file(argument))
         return {argument, "", {}};
     Resize resize{argument.substr(0, at), argument.substr(at), {}};
     std::string text = resize.suffix.substr(1);
@@ -490,17 +519,39 @@ Resize split_resize(const std::string& argument) {
     return resize;
 }
 
-SceneFile volume_with_parameters_of_heart(const std::string& file) {
+SceneFile body_with_parameters_of_heart(const std::string& file) {
     SceneFile scene = read_scene_file(parse_json(*builtin_text("heart"), file));
-    scene.description = "The volume " + file_name(file) + " with the parameters of the scene heart.";
+    const bool is_mesh = is_mesh_name(file);
+    scene.description = fmt::format("The {} {} with the parameters of the scene heart.",
+                                    is_mesh ? "mesh" : "volume", file_name(file));
     scene.dataset = {};
-    scene.dataset.type = DatasetType::volume;
+    scene.dataset.type = is_mesh ? DatasetType::mesh : DatasetType::volume;
     scene.dataset.file = file_name(file);
     return scene;
 }
 
+/// Refuses an option of which the file has no use.
+void check(const VolumeOptions& options, const std::string& file) {
+    const auto refuse = [&](const char* option, bool is_given, const std::string& accepted) {
+        if (is_given) throw BadInput(file, option, "an option", accepted);
+    };
+    if (!is_mesh_name(file)) {
+        refuse("--fill", options.fill && !options.pitch,
+               "--pitch beside it: the voxels of a volume are full");
+        return;
+    }
+    const std::string none = "none for a mesh, which has no voxels of its own";
+    refuse("--labels", options.labels.has_value(), none);
+    refuse("--threshold", options.threshold.has_value(), none);
+    refuse("--frame", options.frame.has_value(), none);
+    refuse("--spacing", options.spacing.has_value(),
+           "--pitch for a mesh, the distance of the voxels made of it");
+}
+
 /// Lets the options of the command line replace what `scene` says.
 void apply(const VolumeOptions& volume, SceneFile& scene) {
+    scene.dataset.pitch = volume.pitch;
+    scene.dataset.fill = volume.fill;
     scene.dataset.labels = volume.labels;
     scene.dataset.threshold = volume.threshold;
     scene.dataset.frame = volume.frame;
@@ -511,6 +562,8 @@ void apply(const VolumeOptions& volume, SceneFile& scene) {
 }
 
 }  // namespace
+
+bool is_body_file(const std::string& name) { return is_volume_name(name) || is_mesh_name(name); }
 
 void say_notes(const Scene& scene) {
     std::string lines;
@@ -523,8 +576,9 @@ Scene load_scene(const std::string& argument, const SceneSizeLimits& limits) {
 }
 
 Scene load_scene(const std::string& argument, const VolumeOptions& volume, const SceneSizeLimits& limits) {
-    if (is_volume_name(argument)) {
-        SceneFile parameters = volume_with_parameters_of_heart(argument);
+    if (is_body_file(argument)) {
+        check(volume, argument);
+        SceneFile parameters = body_with_parameters_of_heart(argument);
         apply(volume, parameters);
         Scene scene = build(parameters, argument, limits);
         scene.name = utf8_text(file_name(argument));
@@ -534,21 +588,21 @@ Scene load_scene(const std::string& argument, const VolumeOptions& volume, const
     if (volume.any())
         throw BadInput(
             argument, "scene", argument,
-            "a volume file: labels, threshold, frame, parts, spacing and gravity of another scene stand "
-            "in its file");
+            "a volume file or a mesh: labels, threshold, frame, parts, pitch, fill, spacing and gravity of "
+            "another scene stand in its file");
     const Resize resize = split_resize(argument);
     const std::string_view* builtin = builtin_text(resize.base);
     if (builtin == nullptr && !resize.base.ends_with(".json")) {
         throw BadInput(argument, "scene", resize.base,
                        "a built-in scene (" + fmt::format("{}", fmt::join(builtin_name_list(), ", ")) +
-                           "), a scene file (.json) or a volume file (" + volume_endings() + ")" +
-                           did_you_mean(resize.base, builtin_name_list()));
+                           "), a scene file (.json), a volume file (" + volume_endings() + ") or a mesh (" +
+                           mesh_endings() + ")" + did_you_mean(resize.base, builtin_name_list()));
     }
     SceneFile file_says =
         read_scene_file(builtin != nullptr ? parse_json(*builtin, resize.base) : read_json(resize.base));
     if (!resize.suffix.empty()) {
-        if (file_says.dataset.type == DatasetType::volume)
-            throw BadInput(argument, "dims", resize.suffix, "no dims: a volume keeps its own");
+        if (file_says.dataset.is_from_file())
+            throw BadInput(argument, "dims", resize.suffix, "no dims: \"pitch\" of its dataset sets them");
         file_says.dataset.dims = resize.dims;
     }
     Scene scene = build(file_says, argument, limits, builtin != nullptr);
