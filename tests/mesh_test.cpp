@@ -214,7 +214,7 @@ TEST(MeshFile, OfABoxIsABoxInEveryFormat) {
         const Mesh mesh = parse_mesh(file.bytes, file.name);
         EXPECT_EQ(mesh.triangles.size(), 12);
         ASSERT_EQ(mesh.points.size(), 8);
-        // Of an STL file the first use of a vertex makes its number.
+        // In an STL file the first use of a vertex makes its number.
         if (!file.name.ends_with(".stl") && !file.name.ends_with(".STL")) {
             EXPECT_EQ(mesh.points, box_mesh().points);
         }
@@ -371,7 +371,7 @@ TEST(Voxels, OfABallHaveItsVolumeHoweverItIsTriangulated) {
         std::swap(flipped.triangles[n][0], flipped.triangles[n][1]);
     EXPECT_EQ(body_volume(flipped), body_volume(ball));
 
-    Mesh stitched = ball;  // a patch of it has vertices of its own, elsewhere by little, and is turned over
+    Mesh stitched = ball;  // a patch of it shares no vertex, lies elsewhere by little, and is turned over
     const auto is_in_patch = [&](const Triangle& t) { return stitched.points[t[0]].z > 0.8; };
     Mesh patch{.points = stitched.points, .triangles = {}};
     for (glm::dvec3& p : patch.points) p *= 1.001;

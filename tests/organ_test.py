@@ -1,4 +1,4 @@
-"""An organ of one's own: an open scan becomes a body, and its mesh comes back deformed."""
+"""An open scan becomes a body, and its mesh comes back deformed."""
 
 import re
 import resource

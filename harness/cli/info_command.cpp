@@ -13,6 +13,7 @@
 #include "harness/base/progress.h"
 #include "harness/base/text.h"
 #include "harness/cli/commands.h"
+#include "harness/mesh/voxelise.h"
 #include "harness/scene/scene.h"
 #include "harness/scene/stability.h"
 #include "harness/volume/volume.h"

@@ -1,7 +1,7 @@
 // File formats for the surface of a body: the mesh that it was made of, as the body carries it
 // (carried_mesh.h), or the surface of its voxels if it was made of no mesh (body_mesh.h).
 //
-// Of a mesh the vertices and triangles keep their order, copies of vertices at cuts come last, and places are
+// The vertices and triangles of a mesh keep their order, copies of vertices at cuts come last, and places are
 // in the mesh's coordinates and its unit of length. Polygons that came in are triangles. A volume's surface
 // is in the coordinates of vtu().
 #pragma once

@@ -307,7 +307,7 @@ private:
         const std::uint64_t count = text_count();
         const auto node = [&] { return std::uint64_t(small()); };
         for (std::uint64_t n = 0; n < count;) {
-            // As text each element has these numbers, as bytes a block of them.
+            // As text each element has these numbers, otherwise each block of elements.
             std::uint64_t block = 1;
             if (layout_ == NumberLayout::text) (void)small();
             const std::int32_t type = small();

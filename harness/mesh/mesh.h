@@ -32,7 +32,7 @@ struct Mesh {
 
 /// Reads a mesh; its format follows from its name. Throws BadInput.
 Mesh read_mesh(const std::filesystem::path& file);
-/// The same from the bytes of a file, whose name messages state.
+/// Reads a mesh from the bytes of a file, whose name messages state.
 Mesh parse_mesh(std::string_view bytes, const std::string& file);
 /// Whether read_mesh() accepts a file with this name.
 bool is_mesh_name(const std::string& name);

@@ -12,6 +12,7 @@
 #include <utility>
 
 #include "harness/base/disjoint_sets.h"
+#include "harness/mesh/winding.h"
 
 namespace voxspring {
 namespace {

@@ -8,7 +8,6 @@
 #include <vector>
 
 #include "harness/mesh/mesh.h"
-#include "harness/mesh/winding.h"
 
 namespace voxspring {
 

@@ -50,7 +50,6 @@ void WindingTree::build(std::uint32_t first, std::uint32_t count) {
     }
     node.centre = whole > 0 ? node.centre / whole : (low + high) / 2.0;
     for (auto t = begin; t != end; ++t) {
-        node.moment += glm::outerProduct(area_vector(*t), centroid(*t) - node.centre);
         for (const glm::dvec3& corner : *t)
             node.reach = std::max(node.reach, glm::distance(corner, node.centre));
     }
@@ -77,10 +76,7 @@ double WindingTree::at(const glm::dvec3& point) const {
         const glm::dvec3 to = node.centre - point;
         const double distance = glm::length(to);
         if (distance > far_away * node.reach) {
-            const double cubed = distance * distance * distance;
-            const double trace = node.moment[0][0] + node.moment[1][1] + node.moment[2][2];
-            const double along = glm::dot(to, node.moment * to) / (distance * distance);
-            sum += (glm::dot(node.area, to) + trace - 3 * along) / cubed / (4 * std::numbers::pi);
+            sum += glm::dot(node.area, to) / (distance * distance * distance) / (4 * std::numbers::pi);
         } else if (node.right == 0) {
             for (std::uint32_t t = 0; t < node.count; ++t)
                 sum += winding_of(triangles_[node.first + t], point);

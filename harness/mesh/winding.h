@@ -5,7 +5,6 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
-#include <glm/mat3x3.hpp>
 #include <glm/vec3.hpp>
 #include <vector>
 
@@ -17,8 +16,8 @@ using Corners = std::array<glm::dvec3, 3>;
 /// The winding number of one triangle, exact (van Oosterom and Strackee 1983).
 double winding_of(const Corners& triangle, const glm::dvec3& point);
 
-/// Winding numbers in logarithmic time: a tree of boxes, each of which acts from afar like the first two
-/// terms of its multipole expansion (Barill et al., Fast Winding Numbers for Soups and Clouds, 2018).
+/// Winding numbers in logarithmic time: a tree of boxes, each of which acts from afar like one small triangle
+/// (Barill et al., Fast Winding Numbers for Soups and Clouds, 2018).
 class WindingTree {
 public:
     explicit WindingTree(std::vector<Corners> triangles);
@@ -28,11 +27,9 @@ public:
 
 private:
     struct Node {
-        glm::dvec3 centre{0};  ///< mean of the triangles' centroids, weighted by area
-        double reach = 0;      ///< largest distance of a corner from it
-        glm::dvec3 area{0};    ///< sum of area vectors
-        glm::dmat3 moment{
-            0};  ///< sum of (centroid - centre) times area vector: [column = offset][row = area]
+        glm::dvec3 centre{0};                ///< mean of the triangles' centroids, weighted by area
+        double reach = 0;                    ///< largest distance of a corner from it
+        glm::dvec3 area{0};                  ///< sum of area vectors
         std::uint32_t first = 0, count = 0;  ///< triangles; of an inner node all below it
         std::uint32_t right = 0;             ///< the second child, the first is the next node; 0: a leaf
     };

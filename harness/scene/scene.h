@@ -11,13 +11,14 @@
 
 #include "backends/physics/edit.h"
 #include "backends/physics/problem.h"
-#include "harness/mesh/voxelise.h"
 #include "harness/scene/parts.h"
 #include "harness/scene/tool_motion.h"
 #include "harness/volume/dataset.h"
 #include "harness/volume/volume.h"
 
 namespace voxspring {
+
+struct MeshInGrid;  // harness/mesh/voxelise.h
 
 /// A change of springs that is made after `step` steps.
 struct ScheduledEdit {
