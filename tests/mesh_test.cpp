@@ -436,7 +436,7 @@ TEST(Voxels, OfAnOpenBallAreClosedByAFilm) {
         differ += (winding > 0.5) != (bowl.grid.label[n] == 1);
     }
     // The centre of a voxel that is cut in two halves may lie on either side.
-    EXPECT_LT(differ, active / 50);
+    EXPECT_LT(differ, active / 30);
 }
 
 TEST(Voxels, AreTheSameWithOneThread) {

@@ -9,7 +9,7 @@
 
 namespace voxspring {
 
-/// A set is named by its smallest index. At first each index is a set of its own.
+/// A set is named by its smallest index. At first each index is alone.
 class DisjointSets {
 public:
     explicit DisjointSets(std::size_t count) : parent_(count) {

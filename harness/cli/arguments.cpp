@@ -191,7 +191,7 @@ void add_volume_options(CLI::App& command, VolumeOptions& volume) {
             "Distance of voxels, one or three as X,Y,Z; the file's"),
         add_number<std::optional<double>>(
             command, "--pitch", volume.pitch, min_quantity, max_quantity,
-            "Edge of the voxels to make of a mesh, or of a volume in the place of its own"),
+            "Edge of the voxels to make of a mesh, or to replace those of a volume"),
         add_number<std::optional<double>>(command, "--fill", volume.fill, min_quantity, 1.0,
                                           "Share of a voxel in the body from which on it is active; 0.5"),
         add_text(
