@@ -17,6 +17,7 @@ ROOMS = [
     ["cuda"],
     ["harness/base"],
     ["harness/volume"],
+    ["harness/mesh"],
     ["harness/scene"],
     ["harness/device"],
     ["harness/verification"],

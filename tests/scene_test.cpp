@@ -813,8 +813,9 @@ TEST(Scene, BadArgumentsAreRefused) {
         refused("bax"),
         "bax: scene: bax is not accepted; expected a built-in scene (beam, box, free, grasp, heart, "
         "incision, poke, porous, press, "
-        "scalpel_1, scalpel_10, scalpel_100), a scene file (.json) or a volume file (.nii, .nii.gz, .hdr, "
-        ".hdr.gz, .img, .img.gz, .nrrd, .nhdr, .mha or .mhd); did you mean box?");
+        "scalpel_1, scalpel_10, scalpel_100), a scene file (.json), a volume file (.nii, .nii.gz, .hdr, "
+        ".hdr.gz, .img, .img.gz, .nrrd, .nhdr, .mha or .mhd) or a mesh (.stl, .obj, .ply, .vtk or .msh); "
+        "did you mean box?");
     for (const std::string suffix :
          {"@", "@x", "@4x4", "@4x4x4x4", "@-4", "@4.5", "@4x", "@4x4x", "@4 ", "@x4x4x4", "@4xx4"})
         EXPECT_THAT(refused("box" + suffix),

@@ -43,6 +43,8 @@ std::string text_of(const VolumeOptions& volume) {
     if (volume.labels) text += fmt::format(" --labels {}", fmt::join(*volume.labels, ","));
     if (volume.threshold) text += fmt::format(" --threshold {}", *volume.threshold);
     if (volume.spacing) text += " --spacing " + vector(*volume.spacing);
+    if (volume.pitch) text += fmt::format(" --pitch {}", *volume.pitch);
+    if (volume.fill) text += fmt::format(" --fill {}", *volume.fill);
     if (volume.gravity) text += " --gravity " + vector(*volume.gravity);
     return text;
 }

@@ -48,7 +48,7 @@ struct Values {
 constexpr double min_timeout = 1e-3, max_timeout = 1e6;
 
 const char* const scene_help =
-    "Built-in scene (box, or resized: box@64, heart@120x102x92), scene file or volume file";
+    "Built-in scene (box, or resized: box@64, heart@120x102x92), scene file, volume file or mesh";
 
 // --- Values --------------------------------------------------------------------------------------------
 
@@ -166,7 +166,7 @@ void add_devices(CLI::App& command) {
     }
 }
 
-/// Options for a volume that has no scene file.
+/// Options for a volume or mesh that has no scene file.
 void add_volume_options(CLI::App& command, VolumeOptions& volume) {
     const auto add_text = [&](const std::string& name, const std::string& type, auto take,
                               const std::string& description) {
@@ -189,6 +189,11 @@ void add_volume_options(CLI::App& command, VolumeOptions& volume) {
                 volume.spacing = vector_of("--spacing", text, min_quantity, max_quantity, true);
             },
             "Distance of voxels, one or three as X,Y,Z; the file's"),
+        add_number<std::optional<double>>(
+            command, "--pitch", volume.pitch, min_quantity, max_quantity,
+            "Edge of the voxels to make of a mesh, or to replace those of a volume"),
+        add_number<std::optional<double>>(command, "--fill", volume.fill, min_quantity, 1.0,
+                                          "Share of a voxel in the body from which on it is active; 0.5"),
         add_text(
             "--gravity", "X,Y,Z",
             [&volume](const std::string& text) {
@@ -209,7 +214,7 @@ void add_volume_options(CLI::App& command, VolumeOptions& volume) {
             },
             "Parts of the body to keep, where no spring joins two parts: the largest alone, or those of N "
             "particles or more; without it, all")};
-    for (CLI::Option* option : options) option->group("Of a volume without a scene file");
+    for (CLI::Option* option : options) option->group("Of a volume or mesh without a scene file");
 }
 
 // --- Commands ------------------------------------------------------------------------------------------

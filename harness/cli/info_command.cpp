@@ -13,6 +13,7 @@
 #include "harness/base/progress.h"
 #include "harness/base/text.h"
 #include "harness/cli/commands.h"
+#include "harness/mesh/voxelise.h"
 #include "harness/scene/scene.h"
 #include "harness/scene/stability.h"
 #include "harness/volume/volume.h"
@@ -44,7 +45,7 @@ std::string orientation(const Placement& placement) {
 
 /// What a volume's file says besides its voxels; null if the dataset is not a volume.
 nlohmann::json volume_json(const Scene& scene) {
-    if (!scene.volume) return nullptr;
+    if (!scene.volume || scene.mesh) return nullptr;
     const VolumeFacts& volume = *scene.volume;
     nlohmann::json labels = nlohmann::json::array(), placement;
     for (const auto& [name, voxels] : volume.labels) labels.push_back({{"name", name}, {"voxels", voxels}});
@@ -59,9 +60,49 @@ nlohmann::json volume_json(const Scene& scene) {
             {"labels", labels},      {"placement", placement}};
 }
 
+/// The mesh that the voxels come from; null without one.
+nlohmann::json mesh_json(const Scene& scene) {
+    if (!scene.mesh) return nullptr;
+    const MeshInGrid& mesh = *scene.mesh;
+    const MeshFacts& facts = mesh.facts;
+    return {{"vertices", facts.vertices},
+            {"triangles", facts.triangles},
+            {"tetrahedra", facts.tetrahedra},
+            {"parts", facts.parts},
+            {"open_edges", facts.open_edges},
+            {"holes", facts.holes},
+            {"non_manifold_edges", facts.non_manifold_edges},
+            {"flat_triangles", facts.flat},
+            {"turned_triangles", facts.turned},
+            {"pitch", mesh.pitch},
+            {"fill", mesh.fill},
+            {"volume", mesh.volume},
+            {"volume_by_divergence", facts.volume},
+            {"body_volume", mesh.body_volume},
+            {"volume_error", mesh.body_volume / mesh.volume - 1}};
+}
+
+void print_mesh(const MeshInGrid& mesh, std::ostream& out) {
+    const MeshFacts& facts = mesh.facts;
+    row(out, "mesh",
+        fmt::format("{}{} triangles, {} vertices, {}",
+                    facts.tetrahedra > 0 ? fmt::format("{} tetrahedra, ", facts.tetrahedra) : "",
+                    facts.triangles, facts.vertices, counted(facts.parts, "part")));
+    row(out, "  holes",
+        fmt::format("{}, of {} open edges; {} non-manifold edges", facts.holes, facts.open_edges,
+                    facts.non_manifold_edges));
+    row(out, "  volume",
+        fmt::format("{:.6g} where its winding number exceeds 1/2; {:.6g} by the divergence theorem{}",
+                    mesh.volume, facts.volume, facts.holes > 0 ? ", with holes closed by fans" : ""));
+    row(out, "  body",
+        fmt::format("{:.6g}, {:+.2g}%: voxels of {:g} that are at least {:g} full", mesh.body_volume,
+                    100 * (mesh.body_volume / mesh.volume - 1), mesh.pitch, mesh.fill));
+}
+
 /// The text that follows the spacing: its unit, or that it was chosen instead of the file's.
 std::string unit_text(const Scene& scene) {
     if (!scene.volume) return "";
+    if (scene.mesh) return ", in the unit of the mesh";
     if (scene.volume->spacing_chosen) return ", instead of the file's";
     return scene.volume->unit.empty() ? ", the file names no unit" : " " + scene.volume->unit;
 }
@@ -128,6 +169,7 @@ nlohmann::json facts_of(const Scene& scene) {
         {"held_particles", problem.tool.particles.size()},
         {"notes", scene.notes},
         {"volume", volume_json(scene)},
+        {"mesh", mesh_json(scene)},
         {"bytes", bytes},
     };
 }
@@ -140,7 +182,11 @@ void print(const Scene& scene, const nlohmann::json& facts, std::ostream& out) {
     for (const std::string& note : scene.notes) row(out, "note", note);
     row(out, "dims", triple(problem.lattice.dims));
     row(out, "spacing", triple(problem.lattice.spacing) + unit_text(scene));
-    if (scene.volume) print_volume(*scene.volume, out);
+    if (scene.mesh) {
+        print_mesh(*scene.mesh, out);
+    } else if (scene.volume) {
+        print_volume(*scene.volume, out);
+    }
     row(out, "voxels", problem.lattice.voxel_count());
     row(out, "active particles", problem.particle_count());
     row(out, "pinned particles", number("pinned_particles"));

@@ -20,7 +20,7 @@ int run_and_print_study(const std::string& argument, const StudyOptions& asked, 
     const std::unique_ptr<MpiRanks> mpi = MpiRanks::join();
     if (mpi != nullptr && mpi->rank() > 0) {
         mpi->serve({[&](const std::string& scene) {
-                        return load_scene(scene, is_volume_name(scene) ? asked.volume : VolumeOptions{});
+                        return load_scene(scene, is_body_file(scene) ? asked.volume : VolumeOptions{});
                     },
                     asked.worker, asked.timeout});
         return 0;

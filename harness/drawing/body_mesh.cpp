@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <glm/common.hpp>
 #include <numeric>
+#include <span>
 #include <stdexcept>
 #include <string>
 #include <unordered_map>
@@ -12,6 +13,11 @@
 
 namespace voxspring {
 namespace {
+
+[[noreturn]] void refuse_so_many_faces() {
+    throw std::runtime_error("the surface has more than " + std::to_string(max_faces) +
+                             " faces, too many to draw");
+}
 
 /// Numbers the 27 voxels around a voxel, itself included, from 0 to 26. Offsets are -1, 0 or 1 along each
 /// axis.
@@ -90,9 +96,7 @@ private:
 
     /// Adds the face of a voxel on the side `direction` along `axis`, counter-clockwise from outside.
     void add_face(glm::ivec3 voxel, int axis, int direction) {
-        if (faces.size() == max_faces)
-            throw std::runtime_error("the surface has more than " + std::to_string(max_faces) +
-                                     " faces, too many to draw");
+        if (faces.size() == max_faces) refuse_so_many_faces();
         const int u = (axis + 1) % 3, v = (axis + 2) % 3;
         // Because u x v points along `axis`.
         std::array<std::pair<int, int>, 4> sides = {{{-1, -1}, {1, -1}, {1, 1}, {-1, 1}}};
@@ -176,16 +180,28 @@ void number_particles(BodyMesh& mesh) {
 }
 
 void list_faces_of_vertices(BodyMesh& mesh) {
+    // The last corner of a triangle stands twice.
+    const auto corners = [](const std::array<std::uint32_t, 4>& face) {
+        return std::span(face).first(face[2] == face[3] ? 3 : 4);
+    };
     mesh.first_face.assign(mesh.vertices.size() + 1, 0);
     for (const auto& face : mesh.faces) {
-        for (const std::uint32_t vertex : face) ++mesh.first_face[vertex + 1];
+        for (const std::uint32_t vertex : corners(face)) ++mesh.first_face[vertex + 1];
     }
     std::partial_sum(mesh.first_face.begin(), mesh.first_face.end(), mesh.first_face.begin());
-    mesh.face_of_vertex.resize(4 * mesh.faces.size());
+    mesh.face_of_vertex.resize(mesh.first_face.back());
     std::vector<std::uint32_t> next(mesh.first_face.begin(), mesh.first_face.end() - 1);
     for (std::size_t f = 0; f < mesh.faces.size(); ++f) {
-        for (const std::uint32_t vertex : mesh.faces[f])
+        for (const std::uint32_t vertex : corners(mesh.faces[f]))
             mesh.face_of_vertex[next[vertex]++] = std::uint32_t(f);
+    }
+}
+
+void find_box(BodyMesh& mesh) {
+    for (std::size_t v = 0; v < mesh.vertices.size(); ++v) {
+        const glm::dvec3 rest(mesh.vertices[v].rest);
+        mesh.low = v == 0 ? rest : glm::min(mesh.low, rest);
+        mesh.high = v == 0 ? rest : glm::max(mesh.high, rest);
     }
 }
 
@@ -200,11 +216,21 @@ BodyMesh mesh_of(const Problem& problem) {
     mesh.faces = std::move(surface.faces);
     number_particles(mesh);
     list_faces_of_vertices(mesh);
-    for (std::size_t v = 0; v < mesh.vertices.size(); ++v) {
-        const glm::dvec3 rest(mesh.vertices[v].rest);
-        mesh.low = v == 0 ? rest : glm::min(mesh.low, rest);
-        mesh.high = v == 0 ? rest : glm::max(mesh.high, rest);
+    find_box(mesh);
+    return mesh;
+}
+
+BodyMesh mesh_of(const std::vector<glm::dvec3>& rest,
+                 const std::vector<std::array<std::uint32_t, 3>>& triangles) {
+    if (triangles.size() > max_faces) refuse_so_many_faces();
+    BodyMesh mesh;
+    for (const glm::dvec3& place : rest) {
+        mesh.particles.push_back(std::uint32_t(mesh.vertices.size()));
+        mesh.vertices.push_back({glm::vec3(place), 1, {mesh.particles.back()}});
     }
+    for (const auto& [a, b, c] : triangles) mesh.faces.push_back({a, b, c, c});
+    list_faces_of_vertices(mesh);
+    find_box(mesh);
     return mesh;
 }
 

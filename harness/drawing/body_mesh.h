@@ -38,4 +38,9 @@ inline constexpr std::size_t max_faces = std::size_t(1) << 24;
 /// Throws std::runtime_error if the problem has no lattice or its surface more than max_faces.
 BodyMesh mesh_of(const Problem& problem);
 
+/// A surface of triangles in which vertex n follows particle n. A face of it has its last
+/// corner twice. Throws std::runtime_error if it has more than max_faces.
+BodyMesh mesh_of(const std::vector<glm::dvec3>& rest,
+                 const std::vector<std::array<std::uint32_t, 3>>& triangles);
+
 }  // namespace voxspring

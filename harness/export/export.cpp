@@ -11,6 +11,7 @@
 #include "harness/base/bad_input.h"
 #include "harness/base/files.h"
 #include "harness/export/export_formats.h"
+#include "harness/export/mesh_formats.h"
 #include "harness/export/pictures.h"
 
 namespace voxspring {
@@ -34,8 +35,14 @@ std::string endings() {
 
 const Writer& writer_of(const std::filesystem::path& path) {
     const auto& all = writers();
-    const auto found =
-        std::find_if(all.begin(), all.end(), [&](const Writer& w) { return path.extension() == w.ending; });
+    const std::string name = path.filename().string();
+    // "body.mesh.vtu" ends like ".vtu" too: the longest ending counts. A name has more than an ending.
+    auto found = all.end();
+    for (auto writer = all.begin(); writer != all.end(); ++writer) {
+        if (name.size() > writer->ending.size() && name.ends_with(writer->ending) &&
+            (found == all.end() || writer->ending.size() > found->ending.size()))
+            found = writer;
+    }
     if (found == all.end())
         throw BadInput("command line", "--out", path.string(), "a path that ends in one of " + endings());
     return *found;
@@ -66,8 +73,13 @@ glm::ivec2 parse_size(const std::string& text) {
 const std::vector<Writer>& writers() {
     static const std::vector<Writer> all = {
         {".csv", "one line per particle: voxel, position, displacement, velocity", false, csv},
+        {".mesh.vtu", "as .stl, for ParaView, with displacements; tetrahedra if they came in", true,
+         mesh_vtu},
         {".npz", "numpy arrays: particles, springs, grid and time", false, npz},
+        {".obj", "as .stl, as text", false, obj},
+        {".ply", "as .stl, in float64", false, ply},
         {".png", "a picture of the body, drawn by OpenGL: see --colour and --size", false, nullptr},
+        {".stl", "the mesh that came in, deformed; without one the surface of the voxels", false, stl},
         {".vti", "ParaView's grid: one point per voxel", true, vti},
         {".vtu", "ParaView's body: one point per particle where it is now, one line per spring", true, vtu},
     };
@@ -91,7 +103,7 @@ Exports::Exports(const ExportOptions& options, int steps)
     std::set<std::filesystem::path> collections;
     for (const std::filesystem::path& path : options.out) {
         const Writer& writer = writer_of(path);
-        check_writable(path, "--out", std::string(writer.ending));
+        check_writable(path, "--out", path.extension().string());
         if (every && writer.collected && !collections.insert(collection_of(path)).second) {
             throw BadInput("command line", "--out", path.string(),
                            "another name for each series: another one has " +
@@ -146,9 +158,11 @@ void Exports::look_at(const Snapshot& snapshot) {
     }
 }
 
-std::string Exports::name_in_series(const std::filesystem::path& path, std::int64_t step) const {
+std::string Exports::name_in_series(const File& file, std::int64_t step) const {
+    const std::string name = file.path.filename().string();
+    const std::string_view ending = file.writer->ending;
     // All names have the same number of digits, so that they sort by step.
-    return fmt::format("{}_{:0{}}{}", path.stem().string(), step, digits_, path.extension().string());
+    return fmt::format("{}_{:0{}}{}", name.substr(0, name.size() - ending.size()), step, digits_, ending);
 }
 
 void Exports::write(const Snapshot& snapshot) {
@@ -158,7 +172,7 @@ void Exports::write(const Snapshot& snapshot) {
         const std::string contents =
             is_picture(file) ? pictures_->png(snapshot) : file.writer->contents(snapshot);
         const std::string name =
-            file.every ? name_in_series(file.path, snapshot.step) : file.path.filename().string();
+            file.every ? name_in_series(file, snapshot.step) : file.path.filename().string();
         written_.push_back(file.path.parent_path() / name);
         write_atomically(written_.back(), contents);
         if (!file.every || !file.writer->collected) continue;

@@ -90,7 +90,7 @@ private:
         std::string listed;  ///< entries of its .pvd so far
     };
     static bool is_picture(const File& file) { return file.writer->contents == nullptr; }
-    std::string name_in_series(const std::filesystem::path& path, std::int64_t step) const;
+    std::string name_in_series(const File& file, std::int64_t step) const;
     bool is_due(const File& file, std::int64_t step) const;
 
     std::vector<File> files_;

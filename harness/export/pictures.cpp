@@ -6,6 +6,7 @@
 
 #include "backends/registry.h"
 #include "harness/base/json.h"
+#include "harness/mesh/carried_mesh.h"
 #include "harness/scene/parts.h"
 #include "harness/verification/reference.h"
 
@@ -43,9 +44,18 @@ std::vector<double> Pictures::values_of(const Snapshot& snapshot) {
     return values;
 }
 
-void Pictures::show(const Snapshot& snapshot, const std::vector<glm::dvec3>& displacement) {
-    painter_.set_mesh(mesh_of(snapshot.problem));
-    painter_.put_displacements(displacement);
+void Pictures::show(const Snapshot& snapshot, const std::vector<glm::dvec3>& displacement,
+                    const std::vector<double>& values) {
+    if (!snapshot.scene.mesh) {
+        painter_.set_mesh(mesh_of(snapshot.problem));
+        painter_.put_displacements(displacement);
+        if (!values.empty()) painter_.put_values(values);
+        return;
+    }
+    const CarriedMesh mesh = carried(*snapshot.scene.mesh, snapshot.problem, displacement, values);
+    painter_.set_mesh(mesh_of(mesh.rest, mesh.triangles));
+    painter_.put_displacements(mesh.displacement);
+    if (!values.empty()) painter_.put_values(mesh.value);
 }
 
 void Pictures::look_at(const Snapshot& snapshot) {
@@ -53,7 +63,7 @@ void Pictures::look_at(const Snapshot& snapshot) {
     largest_of_all_ = std::max(largest_of_all_, largest_);
     std::vector<glm::dvec3> displacement = snapshot.state.displacement;
     for (const std::uint32_t i : loose_of(snapshot.scene)) displacement[i] = glm::dvec3(0);
-    show(snapshot, displacement);
+    show(snapshot, displacement, {});
     camera_.include(painter_.places());
 }
 
@@ -62,8 +72,7 @@ std::string Pictures::png(const Snapshot& snapshot) {
     std::vector<double> values = values_of(snapshot);
     const Scale scale(colouring_, largest_of_all_, largest_);
     for (double& value : values) value = scale.place(value);
-    show(snapshot, snapshot.state.displacement);
-    painter_.put_values(values);
+    show(snapshot, snapshot.state.displacement, values);
     painter_.draw(camera_.view(size_, 1 - legend_share), {.low = 0, .high = 1, .colours = colouring_});
     Image image = painter_.picture();
     draw_legend(image, scale);

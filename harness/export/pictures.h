@@ -23,7 +23,8 @@ inline constexpr int min_picture_side = 64;
 inline constexpr int max_picture_side = 4096;
 inline constexpr glm::ivec2 default_size{1280, 960};
 
-/// Draws a run's snapshots, whose states must be finite. The snapshots passed to look_at() determine what all
+/// Draws a run's snapshots, whose states must be finite: the mesh that the body was made of as the body
+/// carries it, or the surface of its voxels. The snapshots passed to look_at() determine what all
 /// pictures share: a camera that shows every one of them, and a scale up to the largest value of any. The
 /// largest value that a legend names is that of its picture. A single picture needs no look_at().
 ///
@@ -59,7 +60,9 @@ private:
     /// The colouring's values, one per particle.
     std::vector<double> values_of(const Snapshot& snapshot);
     const std::vector<std::uint32_t>& loose_of(const Scene& scene);
-    void show(const Snapshot& snapshot, const std::vector<glm::dvec3>& displacement);
+    /// Gives the painter the surface and, unless `values` is empty, the values of particles.
+    void show(const Snapshot& snapshot, const std::vector<glm::dvec3>& displacement,
+              const std::vector<double>& values);
 
     Colouring colouring_;
     glm::ivec2 size_;

@@ -5,27 +5,10 @@
 #include <algorithm>
 #include <numeric>
 
+#include "harness/base/disjoint_sets.h"
+
 namespace voxspring {
 namespace {
-
-/// Disjoint sets of particles, merged as springs join them (union-find). A set is named by its first
-/// particle.
-class Sets {
-public:
-    explicit Sets(std::size_t count) : parent_(count) { std::iota(parent_.begin(), parent_.end(), 0U); }
-
-    std::uint32_t of(std::uint32_t i) {
-        while (parent_[i] != i) i = parent_[i] = parent_[parent_[i]];
-        return i;
-    }
-    void join(std::uint32_t i, std::uint32_t j) {
-        const std::uint32_t one = of(i), other = of(j);
-        parent_[std::max(one, other)] = std::min(one, other);
-    }
-
-private:
-    std::vector<std::uint32_t> parent_;
-};
 
 /// Whether every voxel has a particle and every two voxels that share a face are joined by a spring. Such a
 /// box has one part. It may have 10^8 particles, for which the search for parts would take long.
@@ -58,7 +41,7 @@ BodyParts parts_of(const Problem& problem) {
         const bool is_held = holds(problem.pinned) || problem.has_tool();
         return {.sizes = {count}, .part = {}, .is_held = {std::uint8_t(is_held ? 1 : 0)}};
     }
-    Sets sets(count);
+    DisjointSets sets(count);
     {
         const LatticeSprings springs(problem);
         for (std::size_t i = 0; i < problem.lattice.mask.size(); ++i)

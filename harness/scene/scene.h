@@ -4,6 +4,7 @@
 
 #include <cstdint>
 #include <glm/vec3.hpp>
+#include <memory>
 #include <optional>
 #include <string>
 #include <vector>
@@ -16,6 +17,8 @@
 #include "harness/volume/volume.h"
 
 namespace voxspring {
+
+struct MeshInGrid;  // harness/mesh/voxelise.h
 
 /// A change of springs that is made after `step` steps.
 struct ScheduledEdit {
@@ -39,7 +42,9 @@ struct Scene {
     /// The largest stable time step for small displacements (stability.h), springs that edits add included.
     /// Infinite if nothing oscillates.
     double stable_time_step = 0;
-    std::optional<VolumeFacts> volume = {};  ///< present if the voxels come from a volume file
+    /// Present if the voxels come from a volume file or a mesh, of which only the placement is stated.
+    std::optional<VolumeFacts> volume = {};
+    std::shared_ptr<const MeshInGrid> mesh = {};  ///< null unless the voxels come from a mesh
     /// What the loader guessed, rounded or left out, for the user to know. Each note is a sentence that
     /// begins with a small letter and has no full stop.
     std::vector<std::string> notes = {};
@@ -55,16 +60,20 @@ inline bool is_heavy(const Scene& scene) {
     return scene.problem.particle_count() > particles;
 }
 
-/// `argument` is a built-in scene ("box"), a scene file (*.json) or a volume file (volume_endings()). A
-/// volume file is simulated with the parameters of the built-in scene `heart`. If it is one slice thick along
-/// the axis at whose side the heart is pinned, it is pinned at a side of its longest axis. "@N" or "@WxHxD"
-/// after a built-in name or a scene file gives its box or heart other dims: "box@64", "heart@120x102x92".
+/// `argument` is a built-in scene ("box"), a scene file (*.json), a volume file (volume_endings()) or a mesh
+/// (mesh_endings()). A volume or mesh is simulated with the parameters of the built-in scene `heart`. If it
+/// is one slice thick along the axis at whose side the heart is pinned, it is pinned at a side of its longest
+/// axis. "@N" or "@WxHxD" after a built-in name or a scene file gives its box or heart other dims: "box@64",
+/// "heart@120x102x92".
 ///
 /// Throws BadInput. Allocates memory in proportion to what was really read, and never beyond `limits`.
 Scene load_scene(const std::string& argument,
                  const SceneSizeLimits& limits = SceneSizeLimits::of_this_machine());
 
-/// Options for a volume file without a scene file. Absent ones come from the volume file or from the scene
+/// Whether load_scene() takes a volume file or a mesh by this name, and so takes options for it.
+bool is_body_file(const std::string& name);
+
+/// Options for a volume file or a mesh without a scene file. Absent ones come from the file or from the scene
 /// `heart`.
 struct VolumeOptions {
     /// Whole numbers or names of segments, without duplicates. Never given together with a threshold.
@@ -76,12 +85,15 @@ struct VolumeOptions {
     /// along its axis. The body then sags by the same number of voxels in any unit of length.
     std::optional<glm::dvec3> gravity;
     std::optional<PartsToKeep> parts;  ///< absent: all parts
+    std::optional<double>
+        pitch;  ///< edge of the voxels that are made; absent: a volume's own, default_pitch()
+    std::optional<double> fill;  ///< share of a voxel from which on it is active; needs a pitch or a mesh
 
-    bool any() const { return labels || threshold || frame || spacing || gravity || parts; }
+    bool any() const { return labels || threshold || frame || spacing || gravity || parts || pitch || fill; }
 };
 
-/// Loads a scene with options for a volume file. Throws BadInput if an option is given and `argument` is not
-/// a volume file.
+/// Loads a scene with options for a volume file or mesh. Throws BadInput if an option is given that
+/// `argument` does not take.
 Scene load_scene(const std::string& argument, const VolumeOptions& volume,
                  const SceneSizeLimits& limits = SceneSizeLimits::of_this_machine());
 

@@ -56,11 +56,17 @@ PartsToKeep read_parts(const JsonValue& value) {
 DatasetSpec read_dataset(JsonObject object) {
     DatasetSpec dataset;
     const std::string type =
-        object.require("type", "box, heart or volume").one_of({"box", "heart", "volume"});
-    if (type == "volume") {
-        dataset.type = DatasetType::volume;
-        dataset.file_source = object.require("file", "the path of a volume file");
+        object.require("type", "box, heart, volume or mesh").one_of({"box", "heart", "volume", "mesh"});
+    if (type == "volume" || type == "mesh") {
+        dataset.type = type == "mesh" ? DatasetType::mesh : DatasetType::volume;
+        dataset.file_source = object.require("file", "the path of a " + type + " file");
         dataset.file = dataset.file_source->string();
+        const auto pitch = object.find("pitch"), fill = object.find("fill");
+        if (pitch) dataset.pitch = positive(*pitch);
+        if (fill) dataset.fill = fill->number(min_quantity, 1);
+        if (type == "volume" && fill && !pitch) fill->refuse("a pitch beside it: a volume's voxels are full");
+    }
+    if (type == "volume") {
         const auto threshold = object.find("threshold");
         const auto labels = object.find("labels");
         if (threshold) dataset.threshold = threshold->number(-max_quantity, max_quantity);
@@ -77,7 +83,7 @@ DatasetSpec read_dataset(JsonObject object) {
             }
         }
         if (const auto frame = object.find("frame")) dataset.frame = frame->integer(0, max_frame);
-    } else {
+    } else if (type != "mesh") {
         dataset.type = type == "box" ? DatasetType::box : DatasetType::heart;
         dataset.dims = voxel_triple(object.require("dims", "voxels along x, y and z"), 1, max_side);
         if (const auto missing = object.find("missing")) {
@@ -348,7 +354,7 @@ SceneFile read_scene_file(JsonObject document) {
     if (const auto schema = document.find("$schema")) schema->string();
     check_schema_version(document, scene_schema_version);
     if (const auto text = document.find("description")) scene.description = text->string();
-    scene.dataset = read_dataset(document.require("dataset", "a box, heart or volume").object());
+    scene.dataset = read_dataset(document.require("dataset", "a box, heart, volume or mesh").object());
     if (const auto groups = document.find("spring_groups")) scene.spring_groups = read_spring_groups(*groups);
     if (const auto spacing = document.find("spacing")) {
         const std::vector<JsonValue> list =

@@ -18,21 +18,25 @@
 
 namespace voxspring {
 
-enum class DatasetType : std::uint8_t { box, heart, volume };
+enum class DatasetType : std::uint8_t { box, heart, volume, mesh };
 
 struct DatasetSpec {
     DatasetType type = DatasetType::box;
     glm::ivec3 dims{0};                    ///< of a box or heart
     double missing = 0;                    ///< share of its voxels that are left out at random
     std::uint64_t seed = 0;                ///< for that random choice
-    std::string file;                      ///< of a volume, relative to the scene file
-    std::optional<JsonValue> file_source;  ///< for messages; absent for a volume without a scene file
-    std::optional<double> threshold;       ///< of a volume; never given together with labels
+    std::string file;                      ///< of a volume or mesh, relative to the scene file
+    std::optional<JsonValue> file_source;  ///< for messages; absent without a scene file
+    std::optional<double> pitch,
+        fill;                         ///< of a volume or mesh; fill is never given without pitch for a volume
+    std::optional<double> threshold;  ///< of a volume; never given together with labels
     /// Labels of a volume: whole numbers or names of segments, without duplicates.
     std::optional<std::vector<std::string>> labels;
     std::optional<std::int64_t> frame;      ///< of a volume with several values per voxel
     std::optional<PartsToKeep> parts;       ///< absent: all parts
     std::optional<JsonValue> parts_source;  ///< for messages
+
+    bool is_from_file() const { return type == DatasetType::volume || type == DatasetType::mesh; }
 };
 
 /// A material parameter: one value for all, one per spring group or one per label. Exactly one of the three

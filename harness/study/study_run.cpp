@@ -137,10 +137,12 @@ StudyRun::StudyRun(Study study, const StudyOptions& options)
     if (kind_->scenes_key() != "scenes" && !options.scenes.empty())
         throw BadInput("command line", "--scene", options.scenes.front(),
                        "none: the suite has its own scenes");
-    const auto is_volume = [](const StudyScene& item) { return is_volume_name(item.scene); };
-    if (options.volume.any() && std::none_of(study_.scenes.begin(), study_.scenes.end(), is_volume))
-        throw BadInput("command line", "--labels, --threshold, --frame, --parts, --spacing or --gravity",
-                       study_.name, "a study with a volume file among its scenes: --scene FILE adds one");
+    const auto is_body = [](const StudyScene& item) { return is_body_file(item.scene); };
+    if (options.volume.any() && std::none_of(study_.scenes.begin(), study_.scenes.end(), is_body))
+        throw BadInput("command line",
+                       "--labels, --threshold, --frame, --parts, --pitch, --fill, --spacing or --gravity",
+                       study_.name,
+                       "a study with a volume file or a mesh among its scenes: --scene FILE adds one");
     const auto only_scaling = [&](bool given, const char* name, const std::string& value) {
         if (given && study_.kind != "scaling")
             throw BadInput("command line", name, value,

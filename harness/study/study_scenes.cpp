@@ -76,7 +76,7 @@ std::shared_ptr<const Scene> StudyScenes::of(const StudyScene& item) {
     if (item.built) return item.built;
     if (const auto known = kept_.find(item.scene); known != kept_.end()) return known->second;
     auto scene = std::make_shared<const Scene>(
-        load_scene(item.scene, is_volume_name(item.scene) ? volume_ : VolumeOptions{}));
+        load_scene(item.scene, is_body_file(item.scene) ? volume_ : VolumeOptions{}));
     keep(item.scene, scene);
     return scene;
 }

@@ -82,6 +82,52 @@ def scalars(order, code):
     return struct.pack(order + str(len(VOXELS)) + code, *VOXELS)
 
 
+POINTS = [(0, 0, 0), (2, 0, 0), (0, 2, 0), (0, 0, 2)]
+TRIANGLES = [(0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2)]
+MESH_WORDS = {
+    "stl": ["solid", "facet normal 0 0 1", "outer loop", "vertex ", "endloop", "endfacet", "endsolid", "nan", "1e300"],
+    "obj": ["v ", "f ", "vt ", "vn ", "f -1 -2 -3", "/", "//", "nan", "inf"],
+    "ply": ["ply", "format ", "ascii 1.0", "binary_little_endian 1.0", "binary_big_endian 1.0", "element vertex ", "element face ",
+            "property ", "list ", "uchar ", "short ", "int ", "float ", "double ", " x", " y", " z", "vertex_indices", "end_header"],
+    "vtk": ["# vtk DataFile Version 5.1", "ASCII", "BINARY", "DATASET ", "POLYDATA", "UNSTRUCTURED_GRID", "POINTS ", "POLYGONS ", "CELLS ",
+            "CELL_TYPES ", "OFFSETS vtktypeint64", "CONNECTIVITY vtktypeint64", "METADATA", "FIELD FieldData 1", "float", "double", "int", "10"],
+    "msh": ["$MeshFormat", "2.2 0 8", "4.1 0 8", "4.1 1 8", "$EndMeshFormat", "$Nodes", "$EndNodes", "$Elements", "$EndElements", " 4 ", " 2 "],
+}
+
+
+def meshes():
+    """A tetrahedron in every format, by its ending."""
+    corners = [[POINTS[n] for n in triangle] for triangle in TRIANGLES]
+    text = lambda rows: "".join(" ".join(map(str, row)) + "\n" for row in rows)
+    facets = "".join("facet normal 0 0 0\nouter loop\n" + "".join(f"vertex {x} {y} {z}\n" for x, y, z in triangle) + "endloop\nendfacet\n"
+                     for triangle in corners)
+    header = ("ply\nformat {} 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\nelement face 4\n"
+              "property list uchar int vertex_indices\nend_header\n")
+    faces = [(3, *triangle) for triangle in TRIANGLES]
+    vtk = "# vtk DataFile Version {}\n\n{}\nDATASET {}\nPOINTS 4 float\n"
+    nodes = [(n + 1, *point) for n, point in enumerate(POINTS)]
+    return {
+        "stl": [f"solid\n{facets}endsolid\n".encode(),
+                struct.pack("<80xI", 4) + b"".join(struct.pack("<12x9f2x", *sum(triangle, ())) for triangle in corners)],
+        "obj": [(text(("v", *point) for point in POINTS) + text(("f", *(n + 1 for n in triangle)) for triangle in TRIANGLES)).encode()],
+        "ply": [(header.format("ascii") + text(POINTS) + text(faces)).encode()] +
+               [header.format(f"binary_{name}_endian").encode() + b"".join(struct.pack(order + "3f", *point) for point in POINTS) +
+                b"".join(struct.pack(order + "B3i", *face) for face in faces) for name, order in (("little", "<"), ("big", ">"))],
+        "vtk": [(vtk.format("3.0", "ASCII", "POLYDATA") + text(POINTS) + "POLYGONS 4 16\n" + text(faces)).encode(),
+                (vtk.format("5.1", "ASCII", "POLYDATA") + text(POINTS) + "METADATA\nINFORMATION 0\n\nPOLYGONS 5 12\nOFFSETS vtktypeint64\n"
+                 "0 3 6 9 12\nCONNECTIVITY vtktypeint64\n" + text(TRIANGLES)).encode(),
+                vtk.format("3.0", "BINARY", "UNSTRUCTURED_GRID").encode() + b"".join(struct.pack(">3f", *point) for point in POINTS) +
+                b"\nCELLS 1 5\n" + struct.pack(">5i", 4, 0, 1, 2, 3) + b"\nCELL_TYPES 1\n" + struct.pack(">i", 10)],
+        "msh": [("$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n4\n" + text(nodes) + "$EndNodes\n$Elements\n1\n1 4 2 0 1 1 2 3 4\n"
+                 "$EndElements\n").encode(),
+                ("$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Nodes\n1 4 1 4\n3 1 0 4\n1\n2\n3\n4\n" + text(POINTS) +
+                 "$EndNodes\n$Elements\n1 1 1 1\n3 1 4 1\n1 1 2 3 4\n$EndElements\n").encode(),
+                b"$MeshFormat\n4.1 1 8\n" + struct.pack("<i", 1) + b"\n$EndMeshFormat\n$Nodes\n" +
+                struct.pack("<4Q3iQ4Q12d", 1, 4, 1, 4, 3, 1, 0, 4, 1, 2, 3, 4, *sum(POINTS, ())) + b"\n$EndNodes\n$Elements\n" +
+                struct.pack("<4Q3iQ5Q", 1, 1, 1, 1, 3, 1, 4, 1, 1, 1, 2, 3, 4) + b"\n$EndElements\n"],
+    }
+
+
 def quoted(words):
     return "".join(json.dumps(word) + "\n" for word in words)
 
@@ -128,6 +174,7 @@ def main():
         metaimage("MET_UCHAR", "HeaderSize = -1\n", b"", "voxels.raw"),
         metaimage("MET_UCHAR", "", b"voxels.raw\n", "LIST"),
     ]
+    seeds.update(meshes())
     for name, files in seeds.items():
         (folder / name).mkdir(parents=True, exist_ok=True)
         for number, data in enumerate(files):
@@ -140,6 +187,8 @@ def main():
     (folder / "nrrd.dict").write_text(quoted(NRRD_WORDS))
     (folder / "nifti.dict").write_text(quoted(["n+1", "ni1", "n+2", "ni2"]))
     (folder / "metaimage.dict").write_text(quoted(METAIMAGE_WORDS))
+    for name, words in MESH_WORDS.items():
+        (folder / f"{name}.dict").write_text(quoted(words))
 
 
 if __name__ == "__main__":

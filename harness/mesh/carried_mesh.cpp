@@ -1,0 +1,283 @@
+#include "harness/mesh/carried_mesh.h"
+
+#include <Eigen/Dense>
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <glm/common.hpp>
+#include <glm/geometric.hpp>
+#include <limits>
+#include <unordered_map>
+
+#include "backends/physics/neighbours.h"
+
+namespace voxspring {
+namespace {
+
+constexpr double reach = 2.5;  // voxels
+constexpr int width = 5;       // voxel centres within reach, along an axis
+constexpr int cells = width * width * width;
+
+/// The motion of a vertex: a displacement in voxels' coordinates, and a value.
+using Motion = Eigen::Vector4d;
+
+/// The particles in the box around a place.
+struct Box {
+    std::array<std::uint32_t, cells> particle;
+    std::array<glm::dvec3, cells> offset;  ///< from the place, in voxels
+    int nearest = -1;                      ///< cell of the nearest particle; -1: the box is empty
+
+    int cell_of(std::uint32_t i) const {
+        const auto found = std::find(particle.begin(), particle.end(), i);
+        return found == particle.end() ? -1 : int(found - particle.begin());
+    }
+};
+
+/// Which cells of a box have a particle that springs connect to one of them.
+using Connected = std::array<bool, cells>;
+
+class Carrier {
+public:
+    Carrier(const MeshInGrid& source, const Problem& problem, std::span<const glm::dvec3> displacement,
+            std::span<const double> value)
+        : source_(source),
+          problem_(problem),
+          displacement_(displacement),
+          value_(value),
+          particle_(particle_of_voxel(problem.lattice)) {
+        for (const Direction& direction : directions()) {
+            const auto bit = std::size_t(direction.bit);
+            stride_[bit] = (direction.offset.z * width + direction.offset.y) * width + direction.offset.x;
+        }
+    }
+
+    CarriedMesh carry() {
+        const Mesh& mesh = source_.mesh;
+        CarriedMesh out{.rest = mesh.points, .triangles = mesh.triangles, .tetrahedra = mesh.tetrahedra};
+        const auto count = std::ptrdiff_t(mesh.points.size());
+        std::vector<Motion> motion(mesh.points.size());
+        std::vector<std::uint8_t> is_cut(mesh.points.size()), is_alone(mesh.points.size());
+#pragma omp parallel for schedule(dynamic, 256)
+        for (std::ptrdiff_t v = 0; v < count; ++v) {
+            const auto at = std::size_t(v);
+            const Box box = box_at(mesh.points[at]);
+            if (box.nearest < 0) {
+                is_alone[at] = 1;
+                continue;
+            }
+            const Connected now = connected_to(box, box.nearest, true);
+            motion[at] = fit(box, now);
+            is_cut[at] = now != connected_to(box, box.nearest, false);
+        }
+        if (std::find(is_alone.begin(), is_alone.end(), 1) != is_alone.end())
+            follow_nearest(is_alone, motion);
+        part(out.triangles, is_cut, motion, out);
+        part(out.tetrahedra, is_cut, motion, out);
+        out.copies = out.rest.size() - mesh.points.size();
+        const double scale = source_.pitch / problem_.lattice.spacing.x;
+        for (const Motion& m : motion) {
+            out.displacement.emplace_back(scale * m[0], scale * m[1], scale * m[2]);
+            if (!value_.empty()) out.value.push_back(m[3]);
+        }
+        return out;
+    }
+
+private:
+    /// A place of the mesh in voxels, whose centres are whole numbers. One far from the grid comes nearer.
+    glm::dvec3 in_voxels(const glm::dvec3& point) const {
+        return glm::clamp((point - source_.origin) / source_.pitch, glm::dvec3(-2 * width),
+                          glm::dvec3(problem_.lattice.dims + 2 * width));
+    }
+
+    Box box_at(const glm::dvec3& point) const {
+        const glm::ivec3 dims = problem_.lattice.dims;
+        const glm::dvec3 place = in_voxels(point);
+        const glm::ivec3 first = glm::ivec3(glm::floor(place + 0.5)) - width / 2;
+        Box box;
+        double least = std::numeric_limits<double>::infinity();
+        int cell = 0;
+        for (int z = first.z; z < first.z + width; ++z) {
+            for (int y = first.y; y < first.y + width; ++y) {
+                for (int x = first.x; x < first.x + width; ++x, ++cell) {
+                    const auto n = std::size_t(cell);
+                    const bool is_inside =
+                        x >= 0 && y >= 0 && z >= 0 && x < dims.x && y < dims.y && z < dims.z;
+                    box.particle[n] =
+                        is_inside ? particle_[(std::size_t(z) * std::size_t(dims.y) + std::size_t(y)) *
+                                                  std::size_t(dims.x) +
+                                              std::size_t(x)]
+                                  : no_particle;
+                    if (box.particle[n] == no_particle) continue;
+                    box.offset[n] = glm::dvec3(x, y, z) - place;
+                    const double squared = glm::dot(box.offset[n], box.offset[n]);
+                    if (squared < least) {
+                        least = squared;
+                        box.nearest = cell;
+                    }
+                }
+            }
+        }
+        return box;
+    }
+
+    /// The cells that springs within the box connect to `first`: the present springs, or those that the
+    /// lattice has without cuts.
+    Connected connected_to(const Box& box, int first, bool present) const {
+        Connected reached{};
+        std::array<int, cells> waiting{};
+        int count = 0;
+        waiting[std::size_t(count++)] = first;
+        reached[std::size_t(first)] = true;
+        while (count > 0) {
+            const int cell = waiting[std::size_t(--count)];
+            const glm::ivec3 at(cell % width, cell / width % width, cell / (width * width));
+            const std::uint32_t bits =
+                present ? problem_.lattice.mask[box.particle[std::size_t(cell)]] : problem_.group_bits;
+            visit_directions(bits, [&](const Direction& direction) {
+                const glm::ivec3 to = at + direction.offset;
+                if (std::min({to.x, to.y, to.z}) < 0 || std::max({to.x, to.y, to.z}) >= width) return;
+                const int next = cell + stride_[std::size_t(direction.bit)];
+                if (reached[std::size_t(next)] || box.particle[std::size_t(next)] == no_particle) return;
+                reached[std::size_t(next)] = true;
+                waiting[std::size_t(count++)] = next;
+            });
+        }
+        return reached;
+    }
+
+    Motion motion_of(std::uint32_t i) const {
+        const glm::dvec3& u = displacement_[i];
+        return {u.x, u.y, u.z, value_.empty() ? 0 : value_[i]};
+    }
+
+    /// The motion at the box's place of the affine motion that fits those cells best.
+    Motion fit(const Box& box, const Connected& of) const {
+        std::array<double, cells> weight{};
+        double sum = 0;
+        Eigen::Vector3d centre = Eigen::Vector3d::Zero();
+        Motion mean = Motion::Zero();
+        for (std::size_t n = 0; n < cells; ++n) {
+            if (!of[n]) continue;
+            double w = 1;
+            for (int axis = 0; axis < 3; ++axis) {
+                const double share = box.offset[n][axis] / reach;
+                w *= (1 - share * share) * (1 - share * share);
+            }
+            weight[n] = w;
+            sum += w;
+            centre += w * Eigen::Vector3d(box.offset[n].x, box.offset[n].y, box.offset[n].z);
+            mean += w * motion_of(box.particle[n]);
+        }
+        if (!(sum > 0)) return motion_of(box.particle[std::size_t(box.nearest)]);
+        centre /= sum;
+        mean /= sum;
+        Eigen::Matrix3d spread = Eigen::Matrix3d::Zero();
+        Eigen::Matrix<double, 4, 3> along = Eigen::Matrix<double, 4, 3>::Zero();
+        for (std::size_t n = 0; n < cells; ++n) {
+            if (!(weight[n] > 0)) continue;
+            const Eigen::Vector3d r =
+                Eigen::Vector3d(box.offset[n].x, box.offset[n].y, box.offset[n].z) - centre;
+            spread += weight[n] * r * r.transpose();
+            along += weight[n] * (motion_of(box.particle[n]) - mean) * r.transpose();
+        }
+        // Along a direction in which the particles have no extent there is no gradient.
+        const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> axes(spread / sum);
+        constexpr double none = 1e-6;  // voxels squared; the next layer is 1 away and weighs more than that
+        for (int k = 0; k < 3; ++k) {
+            if (axes.eigenvalues()[k] <= none) continue;
+            const Eigen::Vector3d axis = axes.eigenvectors().col(k);
+            mean -= along * axis * (axis.dot(centre) / (sum * axes.eigenvalues()[k]));
+        }
+        return mean;
+    }
+
+    /// Moves vertices without a particle in their box like the nearest one, which spreads from voxel to
+    /// voxel.
+    void follow_nearest(const std::vector<std::uint8_t>& is_alone, std::vector<Motion>& motion) const {
+        const glm::ivec3 dims = problem_.lattice.dims;
+        std::vector<std::uint32_t> nearest = particle_, front = problem_.lattice.voxel, next;
+        for (; !front.empty(); front.swap(next)) {
+            next.clear();
+            for (const std::uint32_t voxel : front) {
+                const glm::ivec3 at = problem_.lattice.coordinates(voxel);
+                for (int axis = 0; axis < 3; ++axis) {
+                    for (const int step : {-1, 1}) {
+                        glm::ivec3 to = at;
+                        to[axis] += step;
+                        if (to[axis] < 0 || to[axis] >= dims[axis]) continue;
+                        const auto there =
+                            std::uint32_t((std::size_t(to.z) * std::size_t(dims.y) + std::size_t(to.y)) *
+                                              std::size_t(dims.x) +
+                                          std::size_t(to.x));
+                        if (nearest[there] != no_particle) continue;
+                        nearest[there] = nearest[voxel];
+                        next.push_back(there);
+                    }
+                }
+            }
+        }
+        for (std::size_t v = 0; v < is_alone.size(); ++v) {
+            if (is_alone[v] == 0) continue;
+            const glm::ivec3 at = glm::clamp(glm::ivec3(glm::floor(in_voxels(source_.mesh.points[v]) + 0.5)),
+                                             glm::ivec3(0), dims - 1);
+            motion[v] = motion_of(
+                nearest[(std::size_t(at.z) * std::size_t(dims.y) + std::size_t(at.y)) * std::size_t(dims.x) +
+                        std::size_t(at.x)]);
+        }
+    }
+
+    /// Gives cells at cuts the vertices of their side. `motion` and `out.rest` get copies of vertices.
+    template <class Cell>
+    void part(std::vector<Cell>& all, const std::vector<std::uint8_t>& is_cut, std::vector<Motion>& motion,
+              CarriedMesh& out) {
+        for (Cell& cell : all) {
+            if (std::none_of(cell.begin(), cell.end(), [&](std::uint32_t v) { return is_cut[v] != 0; }))
+                continue;
+            glm::dvec3 centroid(0);
+            for (const std::uint32_t v : cell) centroid += source_.mesh.points[v] / double(cell.size());
+            const Box around = box_at(centroid);
+            if (around.nearest < 0) continue;
+            const std::uint32_t guide = around.particle[std::size_t(around.nearest)];
+            for (std::uint32_t& v : cell) {
+                if (is_cut[v] != 0) v = vertex_beside(v, guide, motion, out);
+            }
+        }
+    }
+
+    /// Vertex `v`, or the copy of it that goes with the particle `guide`.
+    std::uint32_t vertex_beside(std::uint32_t v, std::uint32_t guide, std::vector<Motion>& motion,
+                                CarriedMesh& out) {
+        const Box box = box_at(source_.mesh.points[v]);
+        const int cell = box.cell_of(guide);
+        if (cell < 0 || connected_to(box, box.nearest, true)[std::size_t(cell)] ||
+            !connected_to(box, box.nearest, false)[std::size_t(cell)])
+            return v;
+        const Connected side = connected_to(box, cell, true);
+        // A side is named by its first particle.
+        const auto first = std::size_t(std::find(side.begin(), side.end(), true) - side.begin());
+        const std::uint64_t name = std::uint64_t(v) << 32U | box.particle[first];
+        const auto [copy, is_new] = copies_.try_emplace(name, std::uint32_t(out.rest.size()));
+        if (is_new) {
+            out.rest.push_back(source_.mesh.points[v]);
+            motion.push_back(fit(box, side));
+        }
+        return copy->second;
+    }
+
+    const MeshInGrid& source_;
+    const Problem& problem_;
+    std::span<const glm::dvec3> displacement_;
+    std::span<const double> value_;
+    std::vector<std::uint32_t> particle_;  ///< in each voxel, or no_particle
+    std::array<int, neighbour_count> stride_{};
+    std::unordered_map<std::uint64_t, std::uint32_t> copies_;
+};
+
+}  // namespace
+
+CarriedMesh carried(const MeshInGrid& source, const Problem& problem,
+                    std::span<const glm::dvec3> displacement, std::span<const double> value) {
+    return Carrier(source, problem, displacement, value).carry();
+}
+
+}  // namespace voxspring

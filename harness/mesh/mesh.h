@@ -1,0 +1,45 @@
+// Reads meshes: surfaces of triangles as STL, OBJ and PLY, triangles or tetrahedra as VTK and Gmsh.
+//
+// Files are not trusted: no memory is allocated because of a number that a file states, every index is
+// checked and every coordinate is finite. The order of the vertices is that of the file, so that the deformed
+// mesh replaces the one that came in.
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <cstdint>
+#include <filesystem>
+#include <glm/vec3.hpp>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace voxspring {
+
+using Triangle = std::array<std::uint32_t, 3>;
+using Tetrahedron = std::array<std::uint32_t, 4>;
+
+/// A mesh in the coordinates of its file, in the file's unit of length.
+struct Mesh {
+    std::string file{};  ///< the name in messages
+    std::vector<glm::dvec3> points{};
+    /// The surface, counter-clockwise from outside as far as the file is. Polygons are cut into fans. For a
+    /// mesh of tetrahedra: the faces that no two of them share, outwards.
+    std::vector<Triangle> triangles{};
+    std::vector<Tetrahedron> tetrahedra{};
+    std::vector<std::string> notes{};  ///< as Scene::notes
+};
+
+/// Reads a mesh; its format follows from its name. Throws BadInput.
+Mesh read_mesh(const std::filesystem::path& file);
+/// Reads a mesh from the bytes of a file, whose name messages state.
+Mesh parse_mesh(std::string_view bytes, const std::string& file);
+/// Whether read_mesh() accepts a file with this name.
+bool is_mesh_name(const std::string& name);
+/// The endings of such names, for messages: ".stl, .obj, ... or .msh".
+std::string mesh_endings();
+
+/// For each point the first point at the same place.
+std::vector<std::uint32_t> welded(const std::vector<glm::dvec3>& points);
+
+}  // namespace voxspring

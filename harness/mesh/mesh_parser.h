@@ -1,0 +1,90 @@
+// What the readers of mesh files share: the words, numbers and bytes of a file, and the mesh that they make.
+#pragma once
+
+#include <algorithm>
+#include <bit>
+#include <charconv>
+#include <cstddef>
+#include <cstdint>
+#include <cstring>
+#include <string>
+#include <string_view>
+#include <type_traits>
+
+#include "harness/base/bad_input.h"
+#include "harness/mesh/mesh.h"
+
+namespace voxspring {
+
+enum class NumberLayout : std::uint8_t { text, little, big };
+
+/// The bytes of a mesh file, read from the front.
+class MeshBytes {
+public:
+    MeshBytes(std::string_view bytes, std::string_view file) : bytes_(bytes), file_(file) {}
+
+    std::string_view file() const { return file_; }
+    std::size_t left() const { return bytes_.size() - at_; }
+    /// The next line without its end; empty at the end of the file.
+    std::string_view line();
+    /// The next word; empty at the end of the file.
+    std::string_view word();
+    /// Skips `count` bytes. Throws BadInput if there are fewer.
+    void skip(std::size_t count);
+
+    /// The next number: a word, or the bytes of a `Number`. `what` names it in messages.
+    template <class Number>
+    Number number(NumberLayout layout, std::string_view what) {
+        Number value{};
+        if (layout == NumberLayout::text) {
+            const std::string_view text = word();
+            if (!parse(text, value)) refuse(text.empty() ? "the end of the file" : text, what);
+            return value;
+        }
+        if (left() < sizeof value) refuse("the end of the file", what);
+        std::memcpy(&value, bytes_.data() + at_, sizeof value);
+        at_ += sizeof value;
+        if ((layout == NumberLayout::big) != (std::endian::native == std::endian::big)) {
+            auto* first = reinterpret_cast<std::byte*>(&value);
+            std::reverse(first, first + sizeof value);
+        }
+        return value;
+    }
+
+    /// Whether all of `text` is a number.
+    template <class Number>
+    static bool parse(std::string_view text, Number& value) {
+        if (text.starts_with('+')) text.remove_prefix(1);
+        const auto [stop, error] = std::from_chars(text.data(), text.data() + text.size(), value);
+        return error == std::errc() && stop == text.data() + text.size();
+    }
+
+    /// Refuses what was read last, where it stands in the file.
+    [[noreturn]] void refuse(std::string_view value, std::string_view accepted) const;
+
+private:
+    std::string_view bytes_, file_;
+    std::size_t at_ = 0;
+};
+
+/// Adds the triangles of a polygon, a fan around its first corner. Fewer than three corners are nothing.
+template <class Corners>
+void add_polygon(Mesh& mesh, const Corners& corners) {
+    for (std::size_t n = 2; n < corners.size(); ++n)
+        mesh.triangles.push_back({corners[0], corners[n - 1], corners[n]});
+}
+
+/// Readers, one per format. They check neither indices nor coordinates: parse_mesh() does.
+Mesh read_stl(MeshBytes& bytes);
+Mesh read_obj(MeshBytes& bytes);
+Mesh read_ply(MeshBytes& bytes);
+Mesh read_vtk(MeshBytes& bytes);
+Mesh read_gmsh(MeshBytes& bytes);
+
+/// `index` as an index of a vertex; one that no mesh has if it is negative or too large.
+inline std::uint32_t vertex_index(std::int64_t index) {
+    constexpr std::int64_t none = 0xFFFFFFFF;
+    return std::uint32_t(index < 0 || index > none ? none : index);
+}
+
+}  // namespace voxspring

@@ -1,0 +1,49 @@
+// Makes a body of voxels from a mesh.
+#pragma once
+
+#include <glm/vec3.hpp>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "backends/physics/problem.h"
+#include "harness/mesh/mesh.h"
+#include "harness/mesh/surface.h"
+#include "harness/volume/dataset.h"
+
+namespace voxspring {
+
+/// Voxels along the longest side of a mesh whose pitch nobody chose.
+inline constexpr int default_voxels = 64;
+
+/// The share of a voxel that lies in the body, from which on the voxel belongs to it.
+inline constexpr double default_fill = 0.5;
+
+/// A mesh and the grid that was made of it.
+struct MeshInGrid {
+    Mesh mesh;
+    MeshFacts facts;
+    glm::dvec3 origin{0};  ///< centre of voxel (0, 0, 0), in the mesh's coordinates
+    double pitch = 1;      ///< edge of a voxel, in the mesh's unit of length
+    double fill = default_fill;
+    double volume = 0;       ///< of the points where the mesh's winding number exceeds 1/2, by their shares
+    double body_volume = 0;  ///< of the active voxels
+};
+
+struct Voxelised {
+    VoxelGrid grid;  ///< of labels 0 and 1
+    MeshInGrid source;
+    std::vector<std::string> notes;  ///< as Scene::notes, those of the mesh first
+};
+
+/// The pitch of a mesh that nobody chose: default_voxels along the longest side, in two significant digits.
+double default_pitch(const MeshFacts& facts);
+
+/// Makes voxels of edge `pitch`. A voxel is active if at least `fill` of it, in (0, 1], lies where the
+/// winding number of the mesh exceeds 1/2. That is inside a closed surface, and where a hole is open as far
+/// as a film across it. 16 lines through a voxel measure its share, each exactly. Equal input gives equal
+/// bits, however many threads there are. Without a pitch it is default_pitch(), which a note says. Throws
+/// BadInput, which names --pitch, if the grid is too large for `limits` or if no voxel is active.
+Voxelised voxelise(Mesh mesh, std::optional<double> pitch, double fill, const SceneSizeLimits& limits);
+
+}  // namespace voxspring
