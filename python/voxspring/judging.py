@@ -1,4 +1,4 @@
-"""Verifies and times a kernel of one's own by the rules of a study."""
+"""Verifies and times a user's kernel by the rules of a study."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ class Wrong(RuntimeError):
 class Arrays:
     """What judge() has to know of a library of arrays.
 
-    to: makes an array of the library, with memory of its own, from one of numpy.
+    to: makes an array of the library, which shares no memory with it, from one of numpy.
     host: makes an array of numpy from one of the library.
     wait: returns when what was computed so far is finished. It gets the two arrays that the kernel returned.
-    timed: calls a function that enqueues work, and returns its result and the seconds between two marks of the device's own
+    timed: calls a function that enqueues work, and returns its result and the seconds between two marks of the device's
         clock. None: the host's clock counts, from before the call until wait() has returned.
     api: the library with its version. device: what it computes on, empty for this processor.
     """
