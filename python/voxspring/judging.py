@@ -236,7 +236,7 @@ def _lines_of(step: Step) -> int | None:
 
 
 def count_lines(source: str) -> int:
-    """Lines that are neither blank nor a comment nor part of a docstring on lines of its own."""
+    """Lines that are neither blank nor a comment nor part of a docstring that begins a line."""
     lines, in_text = 0, False
     for line in map(str.strip, source.splitlines()):
         quotes = line.count('"""')

@@ -87,7 +87,7 @@ class Result:
 def study(name: str | os.PathLike[str] = "default", body: _core.Body | None = None, *, steps: int = 1000,
           backends: Sequence[str] = (), scenes: Sequence[str] = (), repetitions: int | None = None,
           out: str | os.PathLike[str] | None = None) -> Result:
-    """Runs a built-in study or a study file, each backend in a process of its own.
+    """Runs a built-in study or a study file, each backend in a separate process.
 
     With `body` the study has it as its only scene, in batches of `steps` steps. `backends` and `scenes` are globs, as after
     --backend and --scene of the program. `out` is written after every scene. Ctrl-C finishes the work in flight, writes `out` and

@@ -1,4 +1,4 @@
-"""CuPy: a kernel of one's own in CUDA C++."""
+"""CuPy: a kernel in CUDA C++."""
 
 import cupy
 import numpy as np
