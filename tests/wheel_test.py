@@ -281,7 +281,7 @@ class Studies(unittest.TestCase):
         own = voxspring.study("default", body, steps=20, backends=["cpu_parallel"], repetitions=2)
         joined = voxspring.Result.joined([own, voxspring.judge(springs_kernel(body), body, steps=20, repetitions=2)], "both")
         frame = joined.frame()
-        self.assertEqual(frame["backend"].tolist(), ["cpu_parallel", "step"])
+        self.assertEqual(set(frame["backend"]), {"cpu_parallel", "step"})  # in two precisions, and ours
         self.assertEqual(set(frame["scene"]), {"beam"})
         joined.save("joined.json")
         self.assertEqual(voxspring.Result.load("joined.json").json, json.loads(json.dumps(joined.json)))
