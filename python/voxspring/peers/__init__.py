@@ -50,12 +50,13 @@ def _serve(peer: str, argument: str, steps: int, repetitions: int, device: str, 
                 pipe.send(wrong.result.json)
     except BaseException as failure:  # of whatever kind: the parent says so
         with contextlib.suppress(OSError):
-            pipe.send(failure if isinstance(failure, KeyboardInterrupt) else f"{type(failure).__name__}: {failure}")
+            absent = isinstance(failure, (ImportError, _core.Unavailable))
+            pipe.send(failure if isinstance(failure, KeyboardInterrupt) else (absent, f"{type(failure).__name__}: {failure}"))
 
 
 class _Case:
     def __init__(self, peer: str, argument: str, steps: int, repetitions: int, device: str):
-        self.peer, self.seconds, self.done, self.reason = peer, 0.0, 0, ""
+        self.peer, self.seconds, self.done, self.reason, self.absent = peer, 0.0, 0, "", False
         context = multiprocessing.get_context("spawn")
         self._pipe, theirs = context.Pipe()
         self._process = context.Process(target=_serve, args=(peer, argument, steps, repetitions, device, theirs), daemon=True)
@@ -68,12 +69,12 @@ class _Case:
             answer = self._pipe.recv()
         except EOFError:
             self._process.join()
-            answer = f"its process ended with {self._process.exitcode}"
+            answer = False, f"its process ended with {self._process.exitcode}"
         if isinstance(answer, KeyboardInterrupt):
             raise answer
-        if isinstance(answer, str):
+        if isinstance(answer, tuple):
             # Messages of compilers have many lines; a row has one.
-            self.reason = " ".join(answer.split())[:500]
+            self.absent, self.reason = answer[0], " ".join(answer[1].split())[:500]
         return answer
 
     def repeat(self) -> None:
@@ -121,7 +122,7 @@ def run(peers: list[str], scenes: dict[str, int], repetitions: int, device: str,
                     print(f"{argument}: warming up {peer}", file=sys.stderr)
                     case = _Case(peer, argument, steps, repetitions, device)
                     cases.append(case)
-                    reason = case.reason
+                    reason = case.reason if case.absent else ""
                 if reason:
                     ended["skipped"].append(_row(argument, peer, reason))
             order = [case for case in cases if not case.reason] * repetitions
@@ -131,7 +132,7 @@ def run(peers: list[str], scenes: dict[str, int], repetitions: int, device: str,
                     print(f"\r{argument}: {number} of {len(order)}", end="\033[K\r", file=sys.stderr)
                 case.repeat()
             for case in cases:
-                if any(row["backend"] == case.peer for row in ended["skipped"]):
+                if case.absent:
                     continue
                 result = case.result()
                 if result is None:

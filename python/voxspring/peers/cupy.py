@@ -3,6 +3,8 @@
 import cupy
 import numpy as np
 
+import voxspring
+
 KERNEL = cupy.RawKernel(r"""
 extern "C" __global__ void one_step(const float3* x, float3* v, float3* x_new, const int* neighbours, const float* stiffness,
                                     const float* lengths, const float3* load, const float* inverse_mass, const bool* pinned,
@@ -33,7 +35,7 @@ extern "C" __global__ void one_step(const float3* x, float3* v, float3* x_new, c
 
 def peer(body, device):
     if device != "cuda":
-        raise RuntimeError("CuPy computes on a card only")
+        raise voxspring.Unavailable("CuPy computes on a card only")
     n, block = len(body), 128
 
     def column_first(array, dtype):
