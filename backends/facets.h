@@ -149,6 +149,21 @@ public:
     virtual std::span<const glm::vec4> read() = 0;
 };
 
+/// Displacements of some particles, as for Feed, which the device writes into its own memory. They pass
+/// through no host.
+class DeviceFeed {
+public:
+    DeviceFeed() = default;
+    DeviceFeed(const DeviceFeed&) = delete;
+    DeviceFeed& operator=(const DeviceFeed&) = delete;
+    virtual ~DeviceFeed() = default;
+
+    /// The address, on the device, of x, y, z and 0 of each particle in float32 after the steps enqueued so
+    /// far, for which this waits. Each call writes to the same place.
+    virtual const void* read() = 0;
+    virtual int device() const = 0;  ///< its number, as CUDA counts
+};
+
 /// The borders of a simulation that is one part of a larger body. Each is to be used until the next upload().
 class BorderFacet {
 public:
@@ -180,6 +195,11 @@ public:
     /// An object that brings the displacements of `particles` to the host, in their order. The result is null
     /// if the backend cannot.
     virtual std::unique_ptr<HostFeed> host_feed(const std::vector<std::uint32_t>& /*particles*/) {
+        return nullptr;
+    }
+    /// An object that writes the displacements of `particles` to CUDA's memory, in their order. The result is
+    /// null if the backend is not CUDA's or cannot.
+    virtual std::unique_ptr<DeviceFeed> device_feed(const std::vector<std::uint32_t>& /*particles*/) {
         return nullptr;
     }
 

@@ -43,13 +43,10 @@ install(FILES backends/glsl/terms.h backends/glsl/uniforms.h DESTINATION ${inclu
 # The archive needs the libraries of the backends that it contains.
 set(backend_libraries PkgConfig::EPOXY PkgConfig::HWY OpenMP::OpenMP_CXX)
 if(NOT VOXSPRING_NO_CUDA)
-    # voxspring-config.cmake finds these two by their files, so that users of the archive need no toolkit.
-    list(APPEND backend_libraries voxspring::cudart voxspring::nvrtc)
+    # voxspring-config.cmake finds it by its file, so that users of the archive need no toolkit.
+    list(APPEND backend_libraries voxspring::cudart)
     get_target_property(cudart_file CUDA::cudart_static IMPORTED_LOCATION)
-    get_target_property(nvrtc_file CUDA::nvrtc IMPORTED_LOCATION)
     get_filename_component(cudart_folder ${cudart_file} DIRECTORY)
-    get_filename_component(nvrtc_folder ${nvrtc_file} DIRECTORY)
-    set(nvrtc_name libnvrtc.so.${CUDAToolkit_VERSION_MAJOR})
 endif()
 target_link_libraries(voxspring_harness PRIVATE $<INSTALL_INTERFACE:${backend_libraries}>)
 set_target_properties(voxspring_whole PROPERTIES EXPORT_NAME harness)

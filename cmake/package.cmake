@@ -6,7 +6,10 @@ install(TARGETS ${programs} ${VOXSPRING_PACKAGED_TESTS}
     LIBRARY DESTINATION lib COMPONENT package EXCLUDE_FROM_ALL)
 set(packaged COMPONENT package EXCLUDE_FROM_ALL)
 if(NOT VOXSPRING_NO_CUDA)
-    # NVRTC opens its built-in functions by name.
+    # NVRTC is opened by name, and opens its built-in functions in the same way.
+    get_target_property(nvrtc_file CUDA::nvrtc IMPORTED_LOCATION)
+    file(REAL_PATH ${nvrtc_file} nvrtc)
+    install(FILES ${nvrtc} DESTINATION lib RENAME libnvrtc.so.${CUDAToolkit_VERSION_MAJOR} ${packaged})
     file(GLOB nvrtc_builtins ${CUDAToolkit_LIBRARY_DIR}/libnvrtc-builtins.so.[0-9]*)
     install(FILES ${nvrtc_builtins} DESTINATION lib ${packaged})
 endif()

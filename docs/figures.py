@@ -1,6 +1,6 @@
 #!/usr/bin/env python3
-"""Fills the tables of README.md, accuracy.md, apis.md, artifact.md and simulator.md from committed results by tables.jinja, and the picture in
-docs/architecture.md from the sources' includes.
+"""Fills the tables of README.md, accuracy.md, apis.md, artifact.md, simulator.md and python.md from committed results by tables.jinja, and the
+picture in docs/architecture.md from the sources' includes.
 
 Usage: figures.py [--check]
 
@@ -182,6 +182,35 @@ def durations(machine):
         yield study, rows, minutes if minutes and minutes < 30 else None
 
 
+def backend_api(one, backend):
+    """numba 0.68.1 of a peer."""
+    return one["context"]["voxspring"]["backends"][backend]["api"]
+
+
+def peers_by_size(one):
+    """What the table of peers shows of a result of `voxspring study peers`: scenes by size, backends by their time on the first."""
+    rows = {(row["scene"], row["backend"]): row for row in results.medians_of(one)}
+    scenes = sorted({(row["scene"], row["particles"]) for row in rows.values()}, key=lambda scene: scene[1])
+    lines = {row["backend"]: row.get("lines_of_code") for row in rows.values()}
+    own = {scene: row for (scene, _), row in rows.items() if not row.get("lines_of_code")}
+
+    def cell(scene, backend):
+        row = rows.get((scene, backend))
+        if row is None:
+            return "-"
+        return f"{results.time_of(row)} us, {row['real_time'] / own[scene]['real_time']:.1f} x, {row['error_max']:.0e}"
+
+    backends = sorted(lines, key=lambda backend: min(row["real_time"] for (scene, name), row in rows.items()
+                                                     if name == backend and scene == scenes[0][0]))
+    reasons = groups((row for row in one["skipped"] + one["failed"] if row["backend"] not in {name for _, name in rows}),
+                     "backend", "reason")
+    return {"headings": [f"{scene}, {particles:,} particles" for scene, particles in scenes], "backends": backends,
+            "lines": {backend: f"{count:.0f}" if count else "" for backend, count in lines.items()},
+            "own": {row["backend"] for row in own.values()},
+            "cells": {backend: [cell(scene, backend) for scene, _ in scenes] for backend in backends},
+            "missing": [f"Not here: {backend}, because {reason}." for backend, reason in reasons]}
+
+
 @functools.cache
 def tables():
     """The macros of tables.jinja, which know what is defined here."""
@@ -195,12 +224,14 @@ def tables():
 def filled(name):
     if name == "architecture":
         return architecture()
-    of_machines = [results.machines("haptic")] if name.endswith("ticks") else []
+    study = "haptic" if name.endswith("ticks") else "peers" if name == "peers" else ""
+    of_machines = [results.machines(study)] if study else []
     return str(getattr(tables(), name)(*of_machines)).strip()
 
 
 PAGES = {ROOT / "README.md": ["heart"], HERE / "architecture.md": ["architecture"], HERE / "accuracy.md": ["float64", "gates"],
-         HERE / "artifact.md": ["claims", "studies"], HERE / "apis.md": ["launches", "empty_steps", "sizes"], HERE / "simulator.md": ["ticks", "late_ticks", "drawing"]}
+         HERE / "artifact.md": ["claims", "studies"], HERE / "apis.md": ["launches", "empty_steps", "sizes"],
+         HERE / "simulator.md": ["ticks", "late_ticks", "drawing"], HERE / "python.md": ["peers"]}
 
 
 def main():

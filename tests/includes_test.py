@@ -30,7 +30,7 @@ ROOMS = [
     ["harness/ranks"],
     ["harness/study"],
     ["harness/cli"],
-    ["harness/viewer"],
+    ["harness/viewer", "python"],
 ]
 LEVEL = {room: level for level, rooms in enumerate(ROOMS) for room in rooms}
 INCLUDE = re.compile(r'^\s*#include "([^"]+)"', re.MULTILINE)
@@ -46,7 +46,7 @@ def room_of(path):
 
 def includes_of(root):
     """Pairs (file, included file) of all sources below `root`, by their paths from it."""
-    for top in ("backends", "cuda", "harness"):
+    for top in ("backends", "cuda", "harness", "python"):
         for path in sorted((root / top).rglob("*")):
             if path.suffix in (".h", ".cpp", ".cu"):
                 for included in INCLUDE.findall(path.read_text()):
@@ -131,6 +131,9 @@ class Includes(unittest.TestCase):
     def test_the_viewer_is_a_program_on_installed_headers(self):
         self.assertEqual(not_installed(pathlib.Path(), "harness/viewer"), [])
         self.assertIn("backends/gl/context.h", installed_headers(pathlib.Path()))
+
+    def test_the_python_module_is_a_program_on_installed_headers(self):
+        self.assertEqual(not_installed(pathlib.Path(), "python"), [])
 
     def test_finds_a_header_that_is_not_installed(self):
         with tempfile.TemporaryDirectory() as folder:

@@ -111,6 +111,31 @@ private:
     FeedKernel<Real> kernel_;  // last, so that its launch has ended when memory is freed
 };
 
+/// A feed for other users of the card.
+template <class Real>
+class ArrayFeed final : public DeviceFeed {
+public:
+    ArrayFeed(const std::vector<FedWord<Real>>& fed, const Stream& stream,
+              std::function<Feeding<Real>()> feeding)
+        : kernel_(fed, stream, std::move(feeding)) {
+        displacements_.resize(fed.size());
+        check(cudaGetDevice(&device_));
+    }
+
+    const void* read() override {
+        if (kernel_.empty()) return nullptr;
+        kernel_.enqueue(kernel_.feeding(), displacements_.data());
+        kernel_.stream().synchronize();
+        return displacements_.data();
+    }
+    int device() const override { return device_; }
+
+private:
+    int device_ = 0;
+    Buffer<glm::vec4> displacements_;
+    FeedKernel<Real> kernel_;  // last, so that its launch has ended when memory is freed
+};
+
 }  // namespace
 
 template <class Real>
@@ -132,11 +157,19 @@ std::unique_ptr<HostFeed> make_host_feed(const std::vector<FedWord<Real>>& fed, 
     return std::make_unique<PinnedFeed<Real>>(fed, stream, std::move(feeding));
 }
 
-#define FOR_PRECISION(Real)                                                                             \
-    template std::unique_ptr<Feed> make_feed(const std::vector<FedWord<Real>>&, std::uint32_t,          \
-                                             const Stream&, std::function<Feeding<Real>()>);            \
-    template std::unique_ptr<HostFeed> make_host_feed(const std::vector<FedWord<Real>>&, const Stream&, \
-                                                      std::function<Feeding<Real>()>);
+template <class Real>
+std::unique_ptr<DeviceFeed> make_device_feed(const std::vector<FedWord<Real>>& fed, const Stream& stream,
+                                             std::function<Feeding<Real>()> feeding) {
+    return std::make_unique<ArrayFeed<Real>>(fed, stream, std::move(feeding));
+}
+
+#define FOR_PRECISION(Real)                                                                                 \
+    template std::unique_ptr<Feed> make_feed(const std::vector<FedWord<Real>>&, std::uint32_t,              \
+                                             const Stream&, std::function<Feeding<Real>()>);                \
+    template std::unique_ptr<HostFeed> make_host_feed(const std::vector<FedWord<Real>>&, const Stream&,     \
+                                                      std::function<Feeding<Real>()>);                      \
+    template std::unique_ptr<DeviceFeed> make_device_feed(const std::vector<FedWord<Real>>&, const Stream&, \
+                                                          std::function<Feeding<Real>()>);
 FOR_PRECISION(float)
 FOR_PRECISION(double)
 #undef FOR_PRECISION

@@ -1,4 +1,5 @@
-// Displacements for a picture: into a window's buffer, which OpenGL lends to CUDA, or into host memory.
+// Displacements for a picture: into a window's buffer, which OpenGL lends to CUDA, into host memory, or
+// for another library into an array on the device.
 #pragma once
 
 #include <cstdint>
@@ -20,5 +21,9 @@ std::unique_ptr<Feed> make_feed(const std::vector<FedWord<Real>>& fed, std::uint
 template <class Real>
 std::unique_ptr<HostFeed> make_host_feed(const std::vector<FedWord<Real>>& fed, const Stream& stream,
                                          std::function<Feeding<Real>()> feeding);
+/// What fills an array on the device with what `feeding` says when it is asked.
+template <class Real>
+std::unique_ptr<DeviceFeed> make_device_feed(const std::vector<FedWord<Real>>& fed, const Stream& stream,
+                                             std::function<Feeding<Real>()> feeding);
 
 }  // namespace voxspring::cuda

@@ -131,6 +131,10 @@ public:
         let_end();
         return make_host_feed<Real>(fed_words(particles), stream(), [this] { return feeding(); });
     }
+    std::unique_ptr<DeviceFeed> device_feed(const std::vector<std::uint32_t>& particles) override {
+        let_end();
+        return make_device_feed<Real>(fed_words(particles), stream(), [this] { return feeding(); });
+    }
 
     BorderFacet* borders() override { return this; }
     std::unique_ptr<Border> border(const std::vector<std::uint32_t>& particles) override {

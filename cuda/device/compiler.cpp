@@ -4,7 +4,6 @@
 #include <elf.h>
 #include <fmt/format.h>
 #include <link.h>
-#include <nvrtc.h>
 
 #include <algorithm>
 #include <bit>
@@ -17,6 +16,7 @@
 
 #include "backends/backend.h"
 #include "backends/disk_cache.h"
+#include "cuda/device/nvrtc.h"
 #include "embedded_kernels.h"  // generated
 
 namespace voxspring::cuda {
@@ -24,9 +24,11 @@ namespace {
 
 using namespace std::literals;
 
+const Nvrtc& nvrtc() { return Nvrtc::load(); }
+
 void check(nvrtcResult result, const std::source_location& where = std::source_location::current()) {
     if (result != NVRTC_SUCCESS)
-        throw DeviceError(std::string("NVRTC: ") + nvrtcGetErrorString(result) +
+        throw DeviceError(std::string("NVRTC: ") + nvrtc().GetErrorString(result) +
                           " (compiler.cpp:" + std::to_string(where.line()) + ")");
 }
 
@@ -72,12 +74,12 @@ public:
             names.push_back(header.c_str());
             texts.push_back(content.c_str());
         }
-        check(nvrtcCreateProgram(&program_, text.c_str(), name.c_str(), int(names.size()), texts.data(),
-                                 names.data()));
+        check(nvrtc().CreateProgram(&program_, text.c_str(), name.c_str(), int(names.size()), texts.data(),
+                                    names.data()));
     }
     Program(const Program&) = delete;
     Program& operator=(const Program&) = delete;
-    ~Program() { nvrtcDestroyProgram(&program_); }
+    ~Program() { nvrtc().DestroyProgram(&program_); }
 
     /// `get_size` and `get_text` as NVRTC has them.
     std::string take(nvrtcResult (*get_size)(nvrtcProgram, std::size_t*),
@@ -97,9 +99,9 @@ private:
 /// Compute capabilities that NVRTC compiles for, ascending.
 std::vector<int> known_architectures() {
     int count = 0;
-    check(nvrtcGetNumSupportedArchs(&count));
+    check(nvrtc().GetNumSupportedArchs(&count));
     std::vector<int> known(std::size_t(count), 0);
-    check(nvrtcGetSupportedArchs(known.data()));
+    check(nvrtc().GetSupportedArchs(known.data()));
     return known;
 }
 
@@ -155,11 +157,11 @@ std::vector<std::string> options_for(int architecture, bool moves_registers) {
 const std::string& compiler_build() {
     static const std::string build = [] {
         int major = 0, minor = 0;
-        check(nvrtcVersion(&major, &minor));
+        check(nvrtc().Version(&major, &minor));
         std::string text = std::to_string(major) + "." + std::to_string(minor) + " ";
         // NVRTC does not tell its patch level, but the build id of its library differs between patch levels.
         Dl_info library{};
-        if (dladdr(reinterpret_cast<const void*>(&nvrtcVersion), &library) == 0) return text;
+        if (dladdr(reinterpret_cast<const void*>(nvrtc().Version), &library) == 0) return text;
         struct Search {
             const void* base;
             std::string id;
@@ -223,10 +225,10 @@ CompiledKernel compile(const KernelSource& source, int architecture) {
     const Program program(std::string(embedded_kernels.at(name)), name, all_headers);
     std::vector<const char*> arguments;
     for (const std::string& option : options) arguments.push_back(option.c_str());
-    if (nvrtcCompileProgram(program.get(), int(arguments.size()), arguments.data()) != NVRTC_SUCCESS)
-        throw DeviceError("NVRTC: " + program.take(nvrtcGetProgramLogSize, nvrtcGetProgramLog));
-    compiled.code =
-        exact ? program.take(nvrtcGetCUBINSize, nvrtcGetCUBIN) : program.take(nvrtcGetPTXSize, nvrtcGetPTX);
+    if (nvrtc().CompileProgram(program.get(), int(arguments.size()), arguments.data()) != NVRTC_SUCCESS)
+        throw DeviceError("NVRTC: " + program.take(nvrtc().GetProgramLogSize, nvrtc().GetProgramLog));
+    compiled.code = exact ? program.take(nvrtc().GetCUBINSize, nvrtc().GetCUBIN)
+                          : program.take(nvrtc().GetPTXSize, nvrtc().GetPTX);
     compiled.seconds = std::chrono::duration<double>(Clock::now() - begin).count();
     std::string kept(head, '\0');
     std::memcpy(kept.data(), &compiled.seconds, head);

@@ -22,6 +22,7 @@
 #include "harness/results/capabilities.h"
 #include "harness/results/google_benchmark.h"
 #include "harness/scene/scene_runner.h"
+#include "harness/study/kernel_trial.h"
 #include "harness/study/random_starts.h"
 
 namespace voxspring {
@@ -306,7 +307,7 @@ private:
         return repetition * processes / std::max(processes, context_.batch.repetitions);
     }
     nlohmann::json timed(const std::string& name);
-    Row judged() const;
+    Row judged() const { return judged_row(context_.solution, context_.left, case_.spec(), own_share_); }
     void look_at_state(nlohmann::json& answer, bool is_last);
     int repetitions_judged() const;
     std::string other_repetition() const;
@@ -347,51 +348,11 @@ nlohmann::json TimedCase::timed(const std::string& name) {
     return answer;
 }
 
-/// The fields of the row about the state.
-Row TimedCase::judged() const {
-    const State& left = context_.left;
-    const Comparison comparison = judge(context_.solution, left, case_.spec());
-    Row verified;
-    verified.errors = errors_of(context_.solution, left, comparison, case_.spec());
-    verified.verdict = VerdictPart{.passed = comparison.passed(),
-                                   .finite = comparison.finite,
-                                   .error_rms = comparison.rms,
-                                   .tolerance = comparison.tolerance,
-                                   .tolerance_rms = comparison.tolerance_rms,
-                                   .error_mean = comparison.mean,
-                                   .tolerance_mean = comparison.tolerance_mean,
-                                   .strained_share = own_share_};
-    if (const Spread* const spread = spread_of(context_.solution, rounding_model_of(case_.spec()))) {
-        verified.verdict->spread_max = spread->max;
-        verified.verdict->spread_rms = spread->rms;
-        verified.verdict->motion_max = spread->motion_max;
-        verified.verdict->motion_rms = spread->motion_rms;
-    }
-    if (!comparison.passed()) verified.reason = comparison.reason;
-    return verified;
-}
-
 void TimedCase::judge_strained_start() {
     if (!std::exchange(read_, false)) return;
     attempt([&] {
         const ReferenceSolution& solution = *context_.strained.solution;
-        const Comparison comparison = judge(solution, context_.left, case_.spec());
-        Row row;
-        row.verdict = VerdictPart{.passed = comparison.passed(), .finite = comparison.finite};
-        StrainedPart& part = row.verdict->strained_start.emplace();
-        part = {.share = strained_share(solution, case_.spec()),
-                .error_max = comparison.max,
-                .error_rms = comparison.rms,
-                .error_mean = comparison.mean,
-                .tolerance = comparison.tolerance,
-                .tolerance_rms = comparison.tolerance_rms,
-                .tolerance_mean = comparison.tolerance_mean};
-        if (const Spread* const spread = spread_of(solution, rounding_model_of(case_.spec()))) {
-            part.motion_max = spread->motion_max;
-            part.motion_rms = spread->motion_rms;
-        }
-        if (!comparison.passed()) row.reason = "from a strained start: " + comparison.reason;
-        case_.scope().keep("strained", to_json(row));
+        case_.scope().keep("strained", to_json(judged_strained_row(solution, context_.left, case_.spec())));
     });
 }
 
@@ -572,14 +533,7 @@ void TimedCase::add_rows(StudyBench& bench, int number) {
         row.reason = verified.reason;
         const nlohmann::json& work = kept("warm").at("work");
         if (!work.empty()) row.verdict->work = work.get<WorkCount>();
-        if (needs_strained_start()) {
-            const Row strained = row_from_json(kept("strained"));
-            row.verdict->strained_start = strained.verdict->strained_start;
-            if (row.verdict->passed && !strained.verdict->passed) {
-                row.verdict->passed = false;
-                row.reason = strained.reason;
-            }
-        }
+        if (needs_strained_start()) add_strained(row, row_from_json(kept("strained")));
         bench.add("verification", row);
         if (!row.verdict->passed)
             failure_ = "does not agree with " + row.reference->reference + ": " + *row.reason;

@@ -1,0 +1,19 @@
+"""Volumetric mass-spring-damper models on every API that this machine offers, and anybody's kernel judged beside them.
+
+    import voxspring
+
+    body = voxspring.scene("heart")
+    simulation = voxspring.Simulation(body, backend="auto")
+    simulation.step(1000)
+    simulation.displacement         # numpy, (n, 3)
+
+judge() verifies and times a function of your own; study() runs a study of the program's. A wrong value raises BadInput, a
+ValueError; what this machine does not have raises Unavailable, a RuntimeError. The messages are the program's own.
+"""
+
+from ._core import BadInput, Body, CardArray, DeviceError, Refused, Simulation, Unavailable
+from .judging import Arrays, Judge, Wrong, judge
+from .results import Result, scene, study
+
+__all__ = ["Arrays", "BadInput", "Body", "CardArray", "DeviceError", "Judge", "Refused", "Result", "Simulation", "Unavailable",
+           "Wrong", "judge", "scene", "study"]

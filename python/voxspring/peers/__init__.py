@@ -1,0 +1,179 @@
+"""The systems that a user would pick instead, each stepping a body as its own users would write it, judged like a backend.
+
+Each file has peer(body, device), which returns step(x, v, n), its arrays for judge() and, where that is not the library of the
+arrays, the system with its version.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import fnmatch
+import importlib
+import importlib.util
+import multiprocessing
+import pathlib
+import random
+import sys
+import time
+from multiprocessing.connection import Connection
+
+from .. import _core
+from ..judging import Judge, Wrong, count_lines
+from ..results import Result, scene, study
+
+PEERS = ("numpy", "numba", "torch", "jax", "cupy", "warp", "taichi", "newton")
+# Scenes of the study `fastest`, with as many steps as the slowest peer makes in seconds.
+SCENES = {"box@32": 200, "heart": 200, "box@48": 100, "box@96": 20}
+# As in a study, a case stops repeating once its repetitions have taken this long together, after at least two.
+MOST_SECONDS = 10
+
+
+def _serve(peer: str, argument: str, steps: int, repetitions: int, device: str, pipe: Connection) -> None:
+    """One peer in its own process, which answers "repeat" and "result"."""
+    try:
+        body = scene(argument)
+        file = pathlib.Path(__file__).parent / f"{peer}.py"
+        step, arrays, *system = importlib.import_module(f"{__name__}.{peer}").peer(body, device)
+        judge = Judge(step, body, steps, arrays=arrays, name=peer, version=system[0] if system else None, repetitions=repetitions,
+                      lines=count_lines(file.read_text()))
+        judge.warm_up()
+        pipe.send(None)
+        while (asked := pipe.recv()) == "repeat":
+            begin = time.perf_counter()
+            judge.repeat()
+            pipe.send(time.perf_counter() - begin)
+        if asked == "result":
+            try:
+                pipe.send(judge.result().json)
+            except Wrong as wrong:
+                pipe.send(wrong.result.json)
+    except BaseException as failure:  # of whatever kind: the parent says so
+        with contextlib.suppress(OSError):
+            absent = isinstance(failure, (ImportError, _core.Unavailable))
+            pipe.send(failure if isinstance(failure, KeyboardInterrupt) else (absent, f"{type(failure).__name__}: {failure}"))
+
+
+class _Case:
+    def __init__(self, peer: str, argument: str, steps: int, repetitions: int, device: str):
+        self.peer, self.seconds, self.done, self.reason, self.absent = peer, 0.0, 0, "", False
+        context = multiprocessing.get_context("spawn")
+        self._pipe, theirs = context.Pipe()
+        self._process = context.Process(target=_serve, args=(peer, argument, steps, repetitions, device, theirs), daemon=True)
+        self._process.start()
+        theirs.close()
+        self._answer()
+
+    def _answer(self) -> object:
+        try:
+            answer = self._pipe.recv()
+        except EOFError:
+            self._process.join()
+            answer = False, f"its process ended with {self._process.exitcode}"
+        if isinstance(answer, KeyboardInterrupt):
+            raise answer
+        if isinstance(answer, tuple):
+            # Messages of compilers have many lines; a row has one.
+            self.absent, self.reason = answer[0], " ".join(answer[1].split())[:500]
+        return answer
+
+    def repeat(self) -> None:
+        if self.reason or (self.done >= 2 and self.seconds > MOST_SECONDS):
+            return
+        self._pipe.send("repeat")
+        seconds = self._answer()
+        if isinstance(seconds, float):
+            self.seconds, self.done = self.seconds + seconds, self.done + 1
+
+    def result(self) -> Result | None:
+        if self.reason:
+            return None
+        self._pipe.send("result")
+        answer = self._answer()
+        return Result(answer) if isinstance(answer, dict) else None
+
+    def end(self) -> None:
+        self._process.kill()
+        self._process.join()
+
+
+def _missing(peer: str) -> str:
+    """Why a peer cannot be imported; empty if it can. It is not imported here, where it would keep threads and memory."""
+    return "" if importlib.util.find_spec(peer) else f"no Python package {peer} is installed"
+
+
+def _row(argument: str, peer: str, reason: str) -> dict[str, str]:
+    return {"name": f"{argument}/{peer}/position/float32", "scene": argument, "backend": peer, "formulation": "position",
+            "precision": "float32", "tuning": "", "reason": reason}
+
+
+def run(peers: list[str], scenes: dict[str, int], repetitions: int, device: str, backend: str, out: str | None) -> Result:
+    """Judges every peer on every scene, with the repetitions of all in random order, beside `backend` of this package."""
+    results = []
+    for argument, steps in scenes.items():
+        print(f"{argument}: {backend}", file=sys.stderr)
+        results.append(study("fastest", scene(argument), steps=steps, backends=[backend], repetitions=repetitions))
+        results[-1].json.pop("fastest")  # which of several backends is: here is one
+        cases, ended = [], results[-1].json
+        try:
+            for peer in peers:
+                reason = _missing(peer)
+                if not reason:
+                    print(f"{argument}: warming up {peer}", file=sys.stderr)
+                    case = _Case(peer, argument, steps, repetitions, device)
+                    cases.append(case)
+                    reason = case.reason if case.absent else ""
+                if reason:
+                    ended["skipped"].append(_row(argument, peer, reason))
+            order = [case for case in cases if not case.reason] * repetitions
+            random.shuffle(order)
+            for number, case in enumerate(order):
+                if sys.stderr.isatty():
+                    print(f"\r{argument}: {number} of {len(order)}", end="\033[K\r", file=sys.stderr)
+                case.repeat()
+            for case in cases:
+                if case.absent:
+                    continue
+                result = case.result()
+                if result is None:
+                    ended["failed"].append(_row(argument, case.peer, case.reason))
+                else:
+                    results.append(result)
+        finally:
+            for case in cases:
+                case.end()
+        whole = Result.joined(results, "peers")
+        whole.json["context"]["voxspring"]["study"] = {"name": "peers", "kind": "judge", "repetitions": repetitions}
+        if out:
+            whole.save(out)
+    return whole
+
+
+def main(arguments: list[str] | None = None) -> int:
+    options = argparse.ArgumentParser(prog="voxspring study peers", description=__doc__.splitlines()[0])
+    options.add_argument("--peer", action="append", metavar="GLOB", help=f"of {', '.join(PEERS)}; repeatable")
+    options.add_argument("--scene", action="append", metavar="GLOB", help=f"of {', '.join(SCENES)}; repeatable")
+    options.add_argument("--device", choices=("cpu", "cuda"), default="cpu", help="what the peers compute on (default: cpu)")
+    options.add_argument("--backend", default="", help="of Voxspring's own (default: cpu_parallel, or what auto takes, by position)")
+    options.add_argument("--repetitions", type=int, default=9)
+    options.add_argument("--out", metavar="FILE.json")
+    given = options.parse_args(arguments)
+
+    def matching(names: list[str], globs: list[str] | None) -> list[str]:
+        found = [name for name in names if globs is None or any(fnmatch.fnmatch(name, glob) for glob in globs)]
+        if not found:
+            options.error(f"none of {', '.join(names)} matches {', '.join(globs or ())}")
+        return found
+
+    peers = matching(list(PEERS), given.peer)
+    scenes = {name: SCENES[name] for name in matching(list(SCENES), given.scene)}
+    backend = given.backend or ("cpu_parallel" if given.device == "cpu" else "auto") + ":formulation=position"
+    try:
+        result = run(peers, scenes, given.repetitions, given.device, backend, given.out)
+    except KeyboardInterrupt:
+        return 130
+    except _core.BadInput as error:
+        print(f"voxspring: {error}", file=sys.stderr)
+        return 2
+    print(result)
+    return 1 if result.failed else 0

@@ -1,0 +1,97 @@
+"""Scenes, studies and their results."""
+
+from __future__ import annotations
+
+import json
+import os
+import pathlib
+import shutil
+import sys
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+from . import _core
+
+PROGRAM = pathlib.Path(__file__).parent / "bin" / "voxspring"
+
+
+def scene(argument: str | os.PathLike[str]) -> _core.Body:
+    """The body of a built-in scene ("heart", "box@64"), a scene file (*.json) or a volume file.
+
+    What the loader guessed, rounded or left out is in `notes` of the body. Raises BadInput.
+    """
+    return _core.load_scene(os.fspath(argument))
+
+
+class Result:
+    """A result file: Google Benchmark's JSON with further fields (results/schema.json of the source).
+
+    Printing it gives the program's table.
+    """
+
+    def __init__(self, text: str | dict[str, Any]):
+        self.json: dict[str, Any] = json.loads(text) if isinstance(text, str) else text
+
+    @classmethod
+    def load(cls, file: str | os.PathLike[str]) -> Result:
+        return cls(pathlib.Path(file).read_text())
+
+    def save(self, file: str | os.PathLike[str]) -> None:
+        pathlib.Path(file).write_text(json.dumps(self.json, indent=2) + "\n")
+
+    @property
+    def rows(self) -> list[dict[str, Any]]:
+        """The rows that passed, one per case: the median over its repetitions."""
+        return [row for row in self.json["benchmarks"] if row.get("aggregate_name") == "median" or row["repetitions"] == 1]
+
+    @property
+    def failed(self) -> list[dict[str, Any]]:
+        """The rows that failed, each with its `reason`."""
+        return self.json["failed"]
+
+    def frame(self, rows: str | None = None) -> Any:
+        """A pandas frame of `rows`, or of a list of the file ("benchmarks", "verification", "failed"). Needs pandas."""
+        import pandas
+
+        return pandas.DataFrame(self.rows if rows is None else self.json[rows])
+
+    def __str__(self) -> str:
+        # A row is not cut where its text goes into a file or a notebook.
+        width = shutil.get_terminal_size().columns if sys.stdout.isatty() else 0
+        return _core.table(json.dumps(self.json), width)
+
+    def _repr_pretty_(self, printer: Any, _cycle: bool) -> None:
+        printer.text(str(self))
+
+    @classmethod
+    def joined(cls, results: Iterable[Result], name: str) -> Result:
+        """One result with the rows of several, which are of the same build and machine."""
+        whole: dict[str, Any] = {}
+        for result in results:
+            if not whole:
+                whole = json.loads(json.dumps(result.json))
+                continue
+            for key, rows in result.json.items():
+                if isinstance(rows, list):
+                    whole.setdefault(key, []).extend(rows)
+            mine, other = whole["context"]["voxspring"], result.json["context"]["voxspring"]
+            for key in ("backends", "counters", "limits"):
+                if key in other:
+                    mine.setdefault(key, {}).update(other[key])
+            for key in ("gpu", "driver", "gl_renderer"):
+                mine[key] = mine[key] or other[key]
+        whole["context"]["voxspring"]["study"]["name"] = name
+        return cls(whole)
+
+
+def study(name: str | os.PathLike[str] = "default", body: _core.Body | None = None, *, steps: int = 1000,
+          backends: Sequence[str] = (), scenes: Sequence[str] = (), repetitions: int | None = None,
+          out: str | os.PathLike[str] | None = None) -> Result:
+    """Runs a built-in study or a study file, each backend in a separate process.
+
+    With `body` the study has it as its only scene, in batches of `steps` steps. `backends` and `scenes` are globs, as after
+    --backend and --scene of the program. `out` is written after every scene. Ctrl-C finishes the work in flight, writes `out` and
+    raises KeyboardInterrupt. Raises BadInput.
+    """
+    return Result(_core.study(os.fspath(name), body, steps, list(backends), list(scenes), repetitions,
+                              None if out is None else os.fspath(out), str(PROGRAM)))
