@@ -44,6 +44,10 @@ std::string text_of(const VolumeOptions& volume) {
     if (volume.threshold) text += fmt::format(" --threshold {}", *volume.threshold);
     if (volume.spacing) text += " --spacing " + vector(*volume.spacing);
     if (volume.gravity) text += " --gravity " + vector(*volume.gravity);
+    if (volume.young) text += fmt::format(" --young {} --density {}", *volume.young, *volume.density);
+    if (volume.unit) text += " --unit " + *volume.unit;
+    if (volume.damping) text += fmt::format(" --damping {}", *volume.damping);
+    if (volume.corners) text += " --corners";
     return text;
 }
 

@@ -94,9 +94,9 @@ template <class Stream, class Value>
 void pass_members(const Stream& stream, Value& value) {
     using Plain = std::remove_const_t<Value>;
     if constexpr (std::is_same_v<Plain, Scene>) {
-        // Other facts of a volume's file are for people and exported files. Workers need neither.
-        auto& [name, source, description, problem, state, edits, tool_motion, stable_time_step, volume,
-               notes] = value;
+        // Other facts of a volume's file and units are for people and exported files. Workers need neither.
+        auto& [name, source, description, problem, state, edits, tool_motion, stable_time_step, volume, notes,
+               world] = value;
         pass_all(stream, name, source, description, problem, state, edits, tool_motion, stable_time_step,
                  notes);
     } else if constexpr (std::is_same_v<Plain, Problem>) {

@@ -12,6 +12,7 @@
 #include "backends/physics/problem.h"
 #include "harness/scene/parts.h"
 #include "harness/scene/tool_motion.h"
+#include "harness/scene/units.h"
 #include "harness/volume/dataset.h"
 #include "harness/volume/volume.h"
 
@@ -43,6 +44,7 @@ struct Scene {
     /// What the loader guessed, rounded or left out, for the user to know. Each note is a sentence that
     /// begins with a small letter and has no full stop.
     std::vector<std::string> notes = {};
+    std::optional<WorldUnits> world = {};  ///< present if the scene is in units of the world
 };
 
 /// Writes the notes to standard error, one per line. Every command that loads scenes calls it once for each.
@@ -76,8 +78,17 @@ struct VolumeOptions {
     /// along its axis. The body then sags by the same number of voxels in any unit of length.
     std::optional<glm::dvec3> gravity;
     std::optional<PartsToKeep> parts;  ///< absent: all parts
+    /// In Pa and kg/m^3; both or neither. `gravity` is then in m/s^2, and if it is absent 9.81 m/s^2 in the
+    /// direction of gravity in the scene `heart`.
+    std::optional<double> young, density;
+    std::optional<std::string> unit;  ///< of lengths, a word of accepted_lengths(); absent: the file's
+    std::optional<double> damping;    ///< per second
+    bool corners = false;             ///< particles are at the corners of voxels
 
-    bool any() const { return labels || threshold || frame || spacing || gravity || parts; }
+    bool any() const {
+        return labels || threshold || frame || spacing || gravity || parts || young || density || unit ||
+               damping || corners;
+    }
 };
 
 /// Loads a scene with options for a volume file. Throws BadInput if an option is given and `argument` is not
