@@ -354,10 +354,13 @@ void add_advise(CLI::App& app, Values& values, std::ostream& out) {
     // float64 resolves no smaller errors, and larger ones say nothing.
     add_number(*advise, "--error", options.error, 1e-30, 1e6,
                "Accepted total error, relative L2 of displacement");
+    advise->add_flag("--continuum", options.continuum,
+                     "The error is that of a deflection against the continuum, over pitches; SCENE is a case "
+                     "of the study truth: cantilever");
     add_ranks(*advise, options.study, "Instead of an error: ");
     CLI::Option* results =
         advise->add_option("--results", options.results,
-                           "Result (.json) of a pareto or scaling study, instead of measuring");
+                           "Result (.json) of a pareto, truth or scaling study, instead of measuring");
     advise->add_option("--backend", options.study.backends, "Only backends that match one of these globs")
         ->excludes(results);
     add_repetitions(*advise, options.study, "Timed runs of each, measuring")->excludes(results);
