@@ -119,12 +119,11 @@ std::vector<SpringGroup> read_spring_groups(const JsonValue& value) {
 /// `accepted_value` describes a value that `read` reads.
 Parameter read_parameter(const JsonValue& value, bool groups_allowed,
                          const std::function<double(const JsonValue&)>& read = positive,
-                         const std::string& accepted_value = "a number") {
+                         const std::string& accepted_value = "a number", const char* one = "number") {
     Parameter parameter;
     parameter.source = value;
-    const std::string accepted =
-        accepted_value + (groups_allowed ? ", or an object with one per spring group or per label"
-                                         : ", or an object with one per label");
+    const std::string accepted = accepted_value + ", or an object with one " + one +
+                                 (groups_allowed ? " per spring group or per label" : " per label");
     if (value.is_number() || value.is_string()) {
         parameter.everywhere = read(value);
         return parameter;
@@ -164,9 +163,10 @@ void read_units(JsonObject& document, SceneFile& scene,
         if (other) other->refuse("either young and density, or stiffness and mass");
     }
     if (!density) document.require("density", accepted_density);
-    scene.young = read_parameter(*young, false, with_unit(pascals_of, accepted_young), accepted_young);
+    scene.young =
+        read_parameter(*young, false, with_unit(pascals_of, accepted_young), accepted_young, "modulus");
     scene.density = read_parameter(*density, false, with_unit(kilograms_per_cubic_metre_of, accepted_density),
-                                   accepted_density);
+                                   accepted_density, "density");
 }
 
 /// Reads a side of the grid ("x-" to "z+") or of the body ("left" and so on). `Side` has the members

@@ -86,7 +86,8 @@ const std::vector<TruthCase>& truth_cases() {
          .is_ball = true,
          .pattern = 'z',
          .slowest = pi / 2,
-         .order_at_corners = 1},
+         .order_at_corners = 0.9,
+         .order_at_centres = 0.9},
     };
     return cases;
 }
