@@ -124,7 +124,8 @@ Parameter read_parameter(const JsonValue& value, bool groups_allowed,
     parameter.source = value;
     const std::string accepted = accepted_value + ", or an object with one " + one +
                                  (groups_allowed ? " per spring group or per label" : " per label");
-    if (value.is_number() || value.is_string()) {
+    const bool may_have_unit = std::string_view(one) != "number";
+    if (value.is_number() || (value.is_string() && may_have_unit)) {
         parameter.everywhere = read(value);
         return parameter;
     }
