@@ -8,7 +8,7 @@ endif()
 # The scripts of `voxspring report` and `voxspring diff`.
 file(GLOB schemas CONFIGURE_DEPENDS results/*schema.json)
 file(GLOB result_scripts CONFIGURE_DEPENDS results/*.py)
-list(FILTER result_scripts EXCLUDE REGEX "/(paper|auto_rules)\\.py$")
+list(FILTER result_scripts EXCLUDE REGEX "/(paper|auto_rules|continuum)\\.py$")
 
 # --- The program --------------------------------------------------------------------------------------
 set(data_folder ${CMAKE_INSTALL_DATADIR}/voxspring)

@@ -211,6 +211,14 @@ def peers_by_size(one):
             "missing": [f"Not here: {backend}, because {reason}." for backend, reason in reasons]}
 
 
+def truths():
+    """(case, where particles are, strain, rows of float64 by pitch) of docs/truth.json, a result of `voxspring study truth`."""
+    rows = [row for row in json.loads((HERE / "truth.json").read_text())["truth"] if row["precision"] == "float64"]
+    for (case, place, strain, backend), own in groups(rows, "scene", "particles_at", "strain", "backend").items():
+        if backend == "cpu_explicit":
+            yield case, place, strain, sorted(own, key=lambda row: row["across"])
+
+
 @functools.cache
 def tables():
     """The macros of tables.jinja, which know what is defined here."""
@@ -229,7 +237,7 @@ def filled(name):
     return str(getattr(tables(), name)(*of_machines)).strip()
 
 
-PAGES = {ROOT / "README.md": ["heart"], HERE / "architecture.md": ["architecture"], HERE / "accuracy.md": ["float64", "gates"],
+PAGES = {ROOT / "README.md": ["heart"], HERE / "architecture.md": ["architecture"], HERE / "accuracy.md": ["float64", "truth", "gates"],
          HERE / "artifact.md": ["claims", "studies"], HERE / "apis.md": ["launches", "empty_steps", "sizes"],
          HERE / "simulator.md": ["ticks", "late_ticks", "drawing"], HERE / "python.md": ["peers"]}
 

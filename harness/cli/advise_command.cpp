@@ -17,10 +17,13 @@
 #include "harness/choice/advise.h"
 #include "harness/cli/commands.h"
 #include "harness/results/print.h"
+#include "harness/results/row_fields.h"
 #include "harness/scene/scene.h"
 #include "harness/study/pareto.h"
 #include "harness/study/scaling_row.h"
 #include "harness/study/study.h"
+#include "harness/study/study_kind.h"
+#include "harness/study/truth.h"
 
 namespace voxspring {
 
@@ -46,6 +49,10 @@ std::string text_of(const VolumeOptions& volume) {
     if (volume.pitch) text += fmt::format(" --pitch {}", *volume.pitch);
     if (volume.fill) text += fmt::format(" --fill {}", *volume.fill);
     if (volume.gravity) text += " --gravity " + vector(*volume.gravity);
+    if (volume.young) text += fmt::format(" --young {} --density {}", *volume.young, *volume.density);
+    if (volume.unit) text += " --unit " + *volume.unit;
+    if (volume.damping) text += fmt::format(" --damping {}", *volume.damping);
+    if (volume.corners) text += " --corners";
     return text;
 }
 
@@ -180,6 +187,52 @@ int print_advice_on_ranks(const std::string& argument, const AdviseOptions& opti
     return exit_code;
 }
 
+/// Prints which pitch, backend and place of the particles come soonest within the error of the continuum.
+int print_advice_on_continuum(const std::string& argument, const AdviseOptions& options, std::ostream& out) {
+    (void)truth_case(argument, "command line");
+    const Result result = options.results
+                              ? read_result(nlohmann::json::parse(read_json(*options.results).value().text()))
+                              : measured("truth", argument, options, out);
+    const std::vector<TruthRow>& rows = result.rows<TruthRow>("truth");
+    const bool unfinished = is_unfinished(result);
+    const TruthRow* best = fastest_truth(rows, argument, options.error.value());
+    const TruthRow* closest = nullptr;
+    for (const TruthRow& row : rows) {
+        const bool asked = row.identity.scene == argument && row.strain == "small";
+        if (asked && (closest == nullptr || row.model_error < closest->model_error)) closest = &row;
+    }
+    const int exit_code = unfinished ? interrupted_exit_code : best != nullptr ? 0 : 1;
+    if (options.json) {
+        const auto json_or_null = [](const TruthRow* row) {
+            return row == nullptr ? nlohmann::json() : json_of(*row);
+        };
+        const nlohmann::json json = {{"scene", argument},
+                                     {"error", *options.error},
+                                     {"unfinished", unfinished},
+                                     {"best", json_or_null(best)},
+                                     {"most_accurate", json_or_null(closest)}};
+        out << json_text(json, 2) << "\n";
+        return exit_code;
+    }
+    const TruthRow* shown = best != nullptr ? best : closest;
+    if (shown == nullptr) {
+        out << argument << ": nothing was measured\n";
+        return exit_code;
+    }
+    out << argument << ": "
+        << (best != nullptr
+                ? fmt::format("an error of {:g} of the continuum is reached soonest by\n", *options.error)
+                : fmt::format("nothing reaches an error of {:g} of the continuum; the nearest is\n",
+                              *options.error))
+        << fmt::format(
+               "  {}, particles at {}, {} voxels across, time steps of {:g} of the stable one\n"
+               "    {} for {} steps to rest; {} off the continuum, order {} from the coarsest pitch\n",
+               shown->label(), shown->particles_at, shown->across, shown->time_step_fraction,
+               si(shown->seconds, "s"), shown->workpiece->steps, percent_text(shown->model_error),
+               shown->order ? fixed_text(*shown->order, 2) : "-");
+    return exit_code;
+}
+
 }  // namespace
 
 int print_advice(const std::string& argument, const AdviseOptions& options, std::ostream& out) {
@@ -190,6 +243,7 @@ int print_advice(const std::string& argument, const AdviseOptions& options, std:
     if (asks_for_ranks && options.error)
         throw BadInput("command line", "--error", fmt::format("{:g}", *options.error),
                        "no error beside --ranks or --devices, which ask for something else");
+    if (options.continuum && !asks_for_ranks) return print_advice_on_continuum(argument, options, out);
     return asks_for_ranks ? print_advice_on_ranks(argument, options, out)
                           : print_advice_on_errors(argument, options, out);
 }

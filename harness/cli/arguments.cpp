@@ -174,7 +174,7 @@ void add_volume_options(CLI::App& command, VolumeOptions& volume) {
     };
     CLI::Option* threshold = add_number(command, "--threshold", volume.threshold, -max_quantity, max_quantity,
                                         "Voxels above it are active; 0");
-    const std::vector<CLI::Option*> options = {
+    std::vector<CLI::Option*> options = {
         threshold,
         add_text(
             "--labels", "LABEL,...", [&volume](const std::string& text) { volume.labels = labels_of(text); },
@@ -199,7 +199,7 @@ void add_volume_options(CLI::App& command, VolumeOptions& volume) {
             [&volume](const std::string& text) {
                 volume.gravity = vector_of("--gravity", text, -max_quantity, max_quantity, false);
             },
-            "Acceleration as X,Y,Z; that of the scene heart, times the spacing"),
+            "Acceleration as X,Y,Z; that of the scene heart, times the spacing; with --young in m/s2, 9.81"),
         add_text(
             "--parts", "largest|N",
             [&volume](const std::string& text) {
@@ -214,6 +214,36 @@ void add_volume_options(CLI::App& command, VolumeOptions& volume) {
             },
             "Parts of the body to keep, where no spring joins two parts: the largest alone, or those of N "
             "particles or more; without it, all")};
+    CLI::Option* young = add_text(
+        "--young", "MODULUS",
+        [&volume](const std::string& text) {
+            volume.young = pascals_of(text);
+            if (!volume.young) refuse("--young", text, accepted_young);
+        },
+        "Young's modulus, 5000 or \"5 kPa\": stiffness and mass of the springs and particles follow");
+    CLI::Option* density = add_text(
+        "--density", "DENSITY",
+        [&volume](const std::string& text) {
+            volume.density = kilograms_per_cubic_metre_of(text);
+            if (!volume.density) refuse("--density", text, accepted_density);
+        },
+        "In kg/m3, with --young");
+    options.insert(
+        options.end(),
+        {young->needs(density), density->needs(young),
+         add_text(
+             "--unit", "m|cm|mm|um",
+             [&volume](const std::string& text) {
+                 if (!metres_in(text)) refuse("--unit", text, accepted_lengths());
+                 volume.unit = text;
+             },
+             "Unit of the spacing, with --young; the file's")
+             ->needs(young),
+         add_number(command, "--damping", volume.damping, 0.0, max_quantity,
+                    "Share of its velocity that a particle loses per second; 0.00115 per step"),
+         command.add_flag("--corners", volume.corners,
+                          "Particles at the corners of voxels: the body is as wide as its voxels, and its "
+                          "surface as stiff as the material")});
     for (CLI::Option* option : options) option->group("Of a volume or mesh without a scene file");
 }
 
@@ -329,9 +359,13 @@ void add_advise(CLI::App& app, Values& values, std::ostream& out) {
     // float64 resolves no smaller errors, and larger ones say nothing.
     add_number(*advise, "--error", options.error, 1e-30, 1e6,
                "Accepted total error, relative L2 of displacement");
+    advise->add_flag("--continuum", options.continuum,
+                     "The error is that of a deflection against the continuum, over pitches; SCENE is a case "
+                     "of the study truth: cantilever");
     add_ranks(*advise, options.study, "Instead of an error: ");
-    CLI::Option* results = advise->add_option(
-        "--results", options.results, "Result (.json) of a pareto or scaling study, instead of measuring");
+    CLI::Option* results =
+        advise->add_option("--results", options.results,
+                           "Result (.json) of a pareto, truth or scaling study, instead of measuring");
     advise->add_option("--backend", options.study.backends, "Only backends that match one of these globs")
         ->excludes(results);
     add_repetitions(*advise, options.study, "Timed runs of each, measuring")->excludes(results);

@@ -48,7 +48,10 @@ struct AdviseOptions {
     /// The largest total error that is acceptable, relative L2. Empty: the question is whether several ranks
     /// pay.
     std::optional<double> error;
-    std::optional<std::filesystem::path> results;  ///< of a pareto or a scaling study; empty: measure
+    /// The error is that of a deflection at rest against the continuum, and the scene is a case of the study
+    /// `truth`.
+    bool continuum = false;
+    std::optional<std::filesystem::path> results;  ///< of a pareto, truth or scaling study; empty: measure
     StudyOptions study;                            ///< of the measurement; its volume is the scene's
     bool json = false;
 };

@@ -99,8 +99,34 @@ void print_mesh(const MeshInGrid& mesh, std::ostream& out) {
                     100 * (mesh.body_volume / mesh.volume - 1), mesh.pitch, mesh.fill));
 }
 
+/// What a scene says in units of the world; null if it does not.
+nlohmann::json world_json(const Scene& scene) {
+    if (!scene.world) return nullptr;
+    nlohmann::json tissues = nlohmann::json::array();
+    for (const Tissue& tissue : scene.world->tissues)
+        tissues.push_back({{"label", tissue.label},
+                           {"young", tissue.young},
+                           {"poisson", poisson_ratio},
+                           {"density", tissue.density},
+                           {"pressure_wave_speed", tissue.pressure_wave()},
+                           {"shear_wave_speed", tissue.shear_wave()}});
+    return {{"unit_of_length", scene.world->length},
+            {"unit_of_force", scene.world->force()},
+            {"damping_per_second", scene.world->damping},
+            {"tissues", tissues}};
+}
+
+void print_world(const WorldUnits& world, std::ostream& out) {
+    for (const Tissue& tissue : world.tissues)
+        row(out, "material",
+            fmt::format("{}E {:g} Pa, nu {:g}, {:g} kg/m^3; waves {:.3g} m/s (pressure), {:.3g} m/s (shear)",
+                        tissue.label.empty() ? "" : tissue.label + ": ", tissue.young, poisson_ratio,
+                        tissue.density, tissue.pressure_wave(), tissue.shear_wave()));
+}
+
 /// The text that follows the spacing: its unit, or that it was chosen instead of the file's.
 std::string unit_text(const Scene& scene) {
+    if (scene.world) return " " + scene.world->length;
     if (!scene.volume) return "";
     if (scene.mesh) return ", in the unit of the mesh";
     if (scene.volume->spacing_chosen) return ", instead of the file's";
@@ -170,6 +196,7 @@ nlohmann::json facts_of(const Scene& scene) {
         {"notes", scene.notes},
         {"volume", volume_json(scene)},
         {"mesh", mesh_json(scene)},
+        {"world", world_json(scene)},
         {"bytes", bytes},
     };
 }
@@ -195,7 +222,12 @@ void print(const Scene& scene, const nlohmann::json& facts, std::ostream& out) {
     row(out, "springs",
         fmt::format("{} (face {}, edge {}, corner {})", springs.at("total"), springs.at("face"),
                     springs.at("edge"), springs.at("corner")));
-    row(out, "damping", fmt::format("{:g}", problem.damping));
+    if (scene.world) print_world(*scene.world, out);
+    row(out, "damping",
+        fmt::format("{:g}", problem.damping) +
+            (scene.world && scene.world->damping > 0
+                 ? fmt::format(" per step, {:g} per second", scene.world->damping)
+                 : ""));
     if (!scene.edits.empty()) {
         row(out, "edits",
             fmt::format("{}, the last after step {}", scene.edits.size(), scene.edits.back().step));
@@ -207,7 +239,7 @@ void print(const Scene& scene, const nlohmann::json& facts, std::ostream& out) {
                         scene.tool_motion.time.back() / problem.time_step));
     }
     row(out, "time step",
-        fmt::format("{:g} ({} of the stable {:g})", problem.time_step,
+        fmt::format("{:g}{} ({} of the stable {:g})", problem.time_step, scene.world ? " s" : "",
                     percent_text(number("fraction_of_stable")), scene.stable_time_step));
     row(out, "  undamped", fmt::format("{:g} would be stable", number("stable_time_step_undamped")));
     row(out, "  limit",

@@ -280,6 +280,9 @@ private:
         out_ << " of " << counted(scene_->problem.particle_count(), "particle") << " on " << spec_.label()
              << " in " << timing_.host_seconds << " s, " << timing_.device_seconds / steps * 1e6
              << " us per step; largest displacement " << largest_.held;
+        if (scene_->world)
+            out_ << fmt::format(" {}; {:.3g} s of the world per second", scene_->world->length,
+                                scene_->problem.time_step * steps / timing_.host_seconds);
         if (!loose_.empty())
             out_ << ", and " << largest_.loose << " of the " << loose_.size()
                  << " particles that nothing pins";

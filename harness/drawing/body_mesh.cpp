@@ -1,6 +1,7 @@
 #include "harness/drawing/body_mesh.h"
 
 #include <algorithm>
+#include <cstdlib>
 #include <glm/common.hpp>
 #include <numeric>
 #include <span>
@@ -53,8 +54,10 @@ public:
     explicit Surface(const Problem& problem)
         : problem_(problem),
           at_(particle_of_voxel(problem.lattice)),
-          corners_(glm::u64vec3(problem.lattice.dims) + std::uint64_t(1)) {
+          corners_(glm::u64vec3(problem.lattice.dims) + std::uint64_t(1)),
+          mask_(problem.lattice.mask) {
         for (const Direction& direction : directions()) bits_[around(direction.offset)] = 1U << direction.bit;
+        for (const Spring& spring : problem.springs) join(spring.first, spring.second);
         for (std::uint32_t i = 0; i < problem.particle_count(); ++i) add_open_faces(i);
     }
 
@@ -72,8 +75,19 @@ private:
                    std::size_t(voxel.x)];
     }
 
+    /// Counts a spring beyond the lattice between grid neighbours like one of the lattice: it holds the body
+    /// together as well.
+    void join(std::uint32_t i, std::uint32_t j) {
+        const Lattice& lattice = problem_.lattice;
+        const glm::ivec3 offset =
+            lattice.coordinates(lattice.voxel[j]) - lattice.coordinates(lattice.voxel[i]);
+        if (std::max({std::abs(offset.x), std::abs(offset.y), std::abs(offset.z)}) > 1) return;
+        mask_[i] |= bits_[around(offset)];
+        mask_[j] |= bits_[around(-offset)];
+    }
+
     bool has_spring(std::uint32_t i, glm::ivec3 offset) const {
-        return (problem_.lattice.mask[i] & bits_[around(offset)]) != 0;
+        return (mask_[i] & bits_[around(offset)]) != 0;
     }
     /// Whether particle `i` and its active neighbour at `offset` lack the spring that the problem's spring
     /// groups would give them.
@@ -83,7 +97,7 @@ private:
 
     void add_open_faces(std::uint32_t i) {
         // A voxel that has all its face springs has no open face.
-        if ((problem_.lattice.mask[i] & FACE_BITS) == FACE_BITS) return;
+        if ((mask_[i] & FACE_BITS) == FACE_BITS) return;
         const glm::ivec3 voxel = problem_.lattice.coordinates(problem_.lattice.voxel[i]);
         for (int axis = 0; axis < 3; ++axis) {
             for (const int direction : {-1, 1}) {
@@ -159,6 +173,7 @@ private:
     const Problem& problem_;
     std::vector<std::uint32_t> at_;
     const glm::u64vec3 corners_;            ///< number of the lattice's corners along each axis
+    std::vector<std::uint32_t> mask_;       ///< Lattice::mask with the springs of join()
     std::array<std::uint32_t, 27> bits_{};  ///< mask bit of each direction, by around()
     std::unordered_map<std::uint64_t, std::uint32_t> by_place_;
 };

@@ -94,9 +94,10 @@ template <class Stream, class Value>
 void pass_members(const Stream& stream, Value& value) {
     using Plain = std::remove_const_t<Value>;
     if constexpr (std::is_same_v<Plain, Scene>) {
-        // Facts of a volume's file and a mesh are for people and exported files. Workers need neither.
+        // Facts of a volume's file, a mesh and units are for people and exported files. Workers need none of
+        // them.
         auto& [name, source, description, problem, state, edits, tool_motion, stable_time_step, volume, mesh,
-               notes] = value;
+               notes, world] = value;
         pass_all(stream, name, source, description, problem, state, edits, tool_motion, stable_time_step,
                  notes);
     } else if constexpr (std::is_same_v<Plain, Problem>) {

@@ -8,9 +8,11 @@
 #include <cmath>
 #include <filesystem>
 #include <glm/common.hpp>
+#include <glm/geometric.hpp>
 #include <iostream>
 #include <optional>
 #include <random>
+#include <stdexcept>
 #include <utility>
 
 #include "backends/physics/neighbours.h"
@@ -20,6 +22,7 @@
 #include "harness/base/bad_input.h"
 #include "harness/base/json.h"
 #include "harness/mesh/voxelise.h"
+#include "harness/scene/corners.h"
 #include "harness/scene/edit_schedule.h"
 #include "harness/scene/scene_file.h"
 #include "harness/scene/stability.h"
@@ -87,8 +90,9 @@ LoadedDataset load_dataset(const SceneFile& scene, const std::string& file, cons
     }
     const Volume volume = read_volume(path, {scene.spacing, dataset.frame}, limits);
     // In a file of segments the segments are the body.
-    const bool by_label =
-        !scene.mass.by_label.empty() || !scene.stiffness.by_label.empty() || !volume.segments.empty();
+    const auto per_label = [](const std::optional<Parameter>& p) { return p && !p->by_label.empty(); };
+    const bool by_label = per_label(scene.mass) || per_label(scene.stiffness) || per_label(scene.young) ||
+                          per_label(scene.density) || !volume.segments.empty();
     LoadedDataset loaded{dataset.labels || (by_label && !dataset.threshold)
                              ? with_labels(volume, dataset.labels)
                              : above_threshold(volume, dataset.threshold.value_or(0)),
@@ -195,6 +199,83 @@ std::uint32_t bits_of(const std::vector<SpringGroup>& groups) {
     for (const SpringGroup group : groups)
         bits |= std::array{FACE_BITS, EDGE_BITS, CORNER_BITS}[std::size_t(group)];
     return bits;
+}
+
+/// Replaces young, density, gravity and loads in `scene`, which are in units of the world, by what they are
+/// in kg, s and the scene's unit of length.
+std::optional<WorldUnits> use_units(SceneFile& scene, const LabelledGrid& labelled,
+                                    const std::optional<VolumeFacts>& volume, const std::string& file) {
+    if (!scene.young) return std::nullopt;
+    WorldUnits world;
+    world.length = scene.unit ? *scene.unit : volume ? volume->unit : "";
+    const auto metres = metres_in(world.length);
+    if (!metres && world.length.empty()) throw BadInput(file, "unit", missing, accepted_lengths());
+    if (!metres) throw BadInput(file, "unit", world.length, accepted_lengths());
+    world.metres = *metres;
+    const glm::dvec3 spacing = labelled.grid.spacing;
+    const auto refuse_young = [&](const std::string& accepted) {
+        if (scene.young->source) scene.young->source->refuse(accepted);
+        throw BadInput(file, "--young", fmt::format("{:g}", *scene.young->everywhere), accepted);
+    };
+    constexpr double rounding = 1e-6;  // spacings may be float32 in a file
+    if (std::abs(spacing.y / spacing.x - 1) > rounding || std::abs(spacing.z / spacing.x - 1) > rounding)
+        refuse_young(
+            fmt::format("voxels that are cubes, not {:g} x {:g} x {:g}: on others springs of one "
+                        "stiffness per group are not isotropic",
+                        spacing.x, spacing.y, spacing.z));
+    const auto unit_stiffness =
+        isotropic_stiffness(1, spacing.x * world.metres, bits_of(scene.spring_groups));
+    if (!unit_stiffness)
+        refuse_young(
+            "spring_groups face and edge, or all three: springs of other groups alone are not "
+            "isotropic, or leave motions that strain none of them");
+    const bool one_stiffness = (*unit_stiffness)[0] == (*unit_stiffness)[1];
+    const std::vector<double> young = value_per_label(*scene.young, labelled.labels);
+    const std::vector<double> density = value_per_label(*scene.density, labelled.labels);
+    for (std::size_t n = 0; n < labelled.labels.size(); ++n)
+        world.tissues.push_back({labelled.labels[n].name, young[n], density[n]});
+    if (labelled.labels.size() == 1) world.tissues[0].label.clear();
+
+    const auto scaled = [](Parameter parameter, double factor) {
+        if (parameter.everywhere) *parameter.everywhere *= factor;
+        for (auto& [label, value] : parameter.by_label) value *= factor;
+        return parameter;
+    };
+    scene.mass = scaled(*scene.density, std::pow(spacing.x * world.metres, 3));
+    scene.stiffness = scaled(*scene.young, (*unit_stiffness)[0]);
+    if (!one_stiffness) {
+        if (!scene.young->everywhere)
+            refuse_young(
+                "one value, or spring_groups without corner: with three groups springs differ by "
+                "group, and cannot differ by label as well");
+        scene.stiffness.everywhere.reset();
+        for (const SpringGroup group : scene.spring_groups)
+            scene.stiffness.by_group[group] =
+                *scene.young->everywhere * (*unit_stiffness)[std::size_t(group)];
+    }
+    scene.gravity /= world.metres;
+    for (PointLoad& load : scene.loads) load.force /= world.metres;
+    return world;
+}
+
+/// The problem with particles at the corners of voxels.
+Problem make_corner_problem(const SceneFile& scene, const LabelledGrid& labelled, const std::string& file,
+                            const SceneSizeLimits& limits) {
+    checked_voxel_count(labelled.grid.dims + 1, limits, file, "dataset.dims");
+    const bool by_group = !scene.stiffness.by_group.empty();
+    const std::vector<double> mass = value_per_label(scene.mass, labelled.labels);
+    const std::vector<double> stiffness =
+        by_group ? std::vector<double>(mass.size(), 1) : value_per_label(scene.stiffness, labelled.labels);
+    std::vector<VoxelMaterial> materials;
+    for (std::size_t n = 0; n < mass.size(); ++n) {
+        materials.push_back({mass[n], {stiffness[n], stiffness[n], stiffness[n]}});
+        if (by_group) materials.back().stiffness = value_per_group(scene.stiffness, scene.spring_groups);
+    }
+    try {
+        return make_corner_problem(labelled.grid, bits_of(scene.spring_groups), materials);
+    } catch (const std::invalid_argument& error) {
+        throw BadInput(file, "particles", "corners", std::string("centres: ") + error.what());
+    }
 }
 
 /// Builds the particles and springs of `labelled`, with the scene's masses and stiffnesses.
@@ -307,11 +388,16 @@ std::string chosen_for_user(const SceneFile& file_says, const Scene& scene) {
     std::vector<std::string> groups;
     for (const SpringGroup group : file_says.spring_groups) groups.push_back(to_string(group));
     return fmt::format(
-        "{} pinned from {} {} to {}, with damping {:g} per step, stiffness {:g}, mass {:g}, {} springs and "
-        "{:g} of the stable time step, as the scene heart is; a scene file can choose otherwise",
+        "{} pinned from {} {} to {}, with {}{} springs and {:g} of the stable time step, as the scene heart "
+        "is; a scene file can choose otherwise",
         above_zero ? "voxels above 0 are the body, which is" : "the body is", "xyz"[pinned.axis],
-        from[pinned.axis], to[pinned.axis], file_says.damping, *file_says.stiffness.everywhere,
-        *file_says.mass.everywhere, fmt::join(groups, " and "), file_says.time_step.fraction);
+        from[pinned.axis], to[pinned.axis],
+        file_says.damping_per_second ? "" : fmt::format("damping {:g} per step, ", file_says.damping),
+        (file_says.young ? ""
+                         : fmt::format("stiffness {:g}, mass {:g}, ", *file_says.stiffness.everywhere,
+                                       *file_says.mass.everywhere)) +
+            fmt::format("{}", fmt::join(groups, " and ")),
+        file_says.time_step.fraction);
 }
 
 /// What a user may not expect of the whole body: it falls freely, or nothing moves it. Empty if neither is
@@ -411,9 +497,35 @@ void keep_parts(VoxelGrid& grid, const SceneFile& scene, const std::string& file
     throw BadInput(file, "--parts", scene.dataset.parts->text(), accepted);
 }
 
+/// Damps the motion x'' + c x' = force / mass + gravity by `per_second` = c in central differences of second
+/// order. They divide forces and gravity by 1 - lambda / 2 = 1 / (1 + g), with g = c dt / 2; masses and
+/// gravity make up for that. The largest stable time step is then the undamped one.
+void damp(Problem& problem, double per_second) {
+    const double g = per_second * problem.time_step / 2;
+    problem.damping = 2 * g / (1 + g);
+    for (Material& material : problem.materials) material.mass *= 1 + g;
+    problem.gravity /= 1 + g;
+}
+
+/// What follows from the units, for the user to check.
+std::string what_follows(const WorldUnits& world, const Problem& problem) {
+    double stiffest = 0, heaviest = 0;
+    for (const Material& material : problem.materials) {
+        stiffest =
+            std::max(stiffest, problem.has_materials() ? material.stiffness : problem.group_stiffness[0]);
+        heaviest = std::max(heaviest, material.mass);
+    }
+    return fmt::format(
+        "springs have up to {:g} N/m and particles up to {:g} kg, the time step is {:g} s, and damping is "
+        "{:g} per step; lengths are in {}, times in s, masses in kg, forces in {}",
+        stiffest, heaviest, problem.time_step, problem.damping, world.length, world.force());
+}
+
 /// The scene's gravity. Adds a note if the user has not chosen it.
 glm::dvec3 gravity_of(const SceneFile& scene, const glm::dvec3& spacing, std::vector<std::string>& notes) {
-    if (!scene.gravity_in_voxels) return scene.gravity;
+    if (scene.gravity_in_voxels && scene.young)
+        notes.push_back("gravity is 9.81 m/s^2 in the direction of the scene heart's; --gravity sets it");
+    if (!scene.gravity_in_voxels || scene.young) return scene.gravity;
     const glm::dvec3 gravity = scene.gravity * spacing;
     notes.push_back(fmt::format(
         "gravity is ({:g}, {:g}, {:g}): that of the scene heart times the spacing along each axis, so that "
@@ -443,9 +555,16 @@ Scene build(SceneFile file_says, const std::string& file, const SceneSizeLimits&
     scene.volume = std::move(dataset.volume);
     scene.mesh = std::move(dataset.mesh);
     scene.notes = std::move(dataset.notes);
+    scene.world = use_units(file_says, labelled, scene.volume, file);
     keep_parts(labelled.grid, file_says, file, scene.notes);
     Problem& problem = scene.problem;
-    problem = make_problem(file_says, std::move(labelled));
+    problem = file_says.corners ? make_corner_problem(file_says, labelled, file, limits)
+                                : make_problem(file_says, std::move(labelled));
+    if (file_says.corners && scene.volume && scene.volume->placement) {
+        for (int axis = 0; axis < 3; ++axis)
+            scene.volume->placement->origin -=
+                0.5 * problem.lattice.spacing[axis] * scene.volume->placement->direction[std::size_t(axis)];
+    }
     if (is_body_by_itself(file_says)) {
         for (Region& region : file_says.pinned) region = on_an_axis_with_slices(region, problem.lattice);
         scene.notes.push_back(chosen_for_user(file_says, scene));
@@ -471,6 +590,11 @@ Scene build(SceneFile file_says, const std::string& file, const SceneSizeLimits&
     const Problem& limiting = edited ? *edited : problem;
     scene.stable_time_step = stable_time_step(limiting);
     problem.time_step = choose_time_step(file_says.time_step, scene.stable_time_step, limiting, file);
+    if (file_says.damping_per_second) {
+        damp(problem, *file_says.damping_per_second);
+        if (scene.world) scene.world->damping = *file_says.damping_per_second;
+    }
+    if (scene.world) scene.notes.push_back(what_follows(*scene.world, problem));
     set_field(scene.state.displacement, file_says.displacement, 1, problem);
     set_field(scene.state.increment, file_says.velocity, problem.time_step, problem);
     // A user who brings a body may not know these keys; a scene of a box is written with them.
@@ -560,6 +684,14 @@ void apply(const VolumeOptions& volume, SceneFile& scene) {
     scene.dataset.parts = volume.parts;
     scene.gravity_in_voxels = !volume.gravity;
     if (volume.gravity) scene.gravity = *volume.gravity;
+    scene.unit = volume.unit;
+    scene.corners = volume.corners;
+    scene.damping_per_second = volume.damping;
+    if (!volume.young) return;
+    scene.young.emplace().everywhere = volume.young;
+    scene.density.emplace().everywhere = volume.density;
+    constexpr double earth = 9.81;  // m/s^2
+    if (!volume.gravity) scene.gravity *= earth / glm::length(scene.gravity);
 }
 
 }  // namespace
@@ -587,10 +719,10 @@ Scene load_scene(const std::string& argument, const VolumeOptions& volume, const
         return scene;
     }
     if (volume.any())
-        throw BadInput(
-            argument, "scene", argument,
-            "a volume file or a mesh: labels, threshold, frame, parts, pitch, fill, spacing and gravity of "
-            "another scene stand in its file");
+        throw BadInput(argument, "scene", argument,
+                       "a volume file or a mesh: labels, threshold, frame, parts, pitch, fill, spacing, "
+                       "gravity, units and particles of "
+                       "another scene stand in its file");
     const Resize resize = split_resize(argument);
     const std::string_view* builtin = builtin_text(resize.base);
     if (builtin == nullptr && !resize.base.ends_with(".json")) {

@@ -13,6 +13,7 @@
 #include "backends/physics/problem.h"
 #include "harness/scene/parts.h"
 #include "harness/scene/tool_motion.h"
+#include "harness/scene/units.h"
 #include "harness/volume/dataset.h"
 #include "harness/volume/volume.h"
 
@@ -48,6 +49,7 @@ struct Scene {
     /// What the loader guessed, rounded or left out, for the user to know. Each note is a sentence that
     /// begins with a small letter and has no full stop.
     std::vector<std::string> notes = {};
+    std::optional<WorldUnits> world = {};  ///< present if the scene is in units of the world
 };
 
 /// Writes the notes to standard error, one per line. Every command that loads scenes calls it once for each.
@@ -88,8 +90,17 @@ struct VolumeOptions {
     std::optional<double>
         pitch;  ///< edge of the voxels that are made; absent: a volume's own, default_pitch()
     std::optional<double> fill;  ///< share of a voxel from which on it is active; needs a pitch or a mesh
+    /// In Pa and kg/m^3; both or neither. `gravity` is then in m/s^2, and if it is absent 9.81 m/s^2 in the
+    /// direction of gravity in the scene `heart`.
+    std::optional<double> young, density;
+    std::optional<std::string> unit;  ///< of lengths, a word of accepted_lengths(); absent: the file's
+    std::optional<double> damping;    ///< per second
+    bool corners = false;             ///< particles are at the corners of voxels
 
-    bool any() const { return labels || threshold || frame || spacing || gravity || parts || pitch || fill; }
+    bool any() const {
+        return labels || threshold || frame || spacing || gravity || parts || pitch || fill || young ||
+               density || unit || damping || corners;
+    }
 };
 
 /// Loads a scene with options for a volume file or mesh. Throws BadInput if an option is given that

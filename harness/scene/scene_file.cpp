@@ -1,12 +1,14 @@
 #include "harness/scene/scene_file.h"
 
 #include <algorithm>
+#include <functional>
 #include <initializer_list>
 #include <set>
 #include <string_view>
 
 #include "harness/base/bad_input.h"
 #include "harness/base/schema_versions.h"
+#include "harness/scene/units.h"
 #include "harness/volume/dataset.h"
 
 namespace voxspring {
@@ -120,25 +122,58 @@ std::vector<SpringGroup> read_spring_groups(const JsonValue& value) {
     return groups;
 }
 
-Parameter read_parameter(const JsonValue& value, bool groups_allowed) {
+/// `accepted_value` describes a value that `read` reads.
+Parameter read_parameter(const JsonValue& value, bool groups_allowed,
+                         const std::function<double(const JsonValue&)>& read = positive,
+                         const std::string& accepted_value = "a number", const char* one = "number") {
     Parameter parameter;
     parameter.source = value;
-    if (value.is_number()) {
-        parameter.everywhere = positive(value);
+    const std::string accepted = accepted_value + ", or an object with one " + one +
+                                 (groups_allowed ? " per spring group or per label" : " per label");
+    const bool may_have_unit = std::string_view(one) != "number";
+    if (value.is_number() || (value.is_string() && may_have_unit)) {
+        parameter.everywhere = read(value);
         return parameter;
     }
-    const std::string accepted = groups_allowed
-                                     ? "a number, or an object with one number per spring group or per label"
-                                     : "a number, or an object with one number per label";
     if (!value.is_object()) value.refuse(accepted);
     for (const auto& [key, element] : value.object().items()) {
         const auto group = group_named(key);
         if (group && !groups_allowed)
             throw BadInput(value.file(), value.path(), "the key \"" + key + "\"", accepted);
-        (group ? parameter.by_group[*group] : parameter.by_label[key]) = positive(element);
+        (group ? parameter.by_group[*group] : parameter.by_label[key]) = read(element);
     }
     if (parameter.by_group.empty() == parameter.by_label.empty()) value.refuse(accepted);
     return parameter;
+}
+
+/// Reads Young's modulus, density and the unit of lengths. `given` are the keys that they replace.
+void read_units(JsonObject& document, SceneFile& scene,
+                std::initializer_list<std::optional<JsonValue>> replaced) {
+    const auto with_unit = [](std::optional<double> (*convert)(const std::string&), const char* accepted) {
+        return [=](const JsonValue& value) {
+            const std::optional<double> number = convert(value.is_string() ? value.string() : value.text());
+            if (!number || !(*number >= min_quantity && *number <= max_quantity)) value.refuse(accepted);
+            return *number;
+        };
+    };
+    const auto young = document.find("young");
+    const auto density = document.find("density");
+    scene.unit_source = document.find("unit");
+    if (scene.unit_source) scene.unit = scene.unit_source->one_of({"m", "cm", "mm", "um"});
+    if (!young) {
+        for (const auto& other : {density, scene.unit_source}) {
+            if (other) other->refuse("this key only beside \"young\", Young's modulus");
+        }
+        return;
+    }
+    for (const auto& other : replaced) {
+        if (other) other->refuse("either young and density, or stiffness and mass");
+    }
+    if (!density) document.require("density", accepted_density);
+    scene.young =
+        read_parameter(*young, false, with_unit(pascals_of, accepted_young), accepted_young, "modulus");
+    scene.density = read_parameter(*density, false, with_unit(kilograms_per_cubic_metre_of, accepted_density),
+                                   accepted_density, "density");
 }
 
 /// Reads a side of the grid ("x-" to "z+") or of the body ("left" and so on). `Side` has the members
@@ -363,11 +398,23 @@ SceneFile read_scene_file(JsonObject document) {
     }
     scene.mass.everywhere = 1;
     scene.stiffness.everywhere = 1;
-    if (const auto mass = document.find("mass")) scene.mass = read_parameter(*mass, false);
-    if (const auto stiffness = document.find("stiffness")) scene.stiffness = read_parameter(*stiffness, true);
+    const auto mass = document.find("mass");
+    const auto stiffness = document.find("stiffness");
+    if (mass) scene.mass = read_parameter(*mass, false);
+    if (stiffness) scene.stiffness = read_parameter(*stiffness, true);
+    read_units(document, scene, {mass, stiffness});
+    if (const auto particles = document.find("particles"))
+        scene.corners = particles->one_of({"centres", "corners"}) == "corners";
     if (const auto damping = document.find("damping")) {
-        scene.damping = damping->number();
-        if (!(scene.damping >= 0 && scene.damping < 2)) damping->refuse("a number from 0 to below 2");
+        if (damping->is_object()) {
+            JsonObject object = damping->object();
+            scene.damping_per_second = object.require("per_second", "a number").number(0, max_quantity);
+            object.finish();
+        } else {
+            scene.damping = damping->number();
+            if (!(scene.damping >= 0 && scene.damping < 2))
+                damping->refuse("a number from 0 to below 2, per step, or {\"per_second\": NUMBER}");
+        }
     }
     if (const auto gravity = document.find("gravity")) read_gravity(*gravity, scene);
     if (const auto time_step = document.find("time_step")) scene.time_step = read_time_step(*time_step);

@@ -124,8 +124,13 @@ struct SceneFile {
     std::optional<glm::dvec3> spacing;
     Parameter mass;  ///< never by group
     Parameter stiffness;
+    std::optional<Parameter> young, density;  ///< in Pa and kg/m^3, both or neither; replace the two above
+    std::optional<std::string> unit;          ///< of lengths, with `young`; absent: that of the volume file
+    std::optional<JsonValue> unit_source;
+    bool corners = false;  ///< particles are at the corners of voxels rather than at their centres
     double damping = 0;
-    glm::dvec3 gravity{0};
+    std::optional<double> damping_per_second;       ///< replaces `damping`
+    glm::dvec3 gravity{0};                          ///< in m/s^2 with `young`
     std::optional<GravityTowards> gravity_towards;  ///< replaces `gravity`
     bool gravity_in_voxels = false;  ///< gravity is a default, to be multiplied by the spacing axis by axis
     TimeStep time_step;

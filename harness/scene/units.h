@@ -1,0 +1,61 @@
+// Units of the world. A scene may give Young's modulus and density; the stiffness of springs and the mass of
+// particles follow.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <vector>
+
+namespace voxspring {
+
+/// The material of a label.
+struct Tissue {
+    std::string label;   ///< empty if the body has one material
+    double young = 0;    ///< Young's modulus in Pa
+    double density = 0;  ///< in kg/m^3
+
+    double pressure_wave() const;  ///< speed in m/s
+    double shear_wave() const;     ///< speed in m/s
+};
+
+/// What a scene says in units of the world. Its times are then in seconds, its masses in kg and its lengths
+/// in `length`, so that a force is in kg times `length` per s^2 and a stiffness in N/m.
+struct WorldUnits {
+    std::string length;  ///< "mm" for example
+    double metres = 1;   ///< in one unit of length
+    std::vector<Tissue> tissues;
+    double damping = 0;  ///< per second; 0 also if the scene gives damping per step
+
+    std::string force() const;  ///< the unit of forces: "mN" if lengths are in mm
+};
+
+/// Poisson's ratio of a lattice of springs that is isotropic. Central forces allow no other.
+inline constexpr double poisson_ratio = 0.25;
+
+/// The stiffness of each spring group with which a cubic lattice of this spacing has Young's modulus `young`
+/// and is isotropic, for small strain. All three are linear in young * spacing. Empty if no positive
+/// stiffness of these groups, given as mask bits, makes it so, or if some motion would strain no spring.
+///
+/// A lattice has C_1111 = (k1 + 2 k2 + 4/3 k3) / h and C_1122 = C_1212 = (k2 + 4/3 k3) / h. It is isotropic
+/// if C_1111 = 3 C_1122, which means k1 = k2 + 8/3 k3; then E = 5/2 C_1122. Of the lattices with three groups
+/// we take k1 : k2 : k3 = 16 : 8 : 3, for which the part sum k L^4 n_x^4 n_y^2 of the next term, which makes
+/// short waves slower, is three times sum k L^4 n_x^2 n_y^2 n_z^2 as in an isotropic medium.
+std::optional<std::array<double, 3>> isotropic_stiffness(double young, double spacing,
+                                                         std::uint32_t group_bits);
+
+/// Metres in a unit of length: "m", "cm", "mm", "um". Empty for other words.
+std::optional<double> metres_in(const std::string& unit);
+std::string accepted_lengths();
+
+/// A number with a unit, "5 kPa", in Pa; also of a number alone. Empty if it is neither, or not positive.
+std::optional<double> pascals_of(const std::string& text);
+/// "1.05 g/cm3" in kg/m^3.
+std::optional<double> kilograms_per_cubic_metre_of(const std::string& text);
+inline constexpr const char* accepted_young =
+    "a modulus in Pa, or with its unit: \"5 kPa\" (Pa, kPa, MPa, GPa)";
+inline constexpr const char* accepted_density =
+    "a density in kg/m3, or with its unit: \"1.05 g/cm3\" (kg/m3, g/cm3)";
+
+}  // namespace voxspring

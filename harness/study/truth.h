@@ -1,0 +1,114 @@
+// How far a lattice of springs at rest is from the continuum that it stands for.
+#pragma once
+
+#include <cstdint>
+#include <glm/vec3.hpp>
+#include <optional>
+#include <ostream>
+#include <string>
+#include <vector>
+
+#include "backends/backend.h"
+#include "backends/physics/problem.h"
+#include "harness/results/result.h"
+#include "harness/results/row.h"
+#include "harness/results/table.h"
+
+namespace voxspring {
+
+/// A body that is clamped at its lowest side and loaded, and how far its highest side moves. Lengths are in
+/// widths of the body, stresses in Young's moduli. results/continuum.py solves the same cases by finite
+/// elements.
+struct TruthCase {
+    std::string name;           ///< "tension", "torsion", "cantilever", "cube", "ball"
+    double height = 1;          ///< the body is a square bar of width 1, or a ball between two planes
+    bool is_ball = false;       ///< of diameter 1, cut off by two planes `height` apart
+    bool is_body_load = false;  ///< the load is a weight, otherwise a traction on the highest side
+    char pattern = 'z';  ///< the load's direction: 'x', 'z', or 't' for a turn about the axis, (-y, x, 0)
+    double slowest = 1;  ///< angular frequency of the slowest motion, about, with E and density 1
+    /// The order of convergence that is claimed, for small strain and for large, with particles at corners
+    /// and with particles at centres. Absent: errors of different signs cancel at some pitch, so that none is
+    /// claimed.
+    std::optional<double> order_at_corners = 2, order_at_centres = 1;
+};
+const std::vector<TruthCase>& truth_cases();
+/// Throws BadInput, which names `where`, if there is no case of this name.
+const TruthCase& truth_case(const std::string& name, const std::string& where);
+
+/// What finite elements find for a case, from harness/study/continuum.json.
+struct ContinuumAnswer {
+    double load = 0;        ///< strength of the weight or traction
+    double deflection = 0;  ///< of the material that the lattice becomes as its pitch goes to 0
+    double error = 0;       ///< of the deflection, relative, estimated by a coarser mesh
+    /// Deflections of other laws with the same E and nu, relative to `deflection`, minus 1. Only for large
+    /// strain.
+    std::optional<double> neo_hookean, st_venant_kirchhoff;
+};
+/// `strain` is "small" or "large".
+ContinuumAnswer continuum_answer(const TruthCase& of, const std::string& strain);
+
+/// A case as a lattice.
+struct TruthLattice {
+    Problem problem;
+    std::vector<std::uint32_t> end;                    ///< particles of the highest side
+    std::vector<glm::dvec3> pattern;                   ///< for each of these: area times the load's pattern
+    double size = 0;                                   ///< the sum of area times the square of the pattern
+    static constexpr double fraction_of_stable = 0.8;  ///< time step, of the stable one
+    int steps_between_looks = 0;  ///< in which what is left of the way to rest shrinks sevenfold
+
+    /// Mean displacement of the end along the pattern, weighted by it.
+    double deflection(const State& state) const;
+};
+/// `across` is the number of voxels in a width. Particles are at the corners of voxels if `corners`,
+/// otherwise at their centres.
+TruthLattice truth_lattice(const TruthCase& of, double load, int across, bool corners);
+
+struct RestAnswer {
+    double deflection = 0, seconds = 0;
+    int steps = 0;
+};
+/// Steps the lattice until it is at rest. Throws std::runtime_error if it does not come to rest.
+RestAnswer come_to_rest(Backend& backend, const TruthLattice& lattice);
+
+/// A row of the list `truth`.
+struct TruthRow : Row {
+    std::string particles_at = {}, strain = {};  ///< "corners" or "centres"; "small" or "large"
+    int across = 0;                              ///< voxels in a width
+    double time_step_fraction = 0;               ///< of the stable time step
+    double deflection = 0, continuum = 0, continuum_error = 0;
+    double model_error = 0;                     ///< |deflection / continuum - 1|
+    std::optional<double> rounding_error = {};  ///< relative to float64 `increment` of the same lattice
+    std::optional<double> order = {};           ///< of convergence, from the coarsest pitch to this one
+    std::optional<double> claimed_order = {};
+    std::optional<double> neo_hookean = {}, st_venant_kirchhoff = {};  ///< of ContinuumAnswer
+    double seconds = 0;
+
+    static void fields(auto& row, auto& of) {
+        of.required("particles_at", row.particles_at);
+        of.required("strain", row.strain);
+        of.required("across", row.across);
+        of.required("fraction_of_stable", row.time_step_fraction);
+        of.required("deflection", row.deflection);
+        of.required("continuum", row.continuum);
+        of.required("continuum_error", row.continuum_error);
+        of.required("model_error", row.model_error);
+        of.nullable("rounding_error", row.rounding_error);
+        of.nullable("order", row.order);
+        of.nullable("claimed_order", row.claimed_order);
+        of.nullable("neo_hookean", row.neo_hookean);
+        of.nullable("st_venant_kirchhoff", row.st_venant_kirchhoff);
+        of.required("seconds", row.seconds);
+    }
+};
+
+/// Fills in orders and rounding errors of one scene's rows. Returns why each row of the finest pitch whose
+/// order is below what is claimed fails; empty for the others.
+std::vector<std::string> judge_truth(std::vector<TruthRow>& rows);
+
+/// The fastest row of a case whose small-strain error, model and rounding together, is at most `error`; null
+/// if there is none.
+const TruthRow* fastest_truth(const std::vector<TruthRow>& rows, const std::string& name, double error);
+
+void print_truth(const Result& result, std::ostream& out, TableWidth width);
+
+}  // namespace voxspring

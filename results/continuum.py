@@ -1,0 +1,208 @@
+#!/usr/bin/env python3
+"""Solves the cases of `voxspring study truth` by finite elements and writes harness/study/continuum.json.
+
+Not needed to build or run: the file is committed. It needs scikit-fem 12 from PyPI. Lengths are in widths of the body, stresses in
+units of Young's modulus; nu is 1/4. Elements are quadratic hexahedra, finer towards the clamped side and its edges. `error` is the
+difference from a coarser mesh.
+
+Laws, which agree for small strain:
+  linear  small strain
+  springs W = E/5 sum_s w_s (|F n_s| - 1)^2 over 3 faces (w = 1) and 6 edges (w = 2): the limit of the lattice as its pitch goes to 0
+  neo_hookean, st_venant_kirchhoff: what other programs compute
+"""
+import json
+import sys
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.linalg import splu
+from skfem import Basis, ElementHex2, FacetBasis, Functional, LinearForm, MeshHex, MeshHex2, asm
+
+LAMBDA = MU = 0.4  # Lame's constants for E = 1 and nu = 1/4
+SPRINGS = [(np.eye(3)[a], 1.0) for a in range(3)] + [
+    (np.array(n) / np.sqrt(2), 2.0) for n in product((-1, 0, 1), repeat=3) if np.abs(n).sum() == 2 and next(v for v in n if v) > 0]
+
+# Name: half symmetric about x = 0, about y = 0; height; body force and traction on the end along `pattern`, for small and for large strain.
+CASES = {
+    "tension": dict(symmetric=(True, True), height=3.0, body=False, load=0.2, pattern="z"),
+    "torsion": dict(symmetric=(False, False), height=3.0, body=False, load=0.1, pattern="turn", ends="both", elements=[(5, 7), (6, 8)]),
+    "cantilever": dict(symmetric=(False, True), height=4.0, body=True, load=0.2 / 48, pattern="x"),
+    "cube": dict(symmetric=(True, True), height=1.0, body=True, load=0.2, pattern="z"),
+    "ball": dict(symmetric=(True, True), height=0.75, body=False, load=-0.1, pattern="z", round=True, ends="both", elements=[(3, 7), (5, 10)]),
+}
+SMALL = 1e-2  # small loads are this part of large ones
+
+
+def pattern_of(name, x):
+    zero = np.zeros_like(x[0])
+    return {"x": np.array([zero + 1, zero, zero]), "z": np.array([zero, zero, zero + 1]), "turn": np.array([-x[1], x[0], zero])}[name]
+
+
+def graded(low, high, count, power, ends):
+    """Points from `low` to `high`, denser towards both ends, the lower or the upper one."""
+    t = np.linspace(0, 1, count + 1)
+    if ends == "upper":
+        t = 1 - (1 - t) ** power
+    elif ends == "lower":
+        t = t ** power
+    else:
+        t = np.where(t < 0.5, 0.5 * (2 * t) ** power, 1 - 0.5 * (2 - 2 * t) ** power)
+    return low + (high - low) * t
+
+
+def mesh_of(case, fine):
+    across, along = case.get("elements", [(4, 6), (6, 9)])[fine]
+    sides = []
+    for symmetric in case["symmetric"]:
+        if case.get("round"):
+            sides.append(graded(0, 1, across, 1.6, "upper"))
+        elif symmetric:
+            sides.append(graded(0, 0.5, across // 2 + 1, 2.0, "upper"))
+        else:
+            sides.append(graded(-0.5, 0.5, across, 1.7, "both"))
+    along = along if case["height"] < 2 else round(along * 1.5)
+    mesh = MeshHex.init_tensor(*sides, graded(0, case["height"], along, 1.7, case.get("ends", "lower")))
+    if not case.get("round"):
+        return mesh
+    mesh = MeshHex2.from_mesh(mesh)
+    x, y, z = mesh.doflocs
+    radius = np.sqrt(0.25 - (z - 0.375) ** 2)
+    places = np.array([radius * x * np.sqrt(1 - y * y / 2), radius * y * np.sqrt(1 - x * x / 2), z])
+    return MeshHex2(places, mesh.t)
+
+
+def stress(law, gradient):
+    """First Piola-Kirchhoff stress P and the function dF -> dP, for a displacement gradient of shape (3, 3, ...)."""
+    identity = np.eye(3).reshape(3, 3, *[1] * (gradient.ndim - 2))
+    if law == "linear":
+        def change(d):
+            return LAMBDA * np.einsum("kk...->...", d) * identity + MU * (d + d.swapaxes(0, 1))
+        return change(gradient), change
+    F = gradient + identity
+    if law == "springs":
+        parts, P = [], 0
+        for n, weight in SPRINGS:
+            r = np.einsum("ij...,j->i...", F, n)
+            length = np.sqrt((r * r).sum(axis=0))
+            P = P + 0.4 * weight * np.einsum("i...,j->ij...", (1 - 1 / length) * r, n)
+            parts.append((n, weight, r, length))
+
+        def change(d):
+            total = 0
+            for n, weight, r, length in parts:
+                s = np.einsum("ij...,j->i...", d, n)
+                moved = (1 - 1 / length) * s + (r * s).sum(axis=0) / length ** 3 * r
+                total = total + 0.4 * weight * np.einsum("i...,j->ij...", moved, n)
+            return total
+        return P, change
+    if law == "st_venant_kirchhoff":
+        strain = 0.5 * (np.einsum("ki...,kj...->ij...", F, F) - identity)
+
+        def second(e):
+            return LAMBDA * np.einsum("kk...->...", e) * identity + 2 * MU * e
+        S = second(strain)
+
+        def change(d):
+            e = np.einsum("ki...,kj...->ij...", F, d)
+            return np.einsum("ik...,kj...->ij...", d, S) + np.einsum("ik...,kj...->ij...", F, second(0.5 * (e + e.swapaxes(0, 1))))
+        return np.einsum("ik...,kj...->ij...", F, S), change
+    inverse = np.moveaxis(np.linalg.inv(np.moveaxis(F, (0, 1), (-2, -1))), (-2, -1), (0, 1))
+    transposed = inverse.swapaxes(0, 1)
+    log_volume = np.log(np.linalg.det(np.moveaxis(F, (0, 1), (-2, -1))))
+
+    def change(d):
+        turned = np.einsum("ik...,lk...,lj...->ij...", transposed, d, transposed)
+        return MU * d + (MU - LAMBDA * log_volume) * turned + LAMBDA * np.einsum("ji...,ij...->...", inverse, d) * transposed
+    return MU * (F - transposed) + LAMBDA * log_volume * transposed, change
+
+
+class Solid:
+    """The elements' gradients and quadrature, and the assembly of forces and of their derivative."""
+
+    def __init__(self, mesh):
+        self.basis = Basis(mesh, ElementHex2(), intorder=5)
+        gradients = np.array([self.basis.basis[a][0].grad for a in range(27)])  # node, axis, element, point
+        self.weights = self.basis.dx
+        elements, points = self.weights.shape
+        self.b = np.zeros((elements, points, 3, 3, 27, 3))
+        for i in range(3):
+            self.b[:, :, i, :, :, i] = gradients.transpose(2, 3, 1, 0)
+        self.b = self.b.reshape(elements, points, 9, 81)
+        self.dofs = (3 * self.basis.element_dofs.T[:, :, None] + np.arange(3)).reshape(elements, 81)
+
+    def assemble(self, law, u):
+        elements, points = self.weights.shape
+        gradient = np.einsum("eqgd,ed->geq", self.b, u[self.dofs]).reshape(3, 3, elements, points)
+        P, change = stress(law, gradient)
+        tangent = np.empty((elements, points, 9, 9))
+        for k, l in product(range(3), repeat=2):
+            unit = np.zeros_like(gradient)
+            unit[k, l] = 1
+            tangent[:, :, :, 3 * k + l] = change(unit).reshape(9, elements, points).transpose(1, 2, 0)
+        weighted = self.b * self.weights[:, :, None, None]
+        forces = np.einsum("eqgd,geq->ed", weighted, P.reshape(9, elements, points))
+        left = weighted.reshape(elements, -1, 81).swapaxes(1, 2)
+        local = left @ (tangent @ self.b).reshape(elements, -1, 81)
+        rows, columns = np.broadcast_arrays(self.dofs[:, :, None], self.dofs[:, None, :])
+        size = 3 * self.basis.N
+        matrix = coo_matrix((local.ravel(), (rows.ravel(), columns.ravel())), (size, size)).tocsc()
+        return np.bincount(self.dofs.ravel(), forces.ravel(), size), matrix
+
+
+def deflection(name, law, load, fine):
+    """The mean displacement of the end along its pattern, weighted by it."""
+    case = CASES[name]
+    mesh = mesh_of(case, fine)
+    solid = Solid(mesh)
+    basis = solid.basis
+    top = mesh.facets_satisfying(lambda x: np.isclose(x[2], case["height"]), boundaries_only=True)
+    end = FacetBasis(mesh, ElementHex2(), facets=top, intorder=5)
+
+    def along(over):
+        """The integral of each basis function times the pattern."""
+        parts = [asm(LinearForm(lambda v, w, i=i: pattern_of(case["pattern"], w.x)[i] * v), over) for i in range(3)]
+        return np.array(parts).T.ravel()
+
+    external = load * along(basis if case["body"] else end)
+    x = basis.doflocs
+    fixed = np.repeat(np.isclose(x[2], 0), 3)
+    for axis, symmetric in enumerate(case["symmetric"]):
+        if symmetric:
+            fixed[axis::3] |= np.isclose(x[axis], 0)
+    free = np.flatnonzero(~fixed)
+    u = np.zeros(len(fixed))
+    steps = 1 if law == "linear" or abs(load) < 0.5 * abs(case["load"]) else 5
+    for step in range(1, steps + 1):
+        for _ in range(20):
+            forces, matrix = solid.assemble(law, u)
+            residual = (external * step / steps - forces)[free]
+            if np.linalg.norm(residual) < 1e-9 * np.linalg.norm(external):
+                break
+            factors = splu(matrix[free][:, free], permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0, options={"SymmetricMode": True})
+            u[free] += factors.solve(residual)
+        else:
+            raise RuntimeError(f"{name} {law}: Newton's method does not converge")
+    size = asm(Functional(lambda w: (pattern_of(case["pattern"], w.x) ** 2).sum(axis=0)), end)
+    return float(along(end) @ u / size)
+
+
+def main(names):
+    path = Path(__file__).resolve().parent.parent / "harness" / "study" / "continuum.json"
+    known = json.loads(path.read_text()) if path.exists() else {}
+    for name in names or CASES:
+        case = CASES[name]
+        known[name] = {"load": {"small": SMALL * case["load"], "large": case["load"]}, "deflection": {}}
+        for law, strain in [("linear", "small"), ("springs", "small"), ("springs", "large"), ("neo_hookean", "large"),
+                            ("st_venant_kirchhoff", "large")]:
+            load = known[name]["load"][strain]
+            values = [deflection(name, law, load, fine) for fine in (False, True)]
+            print(name, law, strain, values, flush=True)
+            known[name]["deflection"].setdefault(strain, {})[law] = {
+                "value": float(f"{values[1]:.7g}"), "error": float(f"{abs(values[1] / values[0] - 1):.1g}")}
+            path.write_text(json.dumps(known, indent=2) + "\n")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])
