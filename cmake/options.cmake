@@ -3,7 +3,7 @@ option(VOXSPRING_CUDA "Build the CUDA backends where CUDA's headers, runtime and
 option(VOXSPRING_VULKAN "Build the Vulkan backends where Vulkan-Hpp and glslangValidator are found" ON)
 option(VOXSPRING_MPI "Let mpirun start studies where Open MPI's mpi.h is found" ON)
 option(VOXSPRING_WINDOW "Build `voxspring view` where GLFW and Dear ImGui are found" ON)
-option(VOXSPRING_PYTHON "Build the Python module, as `pip install .` does" OFF)
+option(VOXSPRING_PYTHON_MODULE "Build the Python module, as `pip install .` does" OFF)
 option(VOXSPRING_TESTS "Build the tests" ${PROJECT_IS_TOP_LEVEL})
 option(VOXSPRING_INSTALL "Define what `cmake --install` installs" ${PROJECT_IS_TOP_LEVEL})
 option(VOXSPRING_PACKAGE "Build the tests that the package carries, and allow `cmake --install --component package`" OFF)
