@@ -105,8 +105,8 @@ struct TruthRow : Row {
 /// order is below what is claimed fails; empty for the others.
 std::vector<std::string> judge_truth(std::vector<TruthRow>& rows);
 
-/// The fastest row of a case whose small-strain error, model and rounding together, is at most `error`; null
-/// if there is none.
+/// The fastest row of a case that claims an order, and whose small-strain error, model and rounding together,
+/// is at most `error`; null if there is none.
 const TruthRow* fastest_truth(const std::vector<TruthRow>& rows, const std::string& name, double error);
 
 void print_truth(const Result& result, std::ostream& out, TableWidth width);
