@@ -565,6 +565,11 @@ Scene build(SceneFile file_says, const std::string& file, const SceneSizeLimits&
             scene.volume->placement->origin -=
                 0.5 * problem.lattice.spacing[axis] * scene.volume->placement->direction[std::size_t(axis)];
     }
+    if (file_says.corners && scene.mesh) {
+        auto at_corners = std::make_shared<MeshInGrid>(*scene.mesh);
+        at_corners->origin -= 0.5 * at_corners->pitch;
+        scene.mesh = std::move(at_corners);
+    }
     if (is_body_by_itself(file_says)) {
         for (Region& region : file_says.pinned) region = on_an_axis_with_slices(region, problem.lattice);
         scene.notes.push_back(chosen_for_user(file_says, scene));
