@@ -22,7 +22,7 @@ import statistics
 import sys
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
-CARD, PROCESSOR = "nvidia-h200", "amd-epyc"
+CARD, OTHER_CARD, PROCESSOR = "nvidia-h200", "nvidia-h100", "amd-epyc"
 PAGES = ("README.md", "results/README.md", "docs/accuracy.md", "docs/apis.md", "docs/artifact.md", "docs/simulator.md")
 PAPER = ("gl_fragment_implicit", "gl_fragment_explicit", "cuda_implicit_device", "cuda_implicit_shared", "cuda_implicit_cached",
          "cuda_explicit_device", "cuda_explicit_cached", "cuda_explicit_cached_grid")
@@ -104,6 +104,10 @@ def numbers(cell):
     return NUMBER.findall(re.sub(r"`[^`]*`|\S*(?:=|_|@)\S*|10 \^|\^\d", " ", cell))
 
 
+def machine_of(words):
+    return PROCESSOR if "AMD EPYC" in words else OTHER_CARD if "H100" in words else CARD
+
+
 def tables(page):
     """(heading or marker, line, header, rows) of each table of a page."""
     heading, marker, lines = "", "", (ROOT / page).read_text(encoding="utf-8").split("\n")
@@ -124,7 +128,7 @@ def tables(page):
                 end += 1
             origin = next((one for one in lines[end:end + 3] if one.strip()), "")
             above = next((one for one in lines[index - 1::-1] if one.strip()), "")
-            yield marker or heading, [re.sub(r", (batches of )?\d+ steps", "", name) for name in split(line)], rows, PROCESSOR if "AMD EPYC" in (origin, above)[not marker] else CARD
+            yield marker or heading, [re.sub(r", (batches of )?\d+ steps", "", name) for name in split(line)], rows, machine_of((origin, above)[not marker])
 
 
 # --- Tables: for each the figures of a row, column by column. A column that is not here has no recomputation.
@@ -196,6 +200,22 @@ def fastest(cells, header, machine):
     for column, cell in zip(header, cells):
         if column in values and cell != "-":
             yield column, cell, values[column]
+
+
+def across_cards(cells, header, _):
+    """A dataset, and the fastest strategy and its time on each card."""
+    scene, formulation, *precision = cells[0].split(" ")
+    times = []
+    for at, column in enumerate(header):
+        if not column.endswith(": fastest") or cells[at] == "-":
+            continue
+        own = alike("fastest", machine_of(column), scene=scene, formulation=formulation, precision=(precision or ["float32"])[0])
+        case = best(own)[0]
+        times.append(case.held_out())
+        yield column, cells[at], " ".join([f"`{case.backend}`"] + precision + case.tuning)
+        yield header[at + 1], cells[at + 1], times[-1]
+    if cells[-1] != "-":
+        yield header[-1], cells[-1], times[-1] / times[0]
 
 
 def targets(cells, header, machine):
@@ -455,6 +475,8 @@ def claims():
             audit = AUDITED.get(where) or AUDITED.get((where, header[0]))
             if where == "As fast as the card allows" and "target" in header:
                 audit = targets
+            if header[-1] == "last over first":
+                audit = across_cards
             if audit is None:
                 without.append(f"{page}, {where}: the table of {header[0] or header[1]}")
             for line, cells in rows if audit else []:

@@ -121,8 +121,9 @@ def min_steps_between_edits():
 
 
 def main():
+    sources = (*itertools.product(("fastest", "figure8"), cards()), ("edits", rows.GPU), ("fastest", rows.CPU))
     commits = {f"{machine}/{study}": rows.result(study, machine)["context"]["voxspring"]["commit"]
-               for study, machine in (*itertools.product(("fastest", "figure8"), cards()), ("edits", rows.GPU), ("fastest", rows.CPU))}
+               for study, machine in sources if result_files.named(rows.RESULTS / machine, study).exists()}
     blocks = ",\n".join("    " + json.dumps(rule) for rule in rules())
     edited = json.dumps({"min_steps_between_edits": min_steps_between_edits()})
     text = (f'{{\n  "made_by": "results/auto_rules.py",\n  "from": {json.dumps(commits)},\n  "edited": {edited},\n'
