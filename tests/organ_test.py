@@ -101,6 +101,14 @@ class Organ(InTemporaryFolder):
         self.assertGreater(moved.max(), 0.9 * largest)
         self.assertLess(moved.max(), 1.2 * largest)
 
+    def test_particles_at_corners_are_refused(self):
+        points, triangles = organ(12)
+        ball = self.folder / "small.ply"
+        write_ply(ball, points, triangles)
+        refused = voxspring("run", ball, "--pitch", 12, "--steps", 1, "--corners", "--out", self.folder / "body.ply")
+        self.assertEqual(refused.returncode, 2)
+        self.assertIn("particles: corners", refused.stderr)
+
     def test_every_format_comes_in_and_goes_out_per_frame(self):
         points, triangles = organ(12)
         ball = self.folder / "small.ply"

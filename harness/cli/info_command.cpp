@@ -74,6 +74,7 @@ nlohmann::json mesh_json(const Scene& scene) {
             {"non_manifold_edges", facts.non_manifold_edges},
             {"flat_triangles", facts.flat},
             {"turned_triangles", facts.turned},
+            {"origin", {mesh.origin.x, mesh.origin.y, mesh.origin.z}},
             {"pitch", mesh.pitch},
             {"fill", mesh.fill},
             {"volume", mesh.volume},

@@ -155,7 +155,8 @@ Mesh read_stl(MeshBytes& bytes) {
         }
         return with_shared_points(corners);
     }
-    if (!is_text && !count) bytes.refuse("neither", "a text that begins with solid, or a binary STL file");
+    if (!is_text && !count)
+        bytes.refuse(std::to_string(size) + " bytes", "a text that begins with solid, or a binary STL file");
     if (!is_text)
         ahead.refuse(std::to_string(*count) + " triangles in a file of " + std::to_string(size) + " bytes",
                      "a binary STL file, of 50 bytes per triangle and 84 before them, or a text that begins "

@@ -555,6 +555,8 @@ Scene build(SceneFile file_says, const std::string& file, const SceneSizeLimits&
     scene.volume = std::move(dataset.volume);
     scene.mesh = std::move(dataset.mesh);
     scene.notes = std::move(dataset.notes);
+    if (file_says.corners && scene.mesh)
+        throw BadInput(file, "particles", "corners", "centres, whose springs say where a mesh is cut");
     scene.world = use_units(file_says, labelled, scene.volume, file);
     keep_parts(labelled.grid, file_says, file, scene.notes);
     Problem& problem = scene.problem;
@@ -564,11 +566,6 @@ Scene build(SceneFile file_says, const std::string& file, const SceneSizeLimits&
         for (int axis = 0; axis < 3; ++axis)
             scene.volume->placement->origin -=
                 0.5 * problem.lattice.spacing[axis] * scene.volume->placement->direction[std::size_t(axis)];
-    }
-    if (file_says.corners && scene.mesh) {
-        auto at_corners = std::make_shared<MeshInGrid>(*scene.mesh);
-        at_corners->origin -= 0.5 * at_corners->pitch;
-        scene.mesh = std::move(at_corners);
     }
     if (is_body_by_itself(file_says)) {
         for (Region& region : file_says.pinned) region = on_an_axis_with_slices(region, problem.lattice);
