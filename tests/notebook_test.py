@@ -19,7 +19,7 @@ MOST_SECONDS = 60
 with tempfile.TemporaryDirectory() as folder:
     subprocess.run([sys.executable, "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--no-deps", "--target", folder,
                     sys.argv[1]], check=True)
-    os.environ.update(PYTHONPATH=folder, VOXSPRING_CACHE=f"{folder}/cache", MPLBACKEND="agg", IPYTHONDIR=folder)
+    os.environ.update(PYTHONPATH=folder, VOXSPRING_CACHE=f"{folder}/cache", MPLBACKEND="agg", IPYTHONDIR=f"{folder}/ipython")
     notebook = nbformat.read(NOTEBOOK, as_version=4)
     nbformat.validate(notebook)
     begin = time.monotonic()

@@ -363,8 +363,8 @@ class Progress(Overnight):
         found = [form.fullmatch(line) for line in lines if line]
         self.assertNotIn(None, found, lines)
         self.assertEqual({match[6] for match in found}, {"slow/increment/float64", "cpu_reference/increment/float64"})
-        self.assertEqual([int(match[3]) for match in found if match[2] == "box@4" and match[4] == "8"],
-                         [0, 0, *range(8), 8, 8], "two that warm up, every repetition, and two states")
+        self.assertEqual([int(match[3]) for match in found if match[2] == "box@4" and match[4] == "4"],
+                         2 * [0, *range(4), 4], "two host cases, one after the other: the warm-up, every repetition, and a state")
         self.assertEqual({(match[1], match[5]) for match in found}, {("1", "0"), ("2", "2")})
         self.assertTrue(any(" left: " in line for line in lines))
 
