@@ -68,7 +68,7 @@ class Remake(unittest.TestCase):
         self.assertEqual({path.name for path in self.out.iterdir()}, {f"{call.split()[1]}.json.gz" for call in calls})
         self.install("aaaaaaaaaaaa", "GPU-1")
         _, calls = self.remake(self.folder / "gpu")
-        self.assertEqual(len(calls), 14)
+        self.assertEqual(len(calls), 15)
         self.assertIn("study stress --backend !cpu_*", calls, "the processor has its own folder")
         for machine in filter(pathlib.Path.is_dir, (ROOT / "results").iterdir()):
             committed = {path.name for path in machine.glob("*.json.gz")}

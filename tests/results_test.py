@@ -120,7 +120,8 @@ class Committed(InTemporaryFolder):
         tracked = run("git", "-c", "safe.directory=*", "ls-files", "results").stdout.split() or [
             str(path) for path in RESULTS.rglob("*") if path.is_file() and "local" not in path.parts]
         large = {name: os.path.getsize(name) for name in tracked if os.path.exists(name)}
-        self.assertLess(sum(large.values()), 3_000_000, sorted(large.items(), key=lambda item: -item[1])[:5])
+        # Each of two cards may take 2 MB, the processor and the pictures the rest.
+        self.assertLess(sum(large.values()), 5_000_000, sorted(large.items(), key=lambda item: -item[1])[:5])
 
     def test_every_result_is_compressed_and_whole(self):
         files = result_files.committed(RESULTS)
