@@ -89,7 +89,7 @@ class Prose(unittest.TestCase):
 
 
 class Audit(unittest.TestCase):
-    """results/audit.py computes the figures of pages by code of its own."""
+    """results/audit.py computes the figures of pages without the code that made them."""
 
     def test_every_figure_is_right(self):
         known, _ = audit.claims()
