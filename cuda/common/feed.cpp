@@ -163,15 +163,17 @@ std::unique_ptr<DeviceFeed> make_device_feed(const std::vector<FedWord<Real>>& f
     return std::make_unique<ArrayFeed<Real>>(fed, stream, std::move(feeding));
 }
 
-#define FOR_PRECISION(Real)                                                                                 \
-    template std::unique_ptr<Feed> make_feed(const std::vector<FedWord<Real>>&, std::uint32_t,              \
-                                             const Stream&, std::function<Feeding<Real>()>);                \
-    template std::unique_ptr<HostFeed> make_host_feed(const std::vector<FedWord<Real>>&, const Stream&,     \
-                                                      std::function<Feeding<Real>()>);                      \
-    template std::unique_ptr<DeviceFeed> make_device_feed(const std::vector<FedWord<Real>>&, const Stream&, \
-                                                          std::function<Feeding<Real>()>);
-FOR_PRECISION(float)
-FOR_PRECISION(double)
-#undef FOR_PRECISION
+template std::unique_ptr<Feed> make_feed(const std::vector<FedWord<float>>&, std::uint32_t, const Stream&,
+                                         std::function<Feeding<float>()>);
+template std::unique_ptr<HostFeed> make_host_feed(const std::vector<FedWord<float>>&, const Stream&,
+                                                  std::function<Feeding<float>()>);
+template std::unique_ptr<DeviceFeed> make_device_feed(const std::vector<FedWord<float>>&, const Stream&,
+                                                      std::function<Feeding<float>()>);
+template std::unique_ptr<Feed> make_feed(const std::vector<FedWord<double>>&, std::uint32_t, const Stream&,
+                                         std::function<Feeding<double>()>);
+template std::unique_ptr<HostFeed> make_host_feed(const std::vector<FedWord<double>>&, const Stream&,
+                                                  std::function<Feeding<double>()>);
+template std::unique_ptr<DeviceFeed> make_device_feed(const std::vector<FedWord<double>>&, const Stream&,
+                                                      std::function<Feeding<double>()>);
 
 }  // namespace voxspring::cuda

@@ -146,6 +146,9 @@ Mesh parse_mesh(std::string_view text, const std::string& file) {
     mesh.file = file;
     check(mesh);
     if (!mesh.tetrahedra.empty()) mesh.triangles = boundary_of(mesh);
+    if (mesh.triangles.empty())
+        throw BadInput(file, "", fmt::format("{} tetrahedra without a boundary", mesh.tetrahedra.size()),
+                       "tetrahedra of four different vertices, none of them twice");
     return mesh;
 }
 
