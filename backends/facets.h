@@ -113,7 +113,7 @@ public:
     /// between steps. In the first case all parts must be ready for their calls before one of them makes its
     /// call, and must have made them before one of them asks for anything else. Until then a device that
     /// several parts share may wait for one of them, and so may everything that waits for this device.
-    virtual int steps_a_call() const { return 0; }
+    virtual int steps_per_call() const { return 0; }
     /// Enqueues the transfer of the places, after the steps enqueued so far, to the parts beside this one. If
     /// borders travel within steps, this and receive() do nothing.
     virtual void send() = 0;

@@ -13,7 +13,7 @@ namespace {
 
 /// Seconds per byte by share of writing, at the largest measured footprint that is no larger than
 /// `footprint_bytes`, or at the smallest one there is.
-std::map<double, double> seconds_a_byte(const std::vector<Bandwidth>& table, double footprint_bytes) {
+std::map<double, double> seconds_per_byte(const std::vector<Bandwidth>& table, double footprint_bytes) {
     double from = std::numeric_limits<double>::infinity();
     for (const Bandwidth& one : table) from = std::min(from, one.footprint_bytes);
     for (const Bandwidth& one : table) {
@@ -35,7 +35,7 @@ double bytes_per_second_of(const StepWork& work, const DeviceLimits& limits) {
         return double(work.footprint_bytes) <= limits.cache_bytes ? limits.cached_copy_bytes_per_second
                                                                   : limits.copy_bytes_per_second;
     }
-    const auto seconds = seconds_a_byte(limits.bandwidth, double(work.footprint_bytes));
+    const auto seconds = seconds_per_byte(limits.bandwidth, double(work.footprint_bytes));
     const double share = work.bytes == 0 ? 0 : double(work.written_bytes) / double(work.bytes);
     const auto above = seconds.lower_bound(share);
     if (above == seconds.end()) return 1 / seconds.rbegin()->second;

@@ -80,16 +80,16 @@ void require_whole_words(int own, int other) {
 /// The borders of a part of a body. Its kernel sends their points into the exchanges of the parts beside it.
 class ResidentBorders final : public DeviceBorders {
 public:
-    /// For `problem`, whose layout is `layout`. `steps_a_call`: steps of a launch.
+    /// For `problem`, whose layout is `layout`. `steps_per_call`: steps of a launch.
     ResidentBorders(const std::vector<SharedParticles>& borders, const Problem& problem,
                     const std::shared_ptr<const ResidentLayout>& layout,
                     const std::shared_ptr<Buffer<TaggedPoint>>& exchange, const Device& device,
-                    const Stream& stream, int steps_a_call)
+                    const Stream& stream, int steps_per_call)
         : layout_(layout),
           exchange_(exchange),
           device_(device.number()),
           stream_(stream),
-          steps_a_call_(steps_a_call) {
+          steps_per_call_(steps_per_call) {
         for (const SharedParticles& shared : borders) {
             beside_.push_back(shared.part);
             sendings_.push_back({shared.sent, {}});
@@ -123,7 +123,7 @@ public:
         stream_.synchronize();  // the exchange must be empty before another part writes to it
     }
 
-    int steps_a_call() const override { return steps_a_call_; }
+    int steps_per_call() const override { return steps_per_call_; }
     void send() override {}
     void receive() override {}
 
@@ -135,7 +135,7 @@ private:
     const std::shared_ptr<Buffer<TaggedPoint>> exchange_;
     const int device_;
     const Stream& stream_;
-    const int steps_a_call_;
+    const int steps_per_call_;
     std::vector<int> beside_;  ///< the number of the part on the other side of each border
     std::vector<ResidentSending> sendings_;
     std::vector<std::vector<std::uint32_t>> words_;  ///< of this part's ghosts, by border

@@ -93,8 +93,8 @@ inline std::map<std::string, Problem> bodies_by_class() {
     std::map<std::string, Problem> problems = small_bodies();
     problems["corner"] =
         lattice(make_grid({30, 21, 9}, [](int x, int y, int z) { return x > 20 && y > 14 && z > 5; }));
-    problems["stiffness_a_group"] = lattice(random_grid({21, 9, 10}, 0.8, 3));
-    problems["stiffness_a_group"].group_stiffness = {1.0, 0.5, 0.25};
+    problems["stiffness_per_group"] = lattice(random_grid({21, 9, 10}, 0.8, 3));
+    problems["stiffness_per_group"].group_stiffness = {1.0, 0.5, 0.25};
     problems["anisotropic"] = lattice(solid({9, 10, 11}, {0.7, 1.0, 1.9}));
     problems["pinned"] = pinned(lattice(random_grid({12, 11, 10}, 0.9, 5)));
     problems["free"] = lattice(solid({6, 5, 4}));

@@ -49,7 +49,7 @@ std::vector<Scene> scenes() {
     all.push_back({"labels", lattice(random_grid({40, 8, 8}, 0.8, 33, 3), NEIGHBOUR_BITS)});
     all.back().problem.materials = {{1, 1}, {2, 0.25}, {0.75, 0.5}};
 
-    all.push_back({"stiffness_a_group", lattice(solid({34, 7, 5}, {0.7, 1.0, 1.9}), NEIGHBOUR_BITS)});
+    all.push_back({"stiffness_per_group", lattice(solid({34, 7, 5}, {0.7, 1.0, 1.9}), NEIGHBOUR_BITS)});
     all.back().problem.group_stiffness = {1, 0.5, 0.25};
 
     all.push_back({"faces", lattice(solid({33, 4, 4}), FACE_BITS)});

@@ -447,7 +447,7 @@ State stepped_together(int ranks, const BackendSpec& spec, const Problem& whole,
                 apply(edited, edit);
                 if (!edit.empty()) backend->edit(edited, edit);
             }
-            // The ranks meet before and after (DeviceBorders::steps_a_call()), since each may wait for
+            // The ranks meet before and after (DeviceBorders::steps_per_call()), since each may wait for
             // everything on its device.
             meeting.arrive_and_wait();
             backend->step(counts[n]);

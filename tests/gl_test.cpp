@@ -382,7 +382,7 @@ TEST_F(Gl, NoMoreStepsAreQueuedThanTheQueueHolds) {
     const Problem problem = make_lattice_problem(solid({2, 2, 2}), FACE_BITS);
     const auto backend = BackendSpec::parse("gl_compute_implicit").make();
     backend->upload(problem, random_state(problem, 0.05, 3));
-    const int steps = gl::StepQueue::steps_a_fence;
+    const int steps = gl::StepQueue::steps_per_fence;
     const int fences = int(gl::StepQueue::max_fences);
     backend->step((fences + 1) * steps);  // libepoxy then has looked up the replaced functions
     // Counts the fences that are enqueued and not waited for.

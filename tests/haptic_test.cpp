@@ -150,7 +150,7 @@ void expect_consistent_latencies(const nlohmann::json& row) {
     // Each percentile lies in the bin of its rank.
     for (const auto& [begin, count] : bins) {
         EXPECT_GT(count, 0);
-        const double end = begin * std::pow(10, 1.0 / bins_a_decade) * (1 + 1e-12);
+        const double end = begin * std::pow(10, 1.0 / bins_per_decade) * (1 + 1e-12);
         for (const auto& [key, fraction] :
              {std::pair("median_seconds", 0.5), {"p99_seconds", 0.99}, {"p999_seconds", 0.999}}) {
             const auto rank = std::int64_t(std::ceil(fraction * ticks));

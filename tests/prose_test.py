@@ -11,7 +11,8 @@ import unittest
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 COUNTED = (r"one|two|three|four|\d+|us|ns|ms|seconds?|bytes?|numbers?|elements?|values?|words?|bits?|lines?|rows?|columns?|planes?|"
            r"points?|particles?|springs?|voxels?|steps?|threads?|lanes?|warps?|blocks?|registers|instructions?|launch(?:es)?|"
-           r"kernels?|exchanges?|folders?|files?|contexts?|processes|messages?|entries|rest lengths?|masks?|loads?|stores?")
+           r"kernels?|operations?|pictures?|exchanges?|folders?|files?|contexts?|processes|messages?|entries|rest lengths?|masks?|loads?|"
+           r"stores?")
 PER = (r"particle|voxel|spring|step|second|thread|lane|warp|block|row|line|plane|column|joule|rank|part|reason|label|launch|card|"
        r"device|scene|file|case|tile|brick|folder|group|kind|direction|frame|border|neighbour|slot|run|study|target|"
        r"processor|core|material|edit|tick|sample|axis|item|repetition|batch")
@@ -19,12 +20,13 @@ PER = (r"particle|voxel|spring|step|second|thread|lane|warp|block|row|line|plane
 PATTERNS = [
     (re.compile(r"(?://[/!]?<?|#) Of "), "begin with the subject, not with 'Of'"),
     (re.compile(rf"\b(?!steps? a part\b)(?:{COUNTED}) an? (?:{PER})\b"), "'per': one element per particle"),
+    (re.compile(rf"\b(?!test_)[a-z_]*s_an?_(?:{PER}|byte|call|fence|round|decade)_?\b"), "'per': steps_per_call"),
     (re.compile(r"\b[Ww]hoever\b"), "name who: the caller, the user"),
     (re.compile(r"\bof (?:its|their|his|one's) own\b"), "leave it out, or say whose"),
     (re.compile(r"(?://[/!]?<?|#) (?:Nothing|Null|Empty|None|Not? [a-z]+) where\b"), "a sentence with a subject and a verb"),
     (re.compile(r"(?://[/!]?<?|#) (?:The same|That of|Those of|The same of)\b"), "repeat the noun: a comment stands alone"),
 ]
-TEXTS = (".h", ".cpp", ".cu", ".py", ".md", ".glsl", ".comp", ".frag", ".vert", ".cmake", ".txt", ".sh")
+TEXTS = (".h", ".cpp", ".cu", ".py", ".md", ".json", ".glsl", ".comp", ".frag", ".vert", ".cmake", ".txt", ".sh")
 # A record of what was, the page whose sentences come with its figures, and tests that quote such phrases.
 LEFT_OUT = ("tests/pages_test.py", "tests/prose_test.py",
             "tests/readme_test.py")
@@ -46,10 +48,10 @@ def findings(name):
 
 class Prose(unittest.TestCase):
     def test_patterns_find_what_they_are_for(self):
-        for line in ("    // Of a part of a body.", "one element a particle", "whoever waits", "a folder of its own",
+        for line in ("    // Of a part of a body.", "int steps_a_call = 0;", "one element a particle", "whoever waits", "a folder of its own",
                      "/// Null where there is none", "/// The same of words"):
             self.assertTrue(any(pattern.search(line) for pattern, _ in PATTERNS), line)
-        for line in ("one element per particle", "// Offsets of a thread", "which gives a thread one tile"):
+        for line in ("one element per particle", "// Offsets of a thread", "test_a_study_is_a_row", "which gives a thread one tile"):
             self.assertFalse(any(pattern.search(line) for pattern, _ in PATTERNS), line)
 
     def test_no_sentence_has_them(self):

@@ -474,7 +474,7 @@ public:
         for (const auto& other : parts) inner.push_back(dynamic_cast<BordersInSteps&>(*other).inner_);
         inner_->connect(inner, part);
     }
-    int steps_a_call() const override { return 3; }
+    int steps_per_call() const override { return 3; }
     void send() override { throw std::logic_error("sent between steps"); }
     void receive() override { throw std::logic_error("received between steps"); }
 

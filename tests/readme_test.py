@@ -99,7 +99,7 @@ class Pages(unittest.TestCase):
         header = re.search(r"<!-- heart -->\n\n(.*)\n", pathlib.Path("README.md").read_text())[1]
         for column in [cell.strip() for cell in header.split("|")[1:-1]]:
             # The name that a table with another unit uses.
-            name = {"backend": None, "us per step": "time a step", "G particles/s": "particles/s"}.get(column, column)
+            name = {"backend": None, "us per step": "time per step", "G particles/s": "particles/s"}.get(column, column)
             if name:
                 self.assertRegex(text, rf"(?m)^- .*\*{re.escape(name)}\*", column)
 

@@ -241,8 +241,8 @@ class Input(InTemporaryFolder):
         self.assertNotIn("on chip", text, "every step moves something")
         self.assertGreater(len(figure["rows"]), 20)
         for row in figure["rows"]:
-            self.assertAlmostEqual(row["operations_a_byte"], 300 / 48, places=3)
-            self.assertEqual(row["place"], row["operations_a_byte"])
+            self.assertAlmostEqual(row["operations_per_byte"], 300 / 48, places=3)
+            self.assertEqual(row["place"], row["operations_per_byte"])
         for row in result["benchmarks"]:
             row["step_bytes"] = None
         self.assertNotIn("intensity", self.page_of(result))
@@ -255,10 +255,10 @@ class Input(InTemporaryFolder):
             result = committed | {"benchmarks": [row for row in committed["benchmarks"] if row["backend"] in keep]}
             figure = self.page_of(result)["intensity"]
             of_small = [row for row in figure["rows"] if row["scene"] == "box@32"]
-            self.assertEqual({row["backend"] for row in of_small if row["operations_a_byte"] is None}, still)
-            places = {row["place"] for row in of_small if row["operations_a_byte"] is None}
+            self.assertEqual({row["backend"] for row in of_small if row["operations_per_byte"] is None}, still)
+            places = {row["place"] for row in of_small if row["operations_per_byte"] is None}
             self.assertEqual(len(places), 1)
-            self.assertGreater(min(places), max((row["place"] for row in of_small if row["operations_a_byte"]), default=0))
+            self.assertGreater(min(places), max((row["place"] for row in of_small if row["operations_per_byte"]), default=0))
             self.assertEqual(json.dumps(figure["panels"][0]).count('"on chip"'), 1)
 
     def scaling(self, *rows):

@@ -53,7 +53,7 @@ TEST(Histograms, PercentilesAreValuesOfTheirRank) {
 
 TEST(Histograms, ValuesAreInTheBinThatBeginsAtOrBelowThem) {
     // For every bin its begin, a value just below it, and its middle.
-    const double ratio = std::pow(10, 1.0 / bins_a_decade);
+    const double ratio = std::pow(10, 1.0 / bins_per_decade);
     std::vector<double> values;
     for (const auto& [begin, count] : histogram_of({1e-7, 2.5e-6, 3e-5, 4.7e-4, 0.9})) {
         EXPECT_EQ(count, 1);
@@ -78,7 +78,7 @@ TEST(Histograms, WhatLiesBeyondTheBinsIsInTheFirstAndTheLast) {
     ASSERT_EQ(histogram.size(), 2u);
     EXPECT_DOUBLE_EQ(histogram[0].first, histogram_begin);
     EXPECT_EQ(histogram[0].second, 3);
-    EXPECT_DOUBLE_EQ(histogram[1].first * std::pow(10, 1.0 / bins_a_decade), histogram_end);
+    EXPECT_DOUBLE_EQ(histogram[1].first * std::pow(10, 1.0 / bins_per_decade), histogram_end);
     EXPECT_EQ(histogram[1].second, 2);
 }
 

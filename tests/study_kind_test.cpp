@@ -82,7 +82,7 @@ public:
             row.label_of_scene = bench.item().settings.value("label", "");
             row.counters.add("upload_seconds", entered->ask({{"do", "upload"}}, "uploading"), Unit::second,
                              Better::less);
-            row.counters.add("voxels_a_byte", std::nullopt, Unit::number, Better::more);
+            row.counters.add("voxels_per_byte", std::nullopt, Unit::number, Better::more);
             bench.add("uploads", row);
         }
     }
@@ -314,8 +314,8 @@ TEST_F(StudyKinds, OneOfOnesOwnRunsAsAnyOther) {
     EXPECT_FALSE(result.at("uploads")[0].contains("counters"));
     const nlohmann::json& described = result.at("context").at("voxspring").at("counters");
     EXPECT_EQ(described.at("upload_seconds"), nlohmann::json({{"unit", "s"}, {"better", "less"}}));
-    EXPECT_EQ(described.at("voxels_a_byte"), nlohmann::json({{"unit", ""}, {"better", "more"}}));
-    EXPECT_TRUE(result.at("uploads")[0].at("voxels_a_byte").is_null()) << "it is not known";
+    EXPECT_EQ(described.at("voxels_per_byte"), nlohmann::json({{"unit", ""}, {"better", "more"}}));
+    EXPECT_TRUE(result.at("uploads")[0].at("voxels_per_byte").is_null()) << "it is not known";
     EXPECT_EQ(nlohmann::json(read_result(result)), result) << "read as it was written";
     EXPECT_EQ(result.at("context").at("voxspring").at("study").at("kind"), "upload_time");
     std::ostringstream printed;

@@ -81,7 +81,7 @@ double operations_per_second(const Program& program, Dispatch dispatch) {
         program.set("rounds", rounds * count);
         return seconds(dispatch);
     });
-    return double(arithmetic_size.x) * arithmetic_size.y * rounds * glsl::operations_a_round /
+    return double(arithmetic_size.x) * arithmetic_size.y * rounds * glsl::operations_per_round /
            seconds_of_rounds;
 }
 

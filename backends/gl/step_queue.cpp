@@ -10,7 +10,7 @@ StepQueue::~StepQueue() {
 }
 
 void StepQueue::enqueued() {
-    if (++steps_ < steps_a_fence) return;
+    if (++steps_ < steps_per_fence) return;
     steps_ = 0;
     if (fences_.size() == max_fences) wait_for_oldest();
     fences_.push_back(glFenceSync(GL_SYNC_GPU_COMMANDS_COMPLETE, 0));

@@ -10,12 +10,12 @@
 
 namespace voxspring::gl {
 
-/// Puts a fence after every `steps_a_fence` steps and makes the host wait for an old one, so that at most
-/// `max_fences` * `steps_a_fence` steps are enqueued and not finished. The device has hundreds of steps left
+/// Puts a fence after every `steps_per_fence` steps and makes the host wait for an old one, so that at most
+/// `max_fences` * `steps_per_fence` steps are enqueued and not finished. The device has hundreds of steps left
 /// to do meanwhile, and a fence costs less than a thousandth of their time.
 class StepQueue {
 public:
-    static constexpr int steps_a_fence = 128;
+    static constexpr int steps_per_fence = 128;
     static constexpr std::size_t max_fences = 4;
 
     /// `context` must outlive the queue.

@@ -22,7 +22,7 @@ double operations_per_second(Device& device, Precision precision) {
         device.set(*pass, uniforms);
         return device.seconds_of({{pass, {groups, groups, 1}}}, 1);
     });
-    return double(side * side) * rounds * operations_a_round / seconds_of_rounds;
+    return double(side * side) * rounds * operations_per_round / seconds_of_rounds;
 }
 
 }  // namespace

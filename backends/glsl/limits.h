@@ -23,7 +23,7 @@ inline constexpr std::size_t copy_group = 256;  ///< as in limits_copy.comp
 /// limits_arithmetic.comp, each with so much work that its output does not count.
 inline constexpr int arithmetic_side = 1024, arithmetic_group = 16;
 inline constexpr int rounds = 4;
-inline constexpr int operations_a_round = 64;
+inline constexpr int operations_per_round = 64;
 
 /// The patience for a launch. It takes the host's time, so other work on its cores slows many batches in a
 /// row.

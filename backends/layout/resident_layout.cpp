@@ -95,8 +95,8 @@ std::vector<std::vector<std::uint32_t>> deal_out(const Problem& problem, int max
     if (rows) {
         // The busiest block needs this many rows anyway. All blocks get as many, so that fewer blocks hold
         // them all.
-        const std::size_t rows_a_block = units_of(items.size(), most);
-        parts = units_of(items.size(), rows_a_block);
+        const std::size_t rows_per_block = units_of(items.size(), most);
+        parts = units_of(items.size(), rows_per_block);
     }
     std::vector<std::vector<Item>> dealt;
     bisect(items, 0, items.size(), parts, dealt);

@@ -8,13 +8,13 @@
 namespace voxspring {
 namespace {
 
-const int bin_count = int(std::lround(bins_a_decade * std::log10(histogram_end / histogram_begin)));
+const int bin_count = int(std::lround(bins_per_decade * std::log10(histogram_end / histogram_begin)));
 
-double begin_of(int bin) { return histogram_begin * std::pow(10, double(bin) / bins_a_decade); }
+double begin_of(int bin) { return histogram_begin * std::pow(10, double(bin) / bins_per_decade); }
 
 int bin_of(double seconds) {
     int bin =
-        int(std::floor(bins_a_decade * std::log10(std::max(seconds, histogram_begin) / histogram_begin)));
+        int(std::floor(bins_per_decade * std::log10(std::max(seconds, histogram_begin) / histogram_begin)));
     // The logarithm is rounded. These corrections put a value at an edge into the bin that begins there.
     if (seconds >= begin_of(bin + 1)) ++bin;
     if (seconds < begin_of(bin)) --bin;

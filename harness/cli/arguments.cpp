@@ -336,7 +336,7 @@ void add_study(CLI::App& app, Values& values, std::ostream& out) {
     study->add_option("--scene", options.scenes,
                       "Only scenes that match one of these globs, or these scenes");
     add_repetitions(*study, options, "Timed batches of each backend and scene");
-    add_ranks(*study, options, "Of a scaling study: ");
+    add_ranks(*study, options, "For a scaling study: ");
     study->add_flag("--resume", options.resume, "Go on with the study of --out that was cut short")
         ->needs(file);
     add_number(*study, "--timeout", values.timeout, min_timeout, max_timeout,

@@ -55,14 +55,14 @@ void RankBackend::disconnect() {
     own_borders()->disconnect();
 }
 
-int RankBackend::steps_a_call() const { return goes_by_device() ? own_borders()->steps_a_call() : 0; }
+int RankBackend::steps_per_call() const { return goes_by_device() ? own_borders()->steps_per_call() : 0; }
 
 /// The devices wait for each other within these steps. A rank that allocates or frees memory, or loads a
 /// kernel, may wait until its device is idle, and meanwhile keep other ranks from enqueueing. To avoid a
 /// deadlock a rank does such work only before the first meet() or after the second one. Between them it only
 /// enqueues its steps.
 void RankBackend::step_and_exchange(int count) {
-    for (int most = steps_a_call(); count > 0; count -= most) {
+    for (int most = steps_per_call(); count > 0; count -= most) {
         const auto begin = Clock::now();
         meet(exchange_);
         const auto here = Clock::now();

@@ -71,7 +71,7 @@ public:
     void wait_in_steps(bool wait) { waits_ = wait || parts_ == nullptr; }
     bool goes_by_device() const { return parts_ != nullptr; }
     /// Whether borders travel within steps, so that their exchange cannot be timed separately.
-    bool exchanges_in_steps() const { return steps_a_call() > 0; }
+    bool exchanges_in_steps() const { return steps_per_call() > 0; }
     /// The seconds since the previous call.
     RankSeconds take_seconds() { return std::exchange(seconds_, {}); }
     /// The ranks that it exchanges borders with.
@@ -94,7 +94,7 @@ private:
 
     /// Requires goes_by_device().
     std::shared_ptr<DeviceBorders>& own_borders() const { return parts_->at(std::size_t(exchange_.rank())); }
-    int steps_a_call() const;
+    int steps_per_call() const;
     void step_alone(int count);
     void step_and_exchange(int count);
     void exchange_by_host();

@@ -278,7 +278,7 @@ void print_table(const Result& result, std::ostream& out, TableWidth width) {
     const auto errors_of = [](const Row& row) { return row.errors.value_or(Errors()); };
     print_rows<Row>(
         all,
-        {{{"time a step"}, [&](const Row& row) { return time_text(row, row.step_seconds(), repetitions); }},
+        {{{"time per step"}, [&](const Row& row) { return time_text(row, row.step_seconds(), repetitions); }},
          {{"steps", 9}, [](const Row& row) { return std::to_string(row.workpiece->steps); }},
          {{"particles/s", 4},
           [](const Row& row) { return si(row.benchmark->particle_updates_per_second, "/s"); }},

@@ -264,7 +264,7 @@ std::vector<nlohmann::json> fastest_of(const Result& result, const std::vector<T
 }
 
 void print_fastest(const Result& result, std::ostream& out, TableWidth width) {
-    const std::vector<Column> columns = {{"scene", 0, true},   {"fastest", 0, true},  {"time a step"},
+    const std::vector<Column> columns = {{"scene", 0, true},   {"fastest", 0, true},  {"time per step"},
                                          {"steps", 8},         {"sustained", 2},      {"particles/s", 5},
                                          {"springs/s", 6},     {"rounding error", 3}, {"threshold/motion", 8},
                                          {"% of roofline", 2}, {"x paper's", 1},      {"x auto", 1},

@@ -134,7 +134,7 @@ def ladder(entries):
     (family,), rows = max(families.items(), key=lambda item: len(item[1]), default=((None,), []))
     steps = []
     for row in rows:
-        on_chip = row["operation_rate"] is not None and row["operations_a_byte"] is None
+        on_chip = row["operation_rate"] is not None and row["operations_per_byte"] is None
         if steps and (row["backend"] in steps[-1][0] or on_chip and steps[-1][1]):
             steps[-1] = (list(dict.fromkeys([*steps[-1][0], row["backend"]])), on_chip, row["particles"])
         else:
@@ -387,12 +387,12 @@ def intensities(page):
     found = []
     for (machine, _), group in groups(rows, "machine", "scene").items():
         roofs = reading.rooflines([result for result in page.results if result.machine == machine], group)
-        known = [row["operations_a_byte"] for row in group if row["operations_a_byte"]] or [1.0]
+        known = [row["operations_per_byte"] for row in group if row["operations_per_byte"]] or [1.0]
         # The axis spans all rows and all bends of the roofs.
         known += [operations / rate for bandwidths, operations in roofs.values() for rate in bandwidths.values()]
         edge = 2 * max(known)
-        end = edge if all(row["operations_a_byte"] for row in group) else edge * ON_CHIP**1.5
-        found += [row | {"place": row["operations_a_byte"] or edge * ON_CHIP, "roofs": roofs, "edge": edge, "domain": [min(known) / 2, end]}
+        end = edge if all(row["operations_per_byte"] for row in group) else edge * ON_CHIP**1.5
+        found += [row | {"place": row["operations_per_byte"] or edge * ON_CHIP, "roofs": roofs, "edge": edge, "domain": [min(known) / 2, end]}
                   for row in group]
     return found
 
@@ -423,7 +423,7 @@ def intensity(_, rows):
     told = []
     for (scene,), group in groups(rows, "scene").items():
         best = max(group, key=lambda row: row["operation_rate"])
-        where = f"at {best['operations_a_byte']:.2g} operations per byte" if best["operations_a_byte"] else "on the chip"
+        where = f"at {best['operations_per_byte']:.2g} operations per byte" if best["operations_per_byte"] else "on the chip"
         told.append((f"{best['backend']} computes most on {scene}, {engineering(best['operation_rate'] * 1e9, 'op/s')}", where))
     return told[-1][0], listed(f"{text} {where}" for text, where in told)
 

@@ -187,8 +187,8 @@ def moved_and_computed(row):
     moved, footprint, operations = (row.get(f"step_{what}") or 0 for what in ("bytes", "footprint_bytes", "operations"))
     on_chip = row.get("step_bytes") == 0 and operations > 0
     if not on_chip and min(moved, footprint, operations) <= 0:
-        return {"operations_a_byte": None, "operation_rate": None, "footprint": None}
-    return {"operations_a_byte": None if on_chip else operations / moved, "operation_rate": operations / row["real_time"] * 1e-3,
+        return {"operations_per_byte": None, "operation_rate": None, "footprint": None}
+    return {"operations_per_byte": None if on_chip else operations / moved, "operation_rate": operations / row["real_time"] * 1e-3,
             "footprint": footprint / 2**20 or None}
 
 

@@ -246,7 +246,7 @@ private:
         row.playing = playing;
         const double hertz = playing.hertz;
         const int ticks = std::max(1, int(std::lround(playing.seconds * hertz)));
-        const int ticks_an_edit = std::max(1, int(std::lround(edit_seconds * hertz)));
+        const int ticks_per_edit = std::max(1, int(std::lround(edit_seconds * hertz)));
         stand_at_start(backend, playing.drawn);
         std::size_t next_edit = 0;
         std::vector<double> latencies;
@@ -262,7 +262,7 @@ private:
         };
         for (int tick = 0; tick < ticks;) {
             const SpringEdit* edit = nullptr;
-            if (playing.edited && tick / ticks_an_edit >= int(next_edit)) {
+            if (playing.edited && tick / ticks_per_edit >= int(next_edit)) {
                 edit = &edits_[next_edit++ % 2];
                 apply(edited_, *edit);
             }
