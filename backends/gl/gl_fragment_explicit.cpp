@@ -77,7 +77,8 @@ std::uint64_t upload_bytes(const Problem& problem, const Options& options) {
     const bool all_terms = options.tuning.at("terms") == "all";
     std::uint64_t bytes_per_spring = gl::r32ui.bytes;
     if (needs_spring_values(problem, all_terms)) bytes_per_spring += gl::rg32f.bytes;
-    if (needs_off_lattice_rest(problem, options.formulation, all_terms)) bytes_per_spring += gl::rgba32f.bytes;
+    if (needs_off_lattice_rest(problem, options.formulation, all_terms))
+        bytes_per_spring += gl::rgba32f.bytes;
     return gl::fragment_bytes(problem, options, texels) +
            texels * std::uint64_t(layer_count(problem)) * bytes_per_spring;
 }
