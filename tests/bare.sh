@@ -2,8 +2,8 @@
 # Tests a newcomer's first hour: `./run study` and `./run test` in a clone of this tree's commit, on a minimal Debian 12 that has git
 # but no compiler, make, nvcc or graphics card.
 #
-# Usage: bare.sh [brief]. `brief` leaves out the default study and the tests that the package contains. These take longest, and run in
-# other stages of `./run test all`.
+# Usage: bare.sh [brief]. `brief` leaves out the default study, the tests that the package contains and those that sanitizers run.
+# These take longest, and run in two or more other stages of `./run test all`.
 #
 # Exit code: 0 both did what README says; 1 one of them did not; 77 the test cannot run here, and the last line says why.
 #
@@ -81,7 +81,7 @@ expect_row() {
 
 try_both() {
     local system=$1 how=$2 backend studies=(smoke default) leave_out=long
-    if [ "$how" = brief ]; then studies=(smoke) leave_out='long|packaged'; fi
+    if [ "$how" = brief ]; then studies=(smoke) leave_out='long|packaged|sanitized|threads'; fi
     mount_all "$system"
     newcomer apt-get -q update --error-on=any >"$kept/log" 2>&1 || cannot "there is no network: $(grep '^E:' "$kept/log" | head -n 1)"
     for study in "${studies[@]}"; do
