@@ -265,8 +265,8 @@ TEST(MeshFile, ThatCannotBeReadIsRefusedInASentence) {
          "1 4 0 1 1 1 5\n$EndElements\n",
          "tetrahedron 1: a vertex that the file lacks"},
         {"flat.msh",
-         "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n3\n1 0 0 0\n2 1 0 0\n3 0 1 0\n$EndNodes\n"
-         "$Elements\n1\n1 4 0 1 1 2 3\n$EndElements\n",
+         "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n1\n1 0 0 0\n$EndNodes\n$Elements\n1\n"
+         "1 4 0 1 1 1 1\n$EndElements\n",
          "1 tetrahedra without a boundary"},
     };
     for (const auto& [name, text, part] : cases) {
