@@ -13,9 +13,9 @@ namespace voxspring {
 
 /// What `rest` does with a tile whose state did not change in the latest step.
 enum class Rest : std::uint8_t {
-    step,    ///< it is stepped like all others
+    step,    ///< the tile is stepped like all others
     choose,  ///< rest=auto: like `step` or like `skip`, whichever takes less time
-    skip,    ///< it is left out, which changes no bit
+    skip,    ///< the tile is left out, which changes no bit
     flush,   ///< like `skip`, and displacements and increments below flushed_below become zero
 };
 

@@ -122,7 +122,7 @@ def undrawn_rows(rows):
 
 
 def pauses(row, least):
-    """Pauses per second that are at least so long."""
+    """Pauses per second that are at least this long."""
     return sum(count for begin, count in row["pauses"] if begin > 0.99 * least) / row["waited_seconds"]
 
 

@@ -272,7 +272,7 @@ def quartiles(times):
 
 @functools.cache
 def weights(count):
-    """What each of so many repetitions, by size, contributes to their median in a bootstrap of infinitely many resamples."""
+    """What each of `count` repetitions, by size, contributes to their median in a bootstrap of infinitely many resamples."""
     import numpy  # pylint: disable=import-outside-toplevel  # so that --help of diff.py and report.py needs no packages
     import scipy.special  # pylint: disable=import-outside-toplevel
     return numpy.diff(scipy.special.betainc((count + 1) / 2, (count + 1) / 2, numpy.arange(count + 1) / count))
@@ -359,7 +359,7 @@ def judge_times(timed, threshold):
         return -scipy.special.stdtrit(values, chance / 2)[places]
 
     def margins(chance, unmeasured):
-        # The median of so many rows that the shift is has an error as well.
+        # The shift is a median of `samples` rows, and has an error as well.
         between = student(chance, tails) * scales * numpy.sqrt(1 + math.pi / 2 / samples)
         within = student(chance, degrees) * errors
         return numpy.hypot(numpy.maximum(numpy.minimum(between, SINGLE_NOISE), unmeasured), within)
@@ -368,7 +368,7 @@ def judge_times(timed, threshold):
     rest, effects, tests = changes - shifts, changes - numpy.clip(shifts, -excused, excused), len(timed) + 2 * len(together)
     # How far a row is from unchanged, whether the shift is a drift or a change of most rows.
     strengths = numpy.where(rest * effects > 0, numpy.minimum(abs(rest), abs(effects)), 0)
-    # Benjamini and Hochberg: the most rows of which as many pass the level of so many.
+    # Benjamini and Hochberg: the largest count of rows that pass the level for that count.
     count, found = len(timed), numpy.zeros(len(timed), bool)
     while count and (found := strengths > numpy.maximum(margins(FALSE_ALARMS * count / tests, lone), floors)).sum() < count:
         count = int(found.sum())

@@ -36,7 +36,7 @@ import result_files
 
 ALARMS = ("faster", "slower", "error grew", "counter better", "counter worse", "now fails")
 JUDGED = ("same", "too noisy to tell", *ALARMS)
-ENOUGH = 8  # so many ratios of rows make a distribution to draw from
+ENOUGH = 8  # the least number of rows' ratios that make a distribution to draw from
 SEED = 1
 
 

@@ -113,7 +113,7 @@ def measure(study, out, machine):
     whether the result is whole."""
     plain = out / f"{study}.json"
     code = subprocess.run(arguments_of(study, plain, machine), check=False).returncode
-    # 1 is a backend that failed, with its reason in the result, or a study that could not go on.
+    # Exit code 1: a backend failed, with its reason in the result, or the study could not go on.
     whole = code in (0, 1) and is_whole(plain)
     if whole:
         plain.with_name(plain.name + ".journal").unlink(missing_ok=True)

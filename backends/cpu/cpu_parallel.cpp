@@ -165,10 +165,10 @@ private:
 
     /// A particle that the tool holds.
     struct Held {
-        std::size_t number = 0;  ///< in Tool::particles
+        std::size_t number = 0;  ///< its index in Tool::particles
         std::ptrdiff_t element = 0;
         std::uint32_t tile = 0;
-        std::array<T, 3> anchor{}, load{};  ///< where it was taken hold of; Problem::load
+        std::array<T, 3> anchor{}, load{};  ///< its position when the tool took hold; its Problem::load
     };
 
     /// A thread's share of every step.
@@ -337,7 +337,7 @@ private:
         return all;
     }
 
-    /// The index of a particle's block, which is listed. Its only guards are those that end its row.
+    /// The index in blocks_ of the block that holds a particle's element.
     std::size_t block_of(std::ptrdiff_t element) const {
         const auto next = std::upper_bound(blocks_.begin(), blocks_.end(), element,
                                            [](auto e, const Block& block) { return e < block.first; });

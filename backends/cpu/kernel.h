@@ -32,8 +32,8 @@ struct Block {
 /// What a step does with a tile. The values can be combined.
 enum TileAction : std::uint8_t {
     tile_steps = 1,
-    tile_leaves_densities = 2,  ///< it rests, and a tile beside it steps
-    tile_falls_asleep = 4,      ///< it loses its speed
+    tile_leaves_densities = 2,  ///< the tile rests, and a tile beside it steps
+    tile_falls_asleep = 4,      ///< the tile loses its speed
 };
 
 /// Two opposite directions, as a block in an even or an odd slice sees them.

@@ -143,7 +143,7 @@ public:
     StepWork step_work(const Problem&) const override { return {}; }
 
 private:
-    /// Blocks from which on a step is worth another thread.
+    /// A thread of a step gets at least this many blocks.
     static constexpr std::ptrdiff_t min_blocks = 256;
 
     template <class Do>

@@ -69,14 +69,14 @@ protected:
     struct Layout {
         glm::ivec2 size{0};                ///< of a frame
         std::vector<std::uint32_t> texel;  ///< per particle: index of its texel, row by row
-        std::vector<std::uint32_t> bits;   ///< per particle: what its w holds
+        std::vector<std::uint32_t> bits;   ///< per particle: what its texel's w holds
     };
 
     /// New contents of some particles' texels, as shaders/edit.comp reads them.
     struct TexelEdit {
         struct Particle {
             std::uint32_t texel;       ///< x in the lower half, y in the upper
-            std::uint32_t bits;        ///< what its w holds
+            std::uint32_t bits;        ///< what the texel's w holds
             std::uint32_t begin, end;  ///< its neighbours in `neighbour`
         };
         std::vector<Particle> particles;

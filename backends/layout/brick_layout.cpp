@@ -511,7 +511,7 @@ void BrickLayout::collect_polls() {
 std::vector<EditedWord> BrickLayout::edit(const SpringEdit& edit) {
     const BrickShape& shape = plan_.shape;
     const glm::ivec3 size = size_of(shape);
-    std::vector<std::pair<std::size_t, int>> lanes;  // block and lane
+    std::vector<std::pair<std::size_t, int>> lanes;  // (block, lane in it)
     for (const SpringEdit::Touched& touched : edit.touched) {
         const std::uint32_t at = voxel_[touched.particle];
         mask_[at] = touched.mask;

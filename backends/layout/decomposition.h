@@ -35,8 +35,8 @@ struct Subdomain {
 
     Problem problem;                      ///< of own particles and ghosts
     std::vector<std::uint32_t> particle;  ///< the number of each in the whole problem, ascending
-    std::vector<std::uint32_t> own;       ///< those of these particles that are stepped here, ascending
-    std::vector<Border> borders;          ///< those that are not empty, by the subdomain on the other side
+    std::vector<std::uint32_t> own;       ///< the particles that are stepped here, ascending
+    std::vector<Border> borders;          ///< borders that are not empty, by the subdomain on the other side
 
     /// The part of a `state` of the whole problem that belongs to this subdomain.
     State part_of(const State& state) const { return voxspring::part_of(state, particle); }

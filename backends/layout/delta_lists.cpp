@@ -34,9 +34,9 @@ public:
 
     /// What a particle needs to know about a row.
     struct Wanted {
-        bool any = false;          ///< it has a neighbour there
+        bool any = false;          ///< whether the particle has a neighbour in the row
         std::int64_t middle = 0;   ///< the index that a particle in the middle has or would have
-        bool gap_matters = false;  ///< it has a neighbour behind the middle
+        bool gap_matters = false;  ///< whether it has a neighbour behind the middle
         bool gap = false;
     };
 

@@ -48,8 +48,8 @@ template <class Real>
 State unpack_soa(const Problem& problem, const SoaState<Real>& packed, Formulation formulation,
                  const SoaPlaces& places);
 
-/// Whether all rest lengths have an inverse in this precision, in which forces are expressed unless by
-/// increments.
+/// Whether every rest length has a finite inverse in this precision. Forces are expressed by these inverses,
+/// except in formulations by increments.
 bool has_inverse_lengths(const Problem& problem, Precision precision, Formulation formulation);
 
 /// Whether all edge springs pull alike, so that forces can be in units of theirs.

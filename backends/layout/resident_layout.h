@@ -22,7 +22,7 @@ enum class Partition : std::uint8_t { automatic, bisection, rows };
 inline constexpr int max_resident_threads = 512;
 inline constexpr int max_resident_turns = 4;  ///< particles per thread
 inline constexpr int max_resident_rounds = 4;
-inline constexpr int max_resident_slots = 2048;  ///< 48 KiB of points
+inline constexpr int max_resident_slots = 2048;  ///< their points take 48 KiB of shared memory
 inline constexpr int max_slots_in_ticks = 2016;  ///< whole warps that leave room for an order
 /// The most points that a poller waits for where threads have several particles. The card then limits the
 /// points.

@@ -154,7 +154,7 @@ StepWork scatter_work(const Problem& problem, Formulation formulation) {
     return work;
 }
 
-// A type in parentheses is none.
+// `Real` is a type, which cannot be put in parentheses.
 // NOLINTBEGIN(bugprone-macro-parentheses)
 #define FOR_PRECISION(Real)                                                            \
     template SpringArrays<Real> list_every_spring(const Problem&, Formulation);        \

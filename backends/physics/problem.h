@@ -145,7 +145,7 @@ SpringCounts count_springs(const Problem& problem);
 
 /// Every spring once: those of the lattice by `first`, then by direction; then those beyond the lattice.
 std::vector<Spring> list_springs(const Problem& problem);
-/// The springs of list_springs() at rest, in that order. A lattice spring is at rest as its direction says.
+/// The springs of list_springs() at rest, in that order. At rest a lattice spring lies along its direction.
 std::vector<RestSpring> list_rest_springs(const Problem& problem);
 
 /// The particle in each voxel, or `no_particle`.

@@ -205,8 +205,8 @@ BackendEntry explicit_entry(const std::string& name, const std::string& summary,
         {"fetch", fetches},
         // The layouts of the paper's Figures 6 b and 6 a.
         {"layout", {"vertical", "concatenated"}},
-        // Where the number of a list's entries is: with the particle, and lists are read in chunks before it
-        // is known; or in the paper's rows (ListRows), and each entry is read by itself.
+        // Where a list's length is stored. `word`: with the particle; lists are read in chunks before the
+        // length is known. `rows`: in the paper's rows (ListRows); each entry is read by itself.
         {"counters", {"word", "rows"}},
         // Whether steps are replayed from a graph, or launched one by one, as in the paper.
         {"graph", {"on", "off"}}};

@@ -92,8 +92,8 @@ template <class Real>
 std::string launch_refusal(std::size_t words, const Device& device, const KernelFamily& family);
 
 /// A backend with one kernel that reads all positions and moves every particle by one step. `Step` is that
-/// kernel's first argument and has a member `motion`; a reader of positions, one of their low parts and what
-/// the step writes follow (kernels/*.cu).
+/// kernel's first argument and has a member `motion`. The others are a reader of positions, a reader of their
+/// low parts, and the arrays that the step writes (kernels/*.cu).
 template <class Real, class Step>
 class ParticleBackend : public CudaBackend, public BorderFacet, public FeedFacet, public ToolFacet {
 public:

@@ -18,7 +18,7 @@ public:
     int number() const { return number_; }
     /// How many devices CUDA shows.
     int count() const { return count_; }
-    /// How many parts of a body are stepped on it at once and share its multiprocessors.
+    /// How many parts of a body are stepped on this device at once and share its multiprocessors.
     int parts() const { return parts_; }
     const std::string& name() const { return name_; }
     /// GPU-xxxxxxxx-xxxx-xxxx-xxxx-xxxxxxxxxxxx

@@ -40,7 +40,7 @@ Pieces* make_pieces() {
 /// if make_pieces() returned null. Pieces are never freed, because at the end of the process the driver may
 /// be gone.
 Pieces* pieces() {
-    thread_local std::map<int, Pieces*> made;  // by device
+    thread_local std::map<int, Pieces*> made;  // by device number
     int device = 0;
     check(cudaGetDevice(&device));
     const auto [place, is_new] = made.try_emplace(device, nullptr);

@@ -26,7 +26,7 @@ __device__ void for_each_block(const ImplicitStep<Real>& step, StepBlock step_bl
 }
 #endif
 
-/// `steps` times the spacing, for -1 to 1. For 0 the result is a zero that the compiler knows.
+/// `steps` (-1, 0 or 1) times the spacing. For 0 it returns a literal 0, so that the compiler can simplify.
 template <class Real>
 VOXSPRING_HOST_DEVICE Real spaced(int steps, Real spacing) {
     return steps == 0 ? Real(0) : steps > 0 ? spacing : -spacing;

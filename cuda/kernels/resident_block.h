@@ -112,16 +112,16 @@ private:
     struct Lane {
         Self<float, false> self;
         PreviousOrVelocity<float> before;
-        bool active;  ///< there is a particle
+        bool active;  ///< whether the lane has a particle
         int word;
         int own_slot;
         int newest;  ///< in turns: the half that the latest step wrote
         int slot[neighbour_bits];
         Vector<float> spacing;   ///< of the lattice, negative along axes in which the warp is mirrored
         TaggedPoint* published;  ///< null where no other block reaches the particle
-        std::uint32_t sent;      ///< as ResidentLinks has it
-        // Used where there is a tool:
-        std::uint32_t held;  ///< as held_by_lane
+        std::uint32_t sent;      ///< the particle's entry in ResidentLinks
+        // Only used if there is a tool:
+        std::uint32_t held;  ///< the lane's element of HeldResidentStep::held_by_lane
         Vector<float> load;  ///< without the tool's force
     };
 

@@ -39,7 +39,7 @@ __device__ inline void write_mark(std::uint64_t* stall, std::uint64_t mark) {
     *static_cast<volatile std::uint64_t*>(stall) = mark;
 }
 
-/// After so many looks in vain the clock is read, which is after some milliseconds.
+/// A wait reads the clock once per this many looks in vain, which take some milliseconds.
 inline constexpr std::uint32_t looks_between_clocks = 1U << 12;
 
 /// Waits for all of `threads` threads of a block at one of the hardware's barriers. __syncthreads() uses 0.

@@ -19,7 +19,7 @@ std::optional<double> waited_seconds();
 
 /// The processes of a study, just after one of them computed on a card.
 struct OwnProcesses {
-    std::vector<pid_t> all = {};  ///< those alive
+    std::vector<pid_t> all = {};  ///< the processes that are alive
     unsigned on_card = 0;         ///< how many of those have the card
 };
 /// How many of the processes `on_card` do not belong to the study. In a container the driver may number
@@ -30,9 +30,9 @@ unsigned other_processes(const std::vector<pid_t>& on_card, const OwnProcesses& 
 /// What is known about the repetitions of one case. A list is empty or has one element per repetition.
 struct Observed {
     std::vector<double> seconds = {};        ///< of each repetition, in the order in which they were made
-    std::vector<double> spins = {};          ///< spin_seconds() after it
-    std::vector<double> waits = {};          ///< its threads' waits for a core, relative to its time
-    std::vector<unsigned> card_mhz = {};     ///< after it
+    std::vector<double> spins = {};          ///< spin_seconds() after each repetition
+    std::vector<double> waits = {};          ///< its threads' waits for a core, as shares of its time
+    std::vector<unsigned> card_mhz = {};     ///< the card's clock after each repetition
     std::vector<unsigned> other_users = {};  ///< other programs' processes on the card
 };
 /// The reasons not to trust the case's time, each with its figure in parentheses. Empty if none is known.

@@ -42,7 +42,7 @@ gl::Framebuffer framebuffer_of(const gl::Context& context, const gl::Texture& co
     return made;
 }
 
-/// Copies the colours of a rectangle at the origin, or the means of their samples.
+/// Copies the colours of a rectangle at the origin. A pixel with several samples becomes their mean.
 void copy_colours(const gl::Framebuffer& from, GLuint to, glm::ivec2 size) {
     glBlitNamedFramebuffer(from.get(), to, 0, 0, size.x, size.y, 0, 0, size.x, size.y, GL_COLOR_BUFFER_BIT,
                            GL_NEAREST);

@@ -57,7 +57,7 @@ constexpr int letter_width = 5, letter_height = 7, advance = letter_width + 1;  
 
 int text_width(std::string_view text, int dot) { return int(text.size()) * advance * dot; }
 
-/// Writes a text whose upper left corner is at (left, top), in dots of so many pixels.
+/// Writes a text whose upper left corner is at (left, top), in dots `dot` pixels wide.
 void write(Image& image, std::string_view text, int left, int top, int dot) {
     for (const char letter : text) {
         const auto found = letters.find(letter);

@@ -92,7 +92,7 @@ private:
     /// waits for the mutex as rarely as possible: if the mutex is taken, it tries again in the next tick.
     mutable std::mutex mutex_;
     std::condition_variable_any changed_;
-    bool is_full_ = false;  ///< it is the drawing thread's turn
+    bool is_full_ = false;  ///< whether it is the drawing thread's turn
     int mesh_of_full_ = 0;
     int mesh_ = 0;  ///< number of the latest mesh; 0: none yet
     /// Particles of the latest mesh, until the stepping thread takes them.

@@ -20,7 +20,7 @@ struct CarriedMesh {
     std::vector<glm::dvec3> rest{};
     std::vector<glm::dvec3> displacement{};  ///< one per vertex, in the mesh's unit of length
     std::vector<double> value{};             ///< one per vertex; empty if no values were given
-    std::vector<Triangle> triangles{};  ///< those of the mesh in their order, between other vertices at cuts
+    std::vector<Triangle> triangles{};       ///< of the mesh, in order; at cuts with other vertices
     std::vector<Tetrahedron> tetrahedra{};
     std::size_t copies = 0;  ///< vertices behind those of the mesh
 };

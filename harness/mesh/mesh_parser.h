@@ -81,7 +81,7 @@ Mesh read_ply(MeshBytes& bytes);
 Mesh read_vtk(MeshBytes& bytes);
 Mesh read_gmsh(MeshBytes& bytes);
 
-/// `index` as an index of a vertex; one that no mesh has if it is negative or too large.
+/// Returns `index` as a vertex index. If it is negative or too large: an index that no mesh has.
 inline std::uint32_t vertex_index(std::int64_t index) {
     constexpr std::int64_t none = 0xFFFFFFFF;
     return std::uint32_t(index < 0 || index > none ? none : index);

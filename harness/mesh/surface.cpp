@@ -90,7 +90,7 @@ private:
     void find_pieces() {
         struct Neighbours {
             std::array<std::uint32_t, 3> triangle;
-            std::array<bool, 3> is_turned;  ///< the two run along their edge in the same direction
+            std::array<bool, 3> is_turned;  ///< both triangles run along the edge in the same direction
             std::uint32_t count = 0;
         };
         std::vector<Neighbours> neighbours(triangles_.size());

@@ -31,7 +31,7 @@ struct MeshFacts {
 /// whose volume is negative is turned as a whole unless it lies within another, as a cavity does. A piece
 /// that is nearly flat, such as a patch that is stitched to nothing, is turned as the rest around it says.
 struct Surface {
-    std::vector<glm::dvec3> points;  ///< those of the mesh, then one for each cap
+    std::vector<glm::dvec3> points;  ///< the mesh's vertices, then one for each cap
     std::vector<Triangle> triangles;
     std::vector<Triangle> caps;
     MeshFacts facts;

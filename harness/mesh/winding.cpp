@@ -14,7 +14,7 @@ namespace {
 glm::dvec3 centroid(const Corners& t) { return (t[0] + t[1] + t[2]) / 3.0; }
 glm::dvec3 area_vector(const Corners& t) { return glm::cross(t[1] - t[0], t[2] - t[0]) / 2.0; }
 
-/// A box acts as a whole on points that are farther from its centre than so many times its reach.
+/// A box acts as a whole on points that are farther from its centre than this many times its reach.
 constexpr double far_away = 3;
 constexpr std::uint32_t leaf_size = 8;
 

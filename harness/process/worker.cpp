@@ -73,7 +73,7 @@ nlohmann::json answer_of(const std::function<nlohmann::json()>& action) {
 void serve_as_worker(int socket, pid_t launcher, const nlohmann::json& description, const Scene* scene,
                      const MakeAnswerer& make) {
     prctl(PR_SET_PDEATHSIG, SIGKILL);
-    if (getppid() != launcher) _exit(1);  // it died before the call above
+    if (getppid() != launcher) _exit(1);  // the launcher died before the call above
     be_ended_first();
     Answerer answerer;
     const OnEvent on_event = [&](const nlohmann::json& event) { send_message(socket, {{"event", event}}); };

@@ -30,7 +30,7 @@ struct Sample {
 
     /// The bricks of a sample, each of `layers` layers: at either end and in the middle.
     static std::vector<Decomposition::Brick> bricks(const Scene& scene, int layers);
-    /// Empty, or why a sample of so many layers is not possible.
+    /// Empty, or why a sample of `layers` layers is not possible.
     static std::string refusal(const Scene& scene, int layers);
     /// The particles of these bricks and of the layers beside them, ascending.
     static std::vector<std::uint32_t> particles(const Problem& problem,

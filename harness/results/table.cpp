@@ -17,7 +17,7 @@ constexpr std::size_t min_name = 12;  ///< least number of characters of a short
 constexpr std::size_t gap = 2;
 
 struct Laid {
-    std::vector<std::size_t> columns = {};  ///< those that are left
+    std::vector<std::size_t> columns = {};  ///< indices of the columns that are left
     std::vector<std::size_t> widths = {};   ///< of all columns
     std::size_t total() const {
         std::size_t sum = columns.empty() ? 0 : gap * (columns.size() - 1);

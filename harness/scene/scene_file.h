@@ -124,7 +124,7 @@ struct SceneFile {
     std::optional<glm::dvec3> spacing;
     Parameter mass;  ///< never by group
     Parameter stiffness;
-    std::optional<Parameter> young, density;  ///< in Pa and kg/m^3, both or neither; replace the two above
+    std::optional<Parameter> young, density;  ///< Pa, kg/m^3; both or neither; replace stiffness and mass
     std::optional<std::string> unit;          ///< of lengths, with `young`; absent: that of the volume file
     std::optional<JsonValue> unit_source;
     bool corners = false;  ///< particles are at the corners of voxels rather than at their centres

@@ -209,7 +209,7 @@ void StudyRun::check_backends(const StudyScene& item) const {
 
 /// The cost of a scene as far as is known beforehand: particle steps.
 Progress::Scene StudyRun::cost_of(const StudyScene& item) const {
-    constexpr double overhead = 5e6;  // particle steps in the time that the rest of a case takes
+    constexpr double overhead = 5e6;  // time of a case outside its steps, in particle steps
     if (too_large_.contains(item.scene)) return {};
     const double steps = kind_->steps_of_case(study_, item);
     return {.cases = int(known_specs(study_, item).size()),

@@ -152,7 +152,7 @@ std::filesystem::path partner_of(const std::filesystem::path& file) {
         return {};
     };
     if (const auto alike = found(!is_header, gzipped); !alike.empty()) return alike;
-    // A partner that is compressed differently is taken only if it does not belong to another file.
+    // The other file of the pair may be compressed differently, unless it belongs to a file compressed alike.
     return found(is_header, !gzipped).empty() ? found(!is_header, !gzipped) : std::filesystem::path{};
 }
 

@@ -112,7 +112,7 @@ def with_end_labels(rows, line, x, y, height):
     at = {}
     for beside in groups(ends, x).values():
         beside = sorted(beside, key=lambda row: row[y])
-        # The ascending places nearest to the ends of the lines that are at least a gap apart.
+        # Places for labels: ascending, at least `gap` apart, as near to the ends of the lines as possible.
         steps = gap * numpy.arange(len(beside))
         apart = scipy.optimize.isotonic_regression(numpy.asarray([forth(row[y]) for row in beside]) - steps).x + steps
         at |= {id(row): back(place) for row, place in zip(beside, apart)}

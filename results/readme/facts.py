@@ -27,7 +27,7 @@ ALIKE = 0.03
 LINEAR = 0.2
 # The verdict calls edits free if they slow steps down by at most this share.
 CHEAP = 0.05
-# Fragment shaders say nothing of OpenGL where compute shaders reach more than so many times their arithmetic.
+# Fragment shaders say nothing of OpenGL where compute shaders reach over this many times their arithmetic.
 HELD_BACK = 4
 NOT_DECIDABLE = "not decidable on this card"
 NOT_MEASURED = "not measured yet"
@@ -183,7 +183,7 @@ def addressing_verdict(of=None):
 # --- The paper's other questions ---------------------------------------------------------------------------
 
 def scaled_ratios(case, over, smallest=0):
-    """Ratios of two cases on every box of Figure 8 of at least so many particles."""
+    """Ratios of two cases on every box of Figure 8 with at least `smallest` particles."""
     times = {(tables.contender(one).replace("`", ""), one["scene"]): one["real_time"]
              for one in medians("figure8") if one["particles"] >= smallest}
     return [time / times[over, scene] for (name, scene), time in times.items() if name == case and (over, scene) in times]
@@ -321,7 +321,7 @@ def of_as_paper(say):
 
 
 def ratios_between(some, others, *keys):
-    """The times of rows over those of other rows with the same values of some keys."""
+    """The time of each row divided by that of the other row with the same values of `keys`."""
     over = {tuple(one[key] for key in keys): one["real_time"] for one in others}
     return [one["real_time"] / over[at] for one in some if (at := tuple(one[key] for key in keys)) in over]
 

@@ -17,7 +17,7 @@ struct alignas(16) BlockOrigin {
 /// marked.
 struct ActiveBlocks {
     int row, slice;            ///< from a block's place to the next one's along y and z
-    const BlockOrigin* now;    ///< in any order
+    const BlockOrigin* now;    ///< origins of the blocks to step, in any order
     BlockOrigin* next;         ///< room for all blocks
     unsigned* now_count;       ///< zero after the step, whose list becomes that of the step after the next
     unsigned* next_count;      ///< zero before the step

@@ -27,12 +27,12 @@ inline constexpr int mirrored_z = 16;
 inline constexpr int neighbour_bits = 26;
 
 /// A thread with one particle keeps that particle's slots in registers. A thread with several reads them anew
-/// in each step, so many at a time.
+/// in each step, this many at a time.
 inline constexpr int slots_together = 4;
 struct alignas(slots_together * sizeof(std::uint16_t)) SlotsTogether {
     std::uint16_t of[slots_together];
 };
-/// Where ResidentStep::slot has a mask bit of lane `at`. `together`: threads have several particles.
+/// The index in ResidentStep::slot of a mask bit of lane `at`. `together`: threads have several particles.
 VOXSPRING_HOST_DEVICE constexpr std::size_t slot_index(int bit, std::size_t at, std::size_t lane_count,
                                                        bool together) {
     if (!together) return std::size_t(bit) * lane_count + at;
@@ -76,10 +76,10 @@ inline constexpr std::uint64_t max_wait_nanoseconds = 10'000'000'000;
 /// Everything a resident launch needs. The lattice of the base class is not used.
 struct ResidentStep : ImplicitStep<float> {
     // One per lane. A lane is a thread's place for a particle; each thread of a block has as many:
-    const std::uint32_t* particle;   ///< index of its word
+    const std::uint32_t* particle;   ///< index of the particle's word
     const std::uint32_t* published;  ///< index in `exchange`, for particles that other blocks reach
     const std::uint16_t* own_slot;
-    const std::uint16_t* slot;   ///< of the neighbour of each mask bit (slot_index()); absent: its own
+    const std::uint16_t* slot;   ///< per mask bit: the neighbour's slot (slot_index()); if absent, the own
     const std::uint8_t* border;  ///< kind of border and how it is mirrored, one per warp
     // One per poll, poller_rounds x blocks x pollers:
     const std::uint32_t* polled;       ///< index in `exchange`
@@ -101,7 +101,7 @@ enum class ToolMode : std::uint8_t { none, launch, ticks };
 struct HeldResidentStep : ResidentStep {
     const std::uint32_t* held_by_lane;  ///< each lane's particle in `held`, or resident_none
     const HeldWord<float>* held;
-    ToolState<float> tool;     ///< its place in ToolMode::launch
+    ToolState<float> tool;     ///< where the tool is, in ToolMode::launch
     HeldForce<float>* forces;  ///< from the last step of a launch
     TickLine line;             ///< for ToolMode::ticks
 };
