@@ -51,7 +51,7 @@ struct BackendEntry {
     /// The relative error of its roots and divisions because the options ask for approximations. Empty: no
     /// more than that of its precision.
     std::function<double(const Options&)> root_error = {};
-    /// Returns an empty string, or why these values do not go together ("rest=flush is for increment and
+    /// Returns an empty string, or why these values do not go together ("rest=flush requires increment or
     /// compensated"). Empty function: all values go together.
     std::function<std::string(const Options&)> refused_options = {};
 

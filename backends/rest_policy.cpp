@@ -13,7 +13,7 @@ Rest rest_of(const Options& options) {
 
 std::string refused_rest(const Options& options) {
     if (rest_of(options) != Rest::flush || by_increments(options.formulation)) return {};
-    return "rest=flush is for formulation=increment and formulation=compensated";
+    return "rest=flush requires formulation=increment or formulation=compensated";
 }
 
 bool stays_at_rest(const Problem& problem) {

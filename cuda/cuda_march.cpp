@@ -182,7 +182,7 @@ private:
     }
 
     std::string refused(const Problem& problem) const override {
-        if (tiles_.empty()) return "tiles of " + tuned_ + " are not for " + to_string(precision);
+        if (tiles_.empty()) return "tiles of " + tuned_ + " do not support " + to_string(precision);
         const int architecture = this->device().architecture();
         if (architecture < first_with_async_copies)
             return "compute capability " + std::to_string(architecture / 10) + "." +

@@ -371,7 +371,7 @@ class Study(OwnStudy):
 
     def test_says_that_nothing_is_kept_without_a_file(self):
         arguments = ["study", "smoke", "--scene", "box@4", "--backend", "cpu_parallel", "--repetitions", "1"]
-        self.assertIn("this result is not kept: --out FILE.json keeps it", voxspring(*arguments).stderr)
+        self.assertIn("this result is not saved: --out FILE.json saves it", voxspring(*arguments).stderr)
         out = self.folder / "kept.json"
         kept = voxspring(*arguments, "--out", out)
         self.assertNotIn("not kept", kept.stderr)

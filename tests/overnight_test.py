@@ -430,7 +430,7 @@ class JournalFile(Overnight):
     def test_that_is_not_there_is_begun_which_is_said(self):
         ran = self.run_study("--resume")
         self.assertIn("there is no ", ran.stderr)
-        self.assertIn("result.json.journal to resume: the study begins", ran.stderr)
+        self.assertIn("result.json.journal to resume: the study starts from the beginning", ran.stderr)
 
     def change(self, pattern, replacement):
         """Changes a line of the journal and its check, as if it had been written so."""

@@ -465,7 +465,7 @@ TEST(ResidentRefusal, IsOfPartsThatSendAPointToBothSides) {
     };
     EXPECT_EQ(slab_of(whole, 6, 1).own.size(), 16U);
     EXPECT_EQ(refusal(6),
-              "a slab of one layer sends its points to both sides, and a resident lane sends to one");
+              "a slab of one layer sends its points to both sides, but a lane can send to one side only");
     EXPECT_EQ(slab_of(whole, 3, 1).own.size(), 32U);
     EXPECT_EQ(refusal(3), "");
 }

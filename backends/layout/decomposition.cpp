@@ -362,10 +362,12 @@ glm::ivec3 Decomposition::bricks(const Problem& problem, int subdomains) {
 }
 
 std::string Decomposition::refusal(const Problem& problem, glm::ivec3 subdomains) {
-    if (problem.lattice.voxel_count() == 0) return "parts are of a lattice, and the particles lie on none";
+    if (problem.lattice.voxel_count() == 0)
+        return "only a lattice can be cut into parts, and the particles lie on none";
     if (!problem.springs.empty())
-        return "a part has ghosts of one layer of voxels, and springs beyond the lattice reach farther";
-    if (glm::any(glm::lessThan(subdomains, glm::ivec3(1)))) return "a lattice cannot be cut into no part";
+        return "the ghosts of a part are one layer of voxels, but springs beyond the lattice reach farther";
+    if (glm::any(glm::lessThan(subdomains, glm::ivec3(1))))
+        return "a lattice must be cut into at least one part along each axis";
     return Bricks(problem.lattice, subdomains).refusal();
 }
 

@@ -556,7 +556,7 @@ std::string sent_refusal(const std::vector<ResidentSending>& neighbours) {
     std::vector<std::uint32_t> both;
     std::set_intersection(a.begin(), a.end(), b.begin(), b.end(), std::back_inserter(both));
     if (both.empty()) return {};
-    return "a slab of one layer sends its points to both sides, and a resident lane sends to one";
+    return "a slab of one layer sends its points to both sides, but a lane can send to one side only";
 }
 
 std::vector<std::uint32_t> sent_by_lanes(const ResidentLayout& layout,

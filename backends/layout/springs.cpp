@@ -68,7 +68,8 @@ std::string list_entry_refusal(const Problem& problem, Formulation formulation) 
 std::string grouped_list_refusal(const Problem& problem) {
     if (problem.lattice.voxel_count() == 0) return "the network lies on no regular grid";
     if (!problem.springs.empty()) return "springs between particles that are no grid neighbours";
-    if (problem.has_materials()) return "several materials give the springs of a group several stiffnesses";
+    if (problem.has_materials())
+        return "several materials give springs of the same group different stiffnesses";
     for (const Direction& a : directions()) {
         for (const Direction& b : directions()) {
             const bool used = (problem.group_bits >> a.bit & problem.group_bits >> b.bit & 1U) != 0;

@@ -96,8 +96,8 @@ void print_mesh(const MeshInGrid& mesh, std::ostream& out) {
         fmt::format("{:.6g} where its winding number exceeds 1/2; {:.6g} by the divergence theorem{}",
                     mesh.volume, facts.volume, facts.holes > 0 ? ", with holes closed by fans" : ""));
     row(out, "  body",
-        fmt::format("{:.6g}, {:+.2g}%: voxels of {:g} that are at least {:g} full", mesh.body_volume,
-                    100 * (mesh.body_volume / mesh.volume - 1), mesh.pitch, mesh.fill));
+        fmt::format("{:.6g}, {:+.2g}%: voxels of side {:g} whose filled share is at least {:g}",
+                    mesh.body_volume, 100 * (mesh.body_volume / mesh.volume - 1), mesh.pitch, mesh.fill));
 }
 
 /// What a scene says in units of the world; null if it does not.

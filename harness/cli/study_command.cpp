@@ -32,7 +32,7 @@ int run_and_print_study(const std::string& argument, const StudyOptions& asked, 
     if (options.out) {
         out << "written: " << options.out->string() << "\n";
     } else {
-        std::cerr << "voxspring: this result is not kept: --out FILE.json keeps it, and each repetition as "
+        std::cerr << "voxspring: this result is not saved: --out FILE.json saves it, and each repetition as "
                      "soon as it is measured\n";
     }
     if (is_unfinished(result)) {

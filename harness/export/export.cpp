@@ -121,8 +121,7 @@ Exports::Exports(const ExportOptions& options, int steps)
     const bool any = std::any_of(files_.begin(), files_.end(), is_picture);
     for (const auto& [name, value] : {std::pair{"--colour", options.colour}, {"--size", options.size}}) {
         if (!any && value) {
-            throw BadInput("command line", name, *value,
-                           "an --out that ends in .png, or --frames, beside it");
+            throw BadInput("command line", name, *value, "an --out that ends in .png, or --frames, as well");
         }
     }
     const Colouring colouring = options.colour ? parse_colouring(*options.colour) : Colouring::displacement;

@@ -215,9 +215,9 @@ std::string text_of(const glm::dvec3& v) { return fmt::format("{:.4g} x {:.4g} x
 std::vector<std::string> notes_on(const MeshFacts& facts) {
     std::vector<std::string> notes;
     if (facts.holes > 0)
-        notes.push_back(
-            fmt::format("the surface has {} open edges in {} {}; the body is closed there as by a film",
-                        facts.open_edges, facts.holes, facts.holes == 1 ? "hole" : "holes"));
+        notes.push_back(fmt::format(
+            "the surface has {} open edges in {} {}; the body is closed there as if by a membrane",
+            facts.open_edges, facts.holes, facts.holes == 1 ? "hole" : "holes"));
     if (facts.non_manifold_edges > 0)
         notes.push_back(
             fmt::format("{} edges of the surface have more than two triangles", facts.non_manifold_edges));
@@ -296,7 +296,7 @@ Voxelised voxelise(Mesh mesh, std::optional<double> chosen_pitch, double fill,
                            fmt::format("a mesh of {} triangles that enclose nothing", facts.triangles),
                            "a surface that encloses a body, though it may have holes");
         throw BadInput(mesh.file, "--pitch", fmt::format("{:g} with --fill {:g}", pitch, fill),
-                       suggestion + ", so that some voxel is as full");
+                       suggestion + ", so that at least one voxel is that full");
     }
     result.notes = mesh.notes;
     if (!chosen_pitch)

@@ -664,7 +664,7 @@ void check(const VolumeOptions& options, const std::string& file) {
     };
     if (!is_mesh_name(file)) {
         refuse("--fill", options.fill && !options.pitch,
-               "--pitch beside it: the voxels of a volume are full");
+               "--pitch as well: without it every voxel of a volume is full");
         return;
     }
     const std::string none = "none for a mesh, whose voxels are made";

@@ -263,7 +263,8 @@ void StudyRun::open_journal() {
         throw BadInput("command line", "--resume", options_.out->string(),
                        "a study that was cut short; this one is finished");
     if (options_.resume && !std::filesystem::exists(file, none))
-        std::cerr << "voxspring: there is no " << file.string() << " to resume: the study begins\n";
+        std::cerr << "voxspring: there is no " << file.string()
+                  << " to resume: the study starts from the beginning\n";
     journal_ = std::make_unique<Journal>(file, description(), options_.resume);
     if (!journal_->note().empty()) std::cerr << "voxspring: " << journal_->note() << "\n";
     if (journal_->sessions() > 1) context()["study"]["sessions"] = journal_->sessions();

@@ -51,7 +51,7 @@ public:
         }
         if (axes_.size() < 3) {
             throw BadInput(claims.file, claims.kinds_key, claims.kinds_text,
-                           "three axes along which voxels lie: time, colours and lists are none");
+                           "three spatial axes: time, colours and lists are not spatial");
         }
         while (axes_.size() > 3 && claims.axes[axes_.back()].size == 1) axes_.pop_back();
         while (axes_.size() > 3 && claims.axes[axes_.front()].size == 1) {

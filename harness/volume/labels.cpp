@@ -222,9 +222,8 @@ std::vector<std::size_t> chosen_segments(const Volume& volume, const std::vector
             return std::find(label.words.begin(), label.words.end(), word) != label.words.end();
         });
         if (found == labels.end()) {
-            throw BadInput(
-                volume.file, "labels", word,
-                "a name, an ID or a value that one of the segments has alone: " + names_of(labels));
+            throw BadInput(volume.file, "labels", word,
+                           "a name, an ID or a value that exactly one segment has: " + names_of(labels));
         }
         chosen.push_back(std::size_t(found - labels.begin()));
         if (std::count(chosen.begin(), chosen.end(), chosen.back()) > 1)

@@ -183,11 +183,10 @@ private:
         if (!is_pair_) return;
         const std::string name = lower_case(claims_.file);
         if (name.ends_with(".nii") || name.ends_with(".nii.gz")) {
-            refuse(
-                "magic", fmt::format("ni{}", version),
-                fmt::format("\"n+{}\" in a .nii: this is the magic of a header whose voxels are in another "
-                            "file, of a pair of .hdr and .img",
-                            version));
+            refuse("magic", fmt::format("ni{}", version),
+                   fmt::format("\"n+{}\" in a .nii: this marks a header whose voxels are in another "
+                               "file, of a pair of .hdr and .img",
+                               version));
         }
         place.files_key = "image";
         place.files = {image.empty() ? partner_of(claims_.file) : image};

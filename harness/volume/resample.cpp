@@ -105,9 +105,9 @@ glm::dvec3 resample(LabelledGrid& labelled, double pitch, double fill, const std
         return double(of.label.size() - std::size_t(inactive)) * of.spacing.x * of.spacing.y * of.spacing.z;
     };
     if (!(volume_of(grid) > 0))
-        throw BadInput(
-            file, "--pitch", fmt::format("{:g} with --fill {:g}", pitch, fill),
-            "a smaller one, so that some voxel is as full: the volume is " + size + " in its unit of length");
+        throw BadInput(file, "--pitch", fmt::format("{:g} with --fill {:g}", pitch, fill),
+                       "a smaller one, so that at least one voxel is that full: the volume is " + size +
+                           " in its unit of length");
     labelled.notes.push_back(fmt::format(
         "{} x {} x {} voxels become {} x {} x {} of {:g}, which changes the body's volume by {:.2g}%",
         old.dims.x, old.dims.y, old.dims.z, grid.dims.x, grid.dims.y, grid.dims.z, pitch,

@@ -266,8 +266,9 @@ void ParetoStudy::check(const Study& study, const StudyScene& item, const Scene&
     const TimeSteps time_steps = time_steps_of(study, item);
     const std::string where = "scene " + scene.name;
     if (!scene.edits.empty())
-        throw BadInput(where, "edits", counted(scene.edits.size(), "edit"),
-                       "none in a pareto study: springs that change make the order in time one");
+        throw BadInput(
+            where, "edits", counted(scene.edits.size(), "edit"),
+            "none in a pareto study: with edits the error falls only with the first power of the time step");
     if (!std::isfinite(scene.stable_time_step))
         throw BadInput(where, "stable time step", "infinite", "a scene with springs");
     if (time_steps.steps_at(fractions_.back()) > max_steps_in_all)
