@@ -30,7 +30,7 @@ SLOWER = 1.1
 TRIALS = 25
 FOUND = 0.89  # the share of rows for which the least slow-down that is found is stated
 SEEN = 1e-12  # a smaller error may be rounding of float64, of which twice as much is no growth
-# How far the share that is found may lie below the share that could be: four standard deviations of so many trials.
+# How far the share that is found may lie below the share that could be: four standard deviations of that many trials.
 LEEWAY = 4 * math.sqrt(0.25 / TRIALS)
 
 # The times of rows, and the fields that are per time.

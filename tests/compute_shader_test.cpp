@@ -28,7 +28,7 @@ protected:
     const BackendSpec spec = BackendSpec::parse(GetParam());
     const Formulation formulation = spec.options.formulation;
     const bool lists = spec.entry->addressing == Addressing::by_lists;
-    const bool draws = spec.entry->tuning.contains("mask");  ///< it steps in fragment shaders
+    const bool draws = spec.entry->tuning.contains("mask");  ///< steps in fragment shaders
 
 private:
     std::unique_ptr<Backend> probe_;

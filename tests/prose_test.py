@@ -25,6 +25,8 @@ PATTERNS = [
     (re.compile(r"\bof (?:its|their|his|one's) own\b"), "leave it out, or say whose"),
     (re.compile(r"(?://[/!]?<?|#) (?:Nothing|Null|Empty|None|Not? [a-z]+) where\b"), "a sentence with a subject and a verb"),
     (re.compile(r"(?://[/!]?<?|#) (?:The same|That of|Those of|The same of)\b"), "repeat the noun: a comment stands alone"),
+    (re.compile(r"///< (?:it|those|after it|before it)(?: |$)"), "name it: a comment stands alone"),
+    (re.compile(r"(?://[/!]?<?|#) .*\b(?:of|than|at least|after) so (?:many|long|full)\b"), "'this many', or the parameter's name"),
 ]
 TEXTS = (".h", ".cpp", ".cu", ".py", ".md", ".json", ".glsl", ".comp", ".frag", ".vert", ".cmake", ".txt", ".sh")
 # A record of what was, the page whose sentences come with its figures, and tests that quote such phrases.
@@ -49,9 +51,11 @@ def findings(name):
 class Prose(unittest.TestCase):
     def test_patterns_find_what_they_are_for(self):
         for line in ("    // Of a part of a body.", "int steps_a_call = 0;", "one element a particle", "whoever waits", "a folder of its own",
-                     "/// Null where there is none", "/// The same of words"):
+                     "/// Null where there is none", "/// The same of words", "int a;  ///< it rests", "std::vector<int> b;  ///< those of the mesh",
+                     "// a sample of so many layers"):
             self.assertTrue(any(pattern.search(line) for pattern, _ in PATTERNS), line)
-        for line in ("one element per particle", "// Offsets of a thread", "test_a_study_is_a_row", "which gives a thread one tile"):
+        for line in ("one element per particle", "// Offsets of a thread", "test_a_study_is_a_row", "which gives a thread one tile",
+                     "int c;  ///< its tile rests", "so many that a launch costs 1%"):
             self.assertFalse(any(pattern.search(line) for pattern, _ in PATTERNS), line)
 
     def test_no_sentence_has_them(self):

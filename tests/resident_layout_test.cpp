@@ -39,7 +39,7 @@ struct Case {
     int blocks, pollers;
     Partition partition;
     bool overlap;
-    int edits = 0;  ///< before it is laid out
+    int edits = 0;  ///< edits before the layout
     int threads = max_resident_threads;
     int turns = 1;  ///< expected
 };

@@ -68,7 +68,7 @@ struct Shader {
     std::string file;                      ///< without its ending
     std::string variant = {};              ///< what follows `file` in the name of its SPIR-V module
     Defines macros = {};                   ///< what that variant has compiled in
-    Constants constants = {};              ///< those that the shader does not have are ignored
+    Constants constants = {};              ///< constants that the shader does not have are ignored
     std::optional<glm::ivec3> group{};     ///< extents of a work group, if the shader leaves them open
     std::optional<Precision> precision{};  ///< if it is not that of the backend
 };

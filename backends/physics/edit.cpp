@@ -511,7 +511,7 @@ void apply(Problem& problem, const SpringDifference& difference) {
 }
 
 void apply(Problem& problem, const SpringEdit& edit) {
-    std::vector<ChangedSpring> removed;  // beyond the lattice
+    std::vector<ChangedSpring> removed;  // springs beyond the lattice
     for (const ChangedSpring& changed : edit.removed) {
         if (changed.bit < 0) {
             removed.push_back(changed);

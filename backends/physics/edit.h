@@ -96,7 +96,7 @@ struct SpringDifference {
     /// several times.
     struct Springs {
         std::vector<OnLattice> on_lattice;
-        std::vector<Spring> beyond;  ///< of Problem::springs
+        std::vector<Spring> beyond;  ///< springs of Problem::springs
 
         bool empty() const { return on_lattice.empty() && beyond.empty(); }
     };

@@ -17,8 +17,8 @@ struct KernelSource {
 
 struct CompiledKernel {
     std::string code;    ///< machine code, or PTX where NVRTC knows no such card
-    double seconds = 0;  ///< that compiling took, whenever it was done
-    bool found = false;  ///< on disk, where the code is kept with that time
+    double seconds = 0;  ///< that compiling took, in this run or an earlier one
+    bool found = false;  ///< whether the code was on disk, where it is kept with that time
 };
 
 /// `architecture`: compute capability, 90 for 9.0. Throws DeviceError with NVRTC's log if the source is

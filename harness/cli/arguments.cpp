@@ -399,7 +399,7 @@ void add_view(CLI::App& app, Values& values, std::ostream& out, const ViewScene&
         ->type_name("SIZE")
         ->default_str("1280x800");
     add_number(*command, "--seconds", options.seconds, min_timeout, max_timeout,
-               "Close the window after so long");
+               "Close the window after this time");
     command->add_option("--save", options.save, "File (.npz) to which the key w saves the state; SCENE.npz");
     add_devices(*command);
     add_volume_options(*command, options.volume);

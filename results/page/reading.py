@@ -58,7 +58,7 @@ class Result:
 
 
 def check(path, data, name="", at=""):
-    """Refuses what is not as reading.schema.json, or its part of a name, says."""
+    """Refuses data that reading.schema.json, or the part of it called `name`, does not allow."""
     result_files.check(path, data, importlib.resources.files(__package__) / "reading.schema.json", name, at)
 
 
