@@ -68,7 +68,7 @@ def bodies(family, machines, occupancy):
 
 
 def contender(row):
-    """backend or backend:key=value,..., what of its tuning is not at its default."""
+    """The row's backend, and its tuning parameters that are not at their defaults: backend:key=value,..."""
     parts = rows.name_of(row).split("/")
     return ":".join([row["backend"], ",".join(parts[4:])]) if parts[4:] else row["backend"]
 

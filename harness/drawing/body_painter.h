@@ -28,7 +28,7 @@ struct Shades {
 
 /// How pictures are made.
 struct PictureStyle {
-    int samples = 0;    ///< per pixel, of which it shows the mean; 0: one. Every renderer supports 4.
+    int samples = 0;  ///< per pixel, which shows the samples' mean; 0: one sample. Every renderer supports 4.
     int smoothing = 0;  ///< number of passes that smooth the surface's normals
     /// Neither light nor dark, so that both ends of viridis and plasma stand out from it.
     std::array<float, 4> background = {0.16F, 0.17F, 0.19F, 1};

@@ -177,7 +177,7 @@ class Panel:
     heading: str
     match: dict  # what the rows of this panel have in common
     spec: dict
-    step: tuple = None  # (key, pixels): the chart is that high for each value of key among the rows shown
+    step: tuple = None  # (key, pixels): the chart's height is `pixels` per value of `key` among the rows shown
 
 
 class Figure:
