@@ -143,7 +143,7 @@ public:
     StepWork step_work(const Problem&) const override { return {}; }
 
 private:
-    /// A thread of a step gets at least this many blocks.
+    /// A further thread pays only if each gets this many blocks.
     static constexpr std::ptrdiff_t min_blocks = 256;
 
     template <class Do>

@@ -98,7 +98,7 @@ struct MarchStep {
     bool operator==(const MarchStep&) const = default;
 };
 
-/// If L2 is told what to keep, then some of every eight successive planes.
+/// If L2 is told what to keep, then some of every `kept_of` successive planes.
 inline constexpr int kept_of = 8;
 
 /// A CUtensorMap: x, y, z of a lattice and the three axes of its vectors as one tensor.
