@@ -1,8 +1,9 @@
 """What changed between two results, row by row: the one rule for diff.py and for the page's history.
 
 Rows pair by scene, backend, formulation, precision and tuning; those of studies of kind pareto, stability and stress by time step,
-start or measurement as well. A tuning parameter that only one file knows does not keep rows apart while it is at its default. A row is
-judged by each of its times, a step's, a start's, an edit's, a late tick's, and by its energy; each after the first is a row in the result.
+start or measurement as well, those of kind truth by pitch, strain and place of the particles; how many steps these take to rest is part
+of their time. A tuning parameter that only one file knows does not keep rows apart while it is at its default. A row is judged by each of
+its times, a step's, a start's, an edit's, a late tick's, and by its energy; each after the first is a row in the result.
 
 Runs of one program differ by more than repetitions within a run do, on a card by ten times: each process finds its memory elsewhere. So
 two noises are measured. Within runs: the standard error of a median of repetitions (Maritz and Jarrett 1978), by Student's t of
@@ -47,17 +48,19 @@ IDENTITY = ("scene", "backend", "formulation", "precision", "tuning")
 # By list, the keys that tell rows of one identity apart.
 PLACES = {"benchmarks": (), "pareto": ("fraction_of_stable",), "stability": ("damping", "start"),
           "stress": ("part", "measurement", "steps", "detail"), "energy": (),
-          "overhead": ("handed_over",), "scaling": ("ranks", "cut", "way"), "haptic": ("hertz", "edited", "drawn")}
+          "overhead": ("handed_over",), "scaling": ("ranks", "cut", "way"), "haptic": ("hertz", "edited", "drawn"),
+          "truth": ("particles_at", "strain", "across")}
 # The values of such keys in files that lack them.
 UNSAID = {"drawn": False}
 # The times of a row, by list; elsewhere it is `seconds`, the time to an end time. Each after the first is a row in the result.
 TIMES = {"benchmarks": ("real_time", "ready_seconds", "warm_ready_seconds", "edit_seconds_median"),
          "energy": ("seconds_per_step", "joules_per_step"), "overhead": ("seconds_per_step", "host_seconds_per_step"),
          "scaling": ("seconds_per_step",), "haptic": ("median_seconds", "p99_seconds")}
-DEVICE_TIMES = {("benchmarks", "real_time"), ("benchmarks", "sustained_seconds_per_step"), ("pareto", "seconds")}  # a backend's own clock took these; the host's all others
+DEVICE_TIMES = {("benchmarks", "real_time"), ("benchmarks", "sustained_seconds_per_step"), ("pareto", "seconds"),
+                ("truth", "seconds")}  # a backend's own clock took these; the host's all others
 # Errors, each with the field that has the uncertainty of its float64 reference.
 ERRORS = {"error_relative_l2": "divergence", "error_max": None, "total_error_relative_l2": "total_error_uncertainty",
-          "force_error": None}
+          "force_error": None, "model_error": "continuum_error"}
 STRESS_ERRORS = ("relative", "spacings")  # units of errors; growth, energies and counts only have gates
 
 FALSE_ALARMS = 0.05  # how many files in which nothing changed have any row called slower or faster
@@ -184,7 +187,7 @@ class Result:
         if list_name == "benchmarks":
             entry.unjudged = self.unjudged(row)
         entry.measure = tuple((key, row[key]) for key in ("particles", "springs", "steps", "error_steps", "end_time")
-                              if key in row)
+                              if key in row and (list_name, key) != ("truth", "steps"))
         if list_name == "stress":
             if row.get("gate_is") == "at most" and row.get("unit") in STRESS_ERRORS:
                 entry.errors["measured"] = row["measured"]

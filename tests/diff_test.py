@@ -352,17 +352,32 @@ class Diff(unittest.TestCase):
                  "stability": {"damping": 0.1, "start": {"kind": "random"}, "ratio": 1.0, "passed": True},
                  "stress": {"part": 1, "measurement": "rope", "steps": 5, "detail": "", "unit": "relative",
                             "gate_is": "at most", "measured": 1e-6, "passed": True},
-                 "haptic": {"hertz": 1000, "edited": False, "median_seconds": 1e-5, "force_error": 1e-7}}
+                 "haptic": {"hertz": 1000, "edited": False, "median_seconds": 1e-5, "force_error": 1e-7},
+                 "truth": {"particles_at": "corners", "strain": "small", "across": 4, "seconds": 1.0, "steps": 80, "model_error": 0.01,
+                           "continuum_error": 1e-4}}
         for name, row in lists.items():
             row |= identity("a")
             for key, verdict in {"error_relative_l2": "error grew", "measured": "error grew", "passed": "now fails",
-                                 "diverged": "now fails", "force_error": "error grew"}.items():
+                                 "diverged": "now fails", "force_error": "error grew", "model_error": "error grew"}.items():
                 if key in row:
                     new = row | {key: not row[key] if isinstance(row[key], bool) else 2 * row[key]}
                     self.assertEqual(self.judge(result(**{name: [row]}), result(**{name: [new]}))[2], {"a": verdict})
-            other = {"pareto": "fraction_of_stable", "stability": "damping", "stress": "steps", "haptic": "hertz"}[name]
+            other = {"pareto": "fraction_of_stable", "stability": "damping", "stress": "steps", "haptic": "hertz", "truth": "across"}[name]
             apart = self.judge(result(**{name: [row]}), result(**{name: [row, row | {other: 7}]}))[1]["counts"]
             self.assertEqual(apart, {"new": 1, "same": 1})
+
+    def test_rows_of_truth_pair_by_case(self):
+        def row(**fields):
+            return identity("a") | {"particles_at": "corners", "strain": "small", "across": 4, "seconds": 1.0, "steps": 80, "model_error": 0.01,
+                                    "continuum_error": 1e-4} | fields
+
+        old = result(truth=[row(), row(strain="large"), row(particles_at="centres")])
+        self.assertEqual(self.judge(old, old)[1]["counts"], {"same": 3})
+        found = self.judge(old, result(truth=[row(model_error=0.02), row(strain="large", steps=120), row(particles_at="centres")]))[1]
+        self.assertEqual([(of["verdict"], of["place"]["strain"]) for of in found["rows"]][0], ("error grew", "small"))
+        self.assertEqual(found["counts"], {"error grew": 1, "same": 2})
+        # An error below what the finite elements tell is no growth.
+        self.assertEqual(self.judge(result(truth=[row(model_error=1e-5)]), result(truth=[row(model_error=1e-4)]))[1]["counts"], {"same": 1})
 
     def test_times_and_energies_of_every_kind(self):
         """A row of twelve that takes a tenth longer is found by what runs differ by, though a kind has no repetitions."""
@@ -378,6 +393,7 @@ class Diff(unittest.TestCase):
                 ("energy", {}, {"seconds_per_step": 1e-6, "joules_per_step": 1e-4}),
                 ("overhead", {"handed_over": "one by one"}, {"seconds_per_step": 2e-6, "host_seconds_per_step": 1e-6}),
                 ("scaling", {"ranks": 2, "cut": "z", "way": "nccl"}, {"seconds_per_step": 1e-5}),
+                ("truth", {"particles_at": "corners", "strain": "small", "across": 4}, {"seconds": 1.0}),
                 ("haptic", {"hertz": 1000, "edited": False}, {"median_seconds": 1e-5, "p99_seconds": 3e-5}),
                 ("benchmarks", {}, {"real_time": 10, "ready_seconds": 2.0, "warm_ready_seconds": 0.2, "edit_seconds_median": 1e-5})):
             old = study(name, place, fields)
