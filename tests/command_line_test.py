@@ -422,6 +422,20 @@ class Study(OwnStudy):
         commit = subprocess.run(["git", "rev-parse", "--short=12", "HEAD"], capture_output=True, text=True).stdout
         self.assertIn(result["context"]["voxspring"]["commit"], (commit.strip(), "unknown"))
 
+    def test_a_result_names_the_units_of_its_scenes(self):
+        box = {"dataset": {"type": "box", "dims": [4, 4, 4]}, "spacing": 2, "unit": "mm", "young": "5 kPa", "density": 1050}
+        (self.folder / "tissue.json").write_text(json.dumps(box))
+        study = {"backends": ["cpu_parallel"], "steps": 4, "repetitions": 1,
+                 "scenes": [{"scene": str(self.folder / "tissue.json")}, {"scene": "box@4"}]}
+        (self.folder / "study.json").write_text(json.dumps(study))
+        out = self.folder / "result.json"
+        table = succeeds("study", self.folder / "study.json", "--out", out).stdout
+        result = json.loads(out.read_text())
+        SCHEMA.validate(result)
+        self.assertEqual(result["context"]["voxspring"]["units"], {"tissue.json": {"length": "mm", "time": "s", "force": "mN"}})
+        self.assertIn("tissue.json: lengths in mm, times of the motion in s, forces in mN\n", table)
+        self.assertEqual(table.count("lengths in"), 1)
+
     def test_edits_are_made_verified_and_timed(self):
         plane = {"point": [2.5, 0, 0], "normal": [1, 0, 0]}
         scene = {"dataset": {"type": "box", "dims": [6, 6, 6]}, "gravity": [0, 0, -0.01],

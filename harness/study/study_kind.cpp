@@ -1,5 +1,7 @@
 #include "harness/study/study_kind.h"
 
+#include <fmt/format.h>
+
 #include <map>
 #include <nlohmann/json.hpp>
 #include <utility>
@@ -60,6 +62,11 @@ std::unique_ptr<StudyKind> kind_of(const Study& study) {
 
 void print_result(const Result& result, std::ostream& out, TableWidth width) {
     make_study_kind(result.own_context().at("study").at("kind"))->print(result, out, width);
+    const nlohmann::json units = result.own_context().value("units", nlohmann::json::object());
+    for (const auto& [scene, of] : units.items())
+        out << fmt::format("{}: lengths in {}, times of the motion in {}, forces in {}\n", scene,
+                           of.at("length").get<std::string>(), of.at("time").get<std::string>(),
+                           of.at("force").get<std::string>());
 }
 
 Result read_result(const nlohmann::json& file) {

@@ -328,6 +328,10 @@ void StudyRun::run_scene(const StudyScene& item, std::size_t number) {
         return;
     }
     bench_->turn_to(item, scenes_.of(item), number);
+    const Scene& scene = bench_->scene();
+    if (scene.world)
+        context()["units"][scene.name] = {
+            {"length", scene.world->length}, {"time", "s"}, {"force", scene.world->force()}};
     kind_->run(*bench_);
 }
 
