@@ -407,8 +407,25 @@ class Input(InTemporaryFolder):
         schema = json.loads((ROOT / "results/schema.json").read_text())
         lists = {name for name, about in schema["properties"].items() if about.get("type") == "array" or "items" in about}
         self.assertLessEqual({"benchmarks", "overhead", "energy", "stability_map"}, lists)
-        # One repeats the rules of --backend auto. The page does not draw `truth`, whose table docs/accuracy.md has.
-        self.assertEqual(lists - {"auto", "truth"}, set(reading.LISTS))
+        # One repeats the rules of --backend auto.
+        self.assertEqual(lists - {"auto"}, set(reading.LISTS))
+
+    def test_truth_has_a_line_for_each_case_and_the_order_that_it_claims(self):
+        result = truth_result()
+        figure = self.page_of(result)["truth"]
+        self.assertEqual({(row["scene"], row["across"], row["particles_at"]) for row in figure["rows"]},
+                         {(row["scene"], row["across"], row["particles_at"]) for row in result["truth"]})
+        panels = {tuple(panel["match"].values()): panel["spec"]["layer"] for panel in figure["panels"]}
+        self.assertEqual(len(panels), 2)
+        for layers, claims in zip(panels.values(), ([2, 1.25], [1])):
+            lines = [layer["data"]["values"] for layer in layers if layer.get("mark", {}).get("strokeDash") == [4, 4]]
+            slopes = [-math.log(last["y"] / first["y"]) / math.log(last["x"] / first["x"]) for first, last in lines]
+            for slope, claim in zip(slopes, claims, strict=True):
+                self.assertAlmostEqual(slope, claim, 3)
+            encoding = next(layer["encoding"] for layer in layers if "detail" in layer.get("encoding", {}))
+            self.assertEqual((encoding["x"]["scale"]["type"], encoding["y"]["scale"]["type"]), ("log", "log"))
+        self.assertEqual({row["end_label"] for row in figure["rows"] if row["end_label"]}, {"tension", "cube", "torsion"})
+        self.assertIn("The error falls to 0.25", self.out.read_text())
 
     def test_nothing_in_the_page_can_end_its_data_early(self):
         result = h200("table1")
@@ -434,6 +451,21 @@ def haptic_result(times=1):
     result["haptic"] = [row("grasp", "cuda_implicit_cached", 1000), row("grasp", "cuda_implicit_cached", 1000, drawn=True, slower=1.3),
                         row("grasp", "cpu_parallel", 1000, slower=10), row("grasp", "cuda_implicit_cached", 1000, edited=True),
                         row("grasp", "cuda_implicit_cached", 5000), row("grasp@30x26x23", "gl_compute_implicit", 1000, slower=2)]
+    return result
+
+
+def truth_result():
+    """Made up: three cases, of which torsion claims no order."""
+    def row(scene, place, across, error, claimed):
+        return {"name": f"{scene}/cpu_explicit/increment/float64", "scene": scene, "backend": "cpu_explicit", "formulation": "increment",
+                "precision": "float64", "tuning": "threads=auto", "particles_at": place, "strain": "small", "across": across,
+                "model_error": error, "continuum_error": 1e-4, "order": None if across == 4 else claimed, "claimed_order": claimed,
+                "rounding_error": 0.0, "seconds": 0.1, "steps": 80, "particles": across**3}
+
+    result = {key: value for key, value in h200("table1").items() if key in ("context", "skipped")}
+    result["truth"] = [row("tension", "corners", 4, 1e-2, 2), row("tension", "corners", 8, 2.5e-3, 2), row("cube", "corners", 4, 2e-2, 1.25),
+                       row("cube", "corners", 8, 9e-3, 1.25), row("cube", "centres", 4, 1e-1, 1), row("cube", "centres", 8, 5e-2, 1),
+                       row("torsion", "centres", 4, 5e-2, None), row("torsion", "centres", 8, 1e-3, None)]
     return result
 
 
@@ -463,6 +495,7 @@ def small_result():
         result[study] = h200(study)[study][:count]
     result["stability_map"] = h200("stability")["stability_map"][:1]
     result["haptic"] = haptic_result()["haptic"]
+    result["truth"] = truth_result()["truth"]
     result["failed"] = result["skipped"] = [{"name": "n", "scene": "heart", "backend": "b", "reason": "r"}]
     return with_work(result)
 

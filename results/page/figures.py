@@ -607,6 +607,41 @@ def latencies(_, group):
     return line, "; ".join(more)
 
 
+def truths(page):
+    """A row for each lattice, with the name of its case at the end of the case's line."""
+    rows = latest_of(reading.truth, "scene", "contender", "particles_at", "strain", "across")(page)
+    height = ABOUT["figures"]["truth"]["height"]
+    return [row for group in groups(rows, "machine", "particles_at", "strain").values()
+            for row in charts.with_end_labels([row | {"ends": ("across", "model_error")} for row in group], "scene", "across",
+                                              "model_error", height)]
+
+
+def claims_below(rows):
+    """A dashed line for each case that claims an order, from its coarsest lattice."""
+    layers = []
+    for own in groups((row for row in rows if row["claimed_order"]), "scene").values():
+        first, last = (end(own, key=lambda row: row["across"]) for end in (min, max))
+        fallen = first["model_error"] * (first["across"] / last["across"])**first["claimed_order"]
+        layers.append(charts.line([(first["across"], first["model_error"]), (last["across"], fallen)], strokeDash=[4, 4]))
+    return layers
+
+
+@figure_of("truth", truths, below=claims_below)
+def truth(_, rows):
+    # An error that may be small by chance counts for nothing.
+    claimed = [row for row in rows if row["claimed_order"]]
+    if not claimed:
+        return "no order of convergence is claimed", ""
+    least = min(claimed, key=lambda row: row["model_error"])
+    line = (f"the error falls to {percent(least['model_error'])} of the continuum's deflection: {least['scene']}, "
+            f"{least['across']} voxels across")
+    finest = groups((row for row in claimed if row["order"] is not None), "scene", "particles_at", "strain")
+    orders = [max(own, key=lambda row: row["across"]) for own in finest.values()]
+    told = listed(f"{row['scene']} {row['order']:.2f} ({row['claimed_order']:g} claimed; {row['particles_at']}, {row['strain']} strain)"
+                  for row in orders)
+    return line, f"{line}; orders of convergence: {told}" if told else ""
+
+
 # The defaults of diff.py.
 RULE = comparison.Rule()
 

@@ -342,6 +342,12 @@ def haptic(results):
             for row in rows_of(results, "haptic") if row.get("histogram")]
 
 
+def truth(results):
+    """A row for each lattice that has an error; one of exactly zero has no place on a logarithmic axis."""
+    return [row | {"rounding": row.get("rounding_error"), "order": row.get("order"), "claimed_order": row.get("claimed_order")}
+            for row in rows_of(results, "truth") if row["model_error"] > 0]
+
+
 def natural(text):
     """Sorts box@8 before box@16."""
     return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", text)]
