@@ -27,7 +27,7 @@ import includes_test  # noqa: E402  # pylint: disable=wrong-import-position
 import paper  # noqa: E402  # pylint: disable=wrong-import-position
 from readme import facts, rows as results  # noqa: E402  # pylint: disable=wrong-import-position
 import result_files  # noqa: E402  # pylint: disable=wrong-import-position
-from result_files import distinct, groups, tick_seconds  # noqa: E402  # pylint: disable=wrong-import-position
+from result_files import distinct, groups, listed, tick_seconds  # noqa: E402  # pylint: disable=wrong-import-position
 
 # Who steps while a body is drawn, where that is not the name of its API.
 DRAWN = {"CUDA": "CUDA, one launch per tick", "CPU": "the processor"}
@@ -211,12 +211,29 @@ def peers_by_size(one):
             "missing": [f"Not here: {backend}, because {reason}." for backend, reason in reasons]}
 
 
+def truth_result():
+    """docs/truth.json.gz, a result of `voxspring study truth`."""
+    return results.loaded(HERE / "truth.json.gz")
+
+
 def truths():
-    """(case, where particles are, strain, rows of float64 by pitch) of docs/truth.json, a result of `voxspring study truth`."""
-    rows = [row for row in json.loads((HERE / "truth.json").read_text())["truth"] if row["precision"] == "float64"]
-    for (case, place, strain, backend), own in groups(rows, "scene", "particles_at", "strain", "backend").items():
-        if backend == "cpu_explicit":
-            yield case, place, strain, sorted(own, key=lambda row: row["across"])
+    """(case, where particles are, strain, rows of cpu_explicit in float64 by pitch) of truth_result()."""
+    rows = [row for row in truth_result()["truth"] if (row["backend"], row["precision"]) == ("cpu_explicit", "float64")]
+    for (case, place, strain), own in groups(rows, "scene", "particles_at", "strain").items():
+        yield case, place, strain, sorted(own, key=lambda row: row["across"])
+
+
+def truth_agreement():
+    """(precision, how many backends beside cpu_explicit, the largest difference of a deflection from float64) of truth_result()."""
+    others = [row for row in truth_result()["truth"] if row["backend"] != "cpu_explicit"]
+    return [(precision, len(distinct(own, "backend")), max(row["rounding_error"] for row in own))
+            for (precision,), own in groups(others, "precision").items()]
+
+
+def continuum_errors():
+    """(the largest error of the finite elements in words, the cases of that error) of truth_result(), the least first."""
+    errors = sorted((max(row["continuum_error"] for row in own), case) for (case,), own in groups(truth_result()["truth"], "scene").items())
+    return [(text, [case for _, case in own]) for (text,), own in groups(errors, lambda one: f"{100 * one[0]:.1g} %").items()]
 
 
 @functools.cache

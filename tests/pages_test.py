@@ -27,7 +27,6 @@ ALLOWED = {
     ("cuda/README.md", "(0.9 to 1.75 times)"): "the rule of backends/layout/march_plan.cpp",
     ("docs/accuracy.md", "Springs at 20% strain"): "the strain of the case in harness/studies/truth.json",
     ("docs/accuracy.md", "come within 5% of the continuum"): "what the command asks for",
-    ("docs/accuracy.md", "exact to 0.02 to 0.05%"): "errors that results/continuum.json states",
     ("docs/accuracy.md", "edges 10% softer, rest lengths and gravity 1% larger"): "the wrong models that gate_test tries",
     ("docs/accuracy.md", "the random 37% and 10,000 of the rope"): "the body's name",
     ("docs/measure.md", "or than 2%"): "the rule of results/readme/rows.py",
