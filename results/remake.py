@@ -7,7 +7,8 @@ FOLDER (results/<machine>) gets STUDY.json.gz of each study. A file that this pr
 stays, so that a second call goes on where the first was cut short: within a study, too. --check measures nothing: it says which
 files are stale, and why.
 
-The machine is the GPU if CUDA has one, else the processor; its studies are in the table below. It refuses a program that
+The machine is the GPU if CUDA has one, else the processor; its studies are in the table below. `peers` is measured where it is named,
+by the command of the Python package: remake.py --program env/bin/voxspring results/<machine> peers. It refuses a program that
 was built from a tree with changes, since no commit has what it would measure.
 
 A study that ends before its result is whole ends the run, and keeps its journal.
@@ -31,6 +32,8 @@ HERE = pathlib.Path(__file__).resolve().parent
 # Headline tables first, so that a run that is cut short has them. haptic plays in real time, for some four minutes.
 GPU_STUDIES = ("table1", "fastest", "figure8", "figure7", "as_paper", "edits", "skips", "formulations", "tuning", "pareto", "stability",
                "stress", "overhead", "energy", "haptic")
+# These are of the command of the Python package (docs/python.md), and are measured where they are named.
+PYTHON_STUDIES = ("peers",)
 # On a GPU server these leave out the processor, which has another folder: it took nearly half of the time of pareto, and a
 # quarter of that of stress.
 WITHOUT_PROCESSOR = ("pareto", "stability", "stress", "energy")
@@ -94,6 +97,8 @@ def reason_stale(path, machine):
 def arguments_of(study, plain, machine):
     """What runs a study, or goes on where it was cut short."""
     arguments = [machine.program, "study", study, "--out", plain]
+    if machine.has_gpu and study in PYTHON_STUDIES:
+        arguments += ["--device", "cuda"]
     if machine.has_gpu and study in WITHOUT_PROCESSOR:
         arguments += ["--backend", "!cpu_*"]
     if not machine.has_gpu and study in WITHOUT_SOFTWARE:
@@ -157,9 +162,12 @@ def main():
         machine = Machine(arguments.program)
         known = GPU_STUDIES if machine.has_gpu else CPU_STUDIES
         for study in arguments.study:
-            if study not in known:
-                raise result_files.BadInput(f"command line: STUDY: {study} is not accepted; expected {', '.join(known)}")
+            if study not in known + PYTHON_STUDIES:
+                raise result_files.BadInput(f"command line: STUDY: {study} is not accepted; expected "
+                                            f"{', '.join(known + PYTHON_STUDIES)}")
         out = arguments.folder or machine.folder()
+        if arguments.check:
+            known += tuple(study for study in PYTHON_STUDIES if result_files.named(out, study).exists())
         print(f"{machine.device}, commit {machine.commit}, {out}")
         sys.exit(remake(arguments.study or known, out, machine, arguments.check))
     except (result_files.BadInput, OSError) as error:
