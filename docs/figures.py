@@ -198,7 +198,7 @@ def peers_by_size(one):
         row = rows.get((scene, backend))
         if row is None:
             return "-"
-        return f"{results.time_of(row)} us, {row['real_time'] / own[scene]['real_time']:.1f} x, {row['error_max']:.0e}"
+        return f"{results.time_of(row)}, {results.ratio_text(row, own[scene])} x, {row['error_max']:.0e}"
 
     backends = sorted(lines, key=lambda backend: min(row["real_time"] for (scene, name), row in rows.items()
                                                      if name == backend and scene == scenes[0][0]))
