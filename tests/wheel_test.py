@@ -35,6 +35,7 @@ if "VOXSPRING_WHEEL" not in os.environ:
 import numpy  # noqa: E402
 
 import voxspring  # noqa: E402
+from voxspring import peers  # noqa: E402
 
 TINY = numpy.ones((3, 3, 3), numpy.uint8)
 
@@ -307,7 +308,27 @@ class Studies(unittest.TestCase):
                          [("numba", "no Python package numba is installed")])
 
 
+    def test_every_peer_has_a_pinned_version(self):
+        pinned = (pathlib.Path(voxspring.__file__).parent / "peers/requirements.txt").read_text().splitlines()
+        names = [line.split("==")[0].split("-")[0] for line in pinned if not line.startswith("#")]
+        self.assertEqual(sorted(names), sorted(peers.PEERS))
+        self.assertTrue(all("==" in line for line in pinned if not line.startswith("#")))
+
+    def test_a_processor_makes_fewer_steps_and_no_large_scene(self):
+        card, processor = peers.scenes_of("cuda"), peers.scenes_of("cpu")
+        self.assertEqual(list(card), list(peers.SCENES))
+        self.assertLess(set(processor), set(card))
+        self.assertTrue(all(0 < steps < card[name] for name, steps in processor.items()))
+        self.assertEqual(list(peers.scenes_of("cpu", ["box@96"])), ["box@96"])
+
+
 class Wheel(unittest.TestCase):
+    def test_opens_no_nvrtc_before_a_card_is_asked_for(self):
+        program = ("import re, voxspring; voxspring.Simulation(voxspring.scene('box@4'), 'cpu_parallel').step(1)\n"
+                   "print(re.findall('libnvrtc[^ ]*', open('/proc/self/maps').read()))")
+        done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+        self.assertEqual(done.stdout.strip(), "[]", "importing and stepping on the processor open no NVRTC")
+
     def test_has_types(self):
         stub = (pathlib.Path(voxspring.__file__).parent / "_core.pyi").read_text()
         self.assertRegex(stub, r"class Simulation:\n")

@@ -16,6 +16,7 @@ import pathlib
 import random
 import sys
 import time
+from collections.abc import Sequence
 from multiprocessing.connection import Connection
 
 from .. import _core
@@ -23,8 +24,11 @@ from ..judging import Judge, Wrong, count_lines
 from ..results import Result, scene, study
 
 PEERS = ("numpy", "numba", "torch", "jax", "cupy", "warp", "taichi", "newton")
-# Scenes of the study `fastest`, with as many steps as the slowest peer makes in seconds.
+# Scenes of the study `fastest`, with as many steps as the slowest peer makes in seconds on a card.
 SCENES = {"box@32": 200, "heart": 200, "box@48": 100, "box@96": 20}
+# A processor makes a quarter of the steps, and without --scene no larger scene: Newton builds a body spring by spring, and
+# box@96 has 27 times those of box@32.
+ON_PROCESSOR, SHARE_ON_PROCESSOR = ("box@32", "heart"), 4
 # As in a study, a case stops repeating once its repetitions have taken this long together, after at least two.
 MOST_SECONDS = 10
 
@@ -51,7 +55,8 @@ def _serve(peer: str, argument: str, steps: int, repetitions: int, device: str, 
     except BaseException as failure:  # of whatever kind: the parent says so
         with contextlib.suppress(OSError):
             absent = isinstance(failure, (ImportError, _core.Unavailable))
-            pipe.send(failure if isinstance(failure, KeyboardInterrupt) else (absent, f"{type(failure).__name__}: {failure}"))
+            kind = "" if isinstance(failure, _core.Unavailable) else f"{type(failure).__name__}: "
+            pipe.send(failure if isinstance(failure, KeyboardInterrupt) else (absent, f"{kind}{failure}"))
 
 
 class _Case:
@@ -149,10 +154,17 @@ def run(peers: list[str], scenes: dict[str, int], repetitions: int, device: str,
     return whole
 
 
+def scenes_of(device: str, names: Sequence[str] | None = None) -> dict[str, int]:
+    """The steps of each scene on a device; of those by default where none is named."""
+    on_card = device == "cuda"
+    return {name: SCENES[name] // (1 if on_card else SHARE_ON_PROCESSOR) for name in names or (SCENES if on_card else ON_PROCESSOR)}
+
+
 def main(arguments: list[str] | None = None) -> int:
     options = argparse.ArgumentParser(prog="voxspring study peers", description=__doc__.splitlines()[0])
     options.add_argument("--peer", action="append", metavar="GLOB", help=f"of {', '.join(PEERS)}; repeatable")
-    options.add_argument("--scene", action="append", metavar="GLOB", help=f"of {', '.join(SCENES)}; repeatable")
+    options.add_argument("--scene", action="append", metavar="GLOB", help=f"of {', '.join(SCENES)}; "
+                         f"repeatable (default: all with --device cuda, else {' and '.join(ON_PROCESSOR)})")
     options.add_argument("--device", choices=("cpu", "cuda"), default="cpu", help="what the peers compute on (default: cpu)")
     options.add_argument("--backend", default="", help="of Voxspring's own (default: cpu_parallel, or what auto takes, by position)")
     options.add_argument("--repetitions", type=int, default=9)
@@ -166,7 +178,7 @@ def main(arguments: list[str] | None = None) -> int:
         return found
 
     peers = matching(list(PEERS), given.peer)
-    scenes = {name: SCENES[name] for name in matching(list(SCENES), given.scene)}
+    scenes = scenes_of(given.device, matching(list(SCENES), given.scene) if given.scene else None)
     backend = given.backend or ("cpu_parallel" if given.device == "cpu" else "auto") + ":formulation=position"
     try:
         result = run(peers, scenes, given.repetitions, given.device, backend, given.out)
