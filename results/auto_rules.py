@@ -49,10 +49,11 @@ def families():
 
 
 def bodies(family, machines, occupancy):
-    """Particles of each body, ascending, and of each contender its time over the fastest's: the worst over machines, studies and
-    formulations. A contender that a machine has not measured is judged by the others."""
+    """Particles of each body, ascending, and of each contender how many machines have measured it there and its time over the
+    fastest's: the worst over machines, studies and formulations. The fastest is one that every machine with that body has measured,
+    so that a contender that one of them lacks changes no ratio of the others there; it is judged by the machines that have it."""
     low, high = occupancy
-    found = {}
+    votes = {}
     for machine, study in itertools.product(machines, ("fastest", "figure8")):
         if not result_files.named(rows.RESULTS / machine, study).exists():  # the processor has no figure8
             continue
@@ -60,11 +61,20 @@ def bodies(family, machines, occupancy):
                      if row["limits_of"] == family and row["scene"].split("@")[0] in DATASETS and row["precision"] == "float32"
                      and low <= row["particles"] / row["voxels"] < (high or math.inf)]
         for (particles, _), own in groups(of_bodies, "particles", "formulation").items():
-            times = {contender(row): row["real_time"] for row in own}
-            worst = found.setdefault(particles, {})
-            for one, time in times.items():
-                worst[one] = max(worst.get(one, 1), time / min(times.values()))
-    return sorted(found.items())
+            votes.setdefault(particles, {}).setdefault(machine, []).append({contender(row): row["real_time"] for row in own})
+    return sorted((particles, judged(of_machines)) for particles, of_machines in votes.items())
+
+
+def judged(of_machines):
+    """(machines, worst ratio) of each contender on a body, from the times of each vote of each machine."""
+    measured = [set().union(*votes) for votes in of_machines.values()]
+    everywhere = set.intersection(*measured)
+    worst = {}
+    for times in itertools.chain.from_iterable(of_machines.values()):
+        fastest = min([time for one, time in times.items() if one in everywhere] or times.values())
+        for one, time in times.items():
+            worst[one] = max(worst.get(one, 0), time / fastest)
+    return {one: (sum(one in of for of in measured), ratio) for one, ratio in worst.items()}
 
 
 def contender(row):
@@ -73,12 +83,14 @@ def contender(row):
     return ":".join([row["backend"], ",".join(parts[4:])]) if parts[4:] else row["backend"]
 
 
-def order_of(worst):
-    """Each backend once, with its best tuning, the fastest first."""
-    order = {}
-    for one in sorted(worst, key=lambda one: (worst[one], one)):
-        order.setdefault(one.split(":")[0], one)
-    return list(order.values())
+def order_of(contenders):
+    """Each backend once, the fastest first: with its best tuning of those that the most machines have measured, since a file
+    without the tuning could not judge the rule."""
+    best = {}
+    for one, (machines, worst) in contenders.items():
+        backend = one.split(":")[0]
+        best[backend] = min(best.get(backend, (0, math.inf, "")), (-machines, worst, one))
+    return [one for _, _, one in sorted(best.values(), key=lambda found: found[1:])]
 
 
 def rules():

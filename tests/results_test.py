@@ -32,16 +32,32 @@ def run(*command, **more):
 
 
 class AutoRules(unittest.TestCase):
-    """results/auto_rules.py with made-up medians of one machine."""
+    """results/auto_rules.py with made-up medians."""
+
+    @staticmethod
+    def row(scene, particles, backend, time, tuning="", formulation="position", voxels=None):
+        name = "/".join(part for part in (scene, backend, formulation, "float32", tuning) if part)
+        return {"name": f"{name}/iterations:9", "scene": scene, "particles": particles, "voxels": voxels or particles,
+                "backend": backend,
+                "formulation": formulation, "precision": "float32", "real_time": time, "limits_of": "CUDA", "on_card": True,
+                "family": "CUDA"}
+
+    def test_a_card_does_not_vote_on_what_its_file_lacks(self):
+        row = self.row
+        # The newer cuda_new is twice as fast as others on the second card. cuda_a is the better one of the others: by 1.3 on the
+        # first card, and on the second one cuda_b by less.
+        first = [row("box@4", 100, "cuda_a", 10), row("box@4", 100, "cuda_b", 13)]
+        second = [row("box@4", 100, "cuda_new", 5), row("box@4", 100, "cuda_a", 10.9), row("box@4", 100, "cuda_b", 10)]
+        # A tuning that one file lacks is no rule, however fast it is in the other.
+        second += [row("box@4", 100, "cuda_a", 9, "fetch=l1")]
+        own = {("fastest", "first"): first, ("fastest", "second"): second, ("fastest", auto_rules.rows.CPU): []}
+        with mock.patch.object(auto_rules.rows, "medians", lambda study, machine: own.get((study, machine), [])), \
+                mock.patch.object(auto_rules, "cards", lambda: ["first", "second"]), \
+                mock.patch.object(auto_rules.result_files, "named", lambda folder, study: pathlib.Path(__file__)):
+            self.assertEqual([rule["order"] for rule in auto_rules.rules()], [["cuda_new", "cuda_a", "cuda_b"]])
 
     def test_the_fastest_goes_first_within_particles_and_occupancy(self):
-        def row(scene, particles, backend, time, tuning="", formulation="position", voxels=None):
-            name = "/".join(part for part in (scene, backend, formulation, "float32", tuning) if part)
-            return {"name": f"{name}/iterations:9", "scene": scene, "particles": particles, "voxels": voxels or particles,
-                    "backend": backend,
-                    "formulation": formulation, "precision": "float32", "real_time": time, "limits_of": "CUDA", "on_card": True,
-                    "family": "CUDA"}
-
+        row = self.row
         full = [0.5, None]
         for medians, said in (
                 # What was not measured comes last.
