@@ -9,9 +9,13 @@
 #include <vector>
 
 #include "backends/layout/blocks.h"
+#include "backends/layout/brick_layout.h"
 #include "backends/layout/resident_layout.h"
 #include "backends/layout/springs.h"
 #include "backends/layout/work.h"
+#include "backends/outpaced.h"
+#include "backends/registry.h"
+#include "cuda/common/axes_backend.h"
 #include "cuda/common/device_borders.h"
 #include "cuda/common/divergence_check.h"
 #include "cuda/common/edit.h"
@@ -163,7 +167,7 @@ Partition partition_of(const std::string& tuned) {
     return tuned == "bisection" ? Partition::bisection : Partition::automatic;
 }
 
-class ResidentBackend final : public ParticleBackend<float, ResidentStep> {
+class ResidentBackend final : public ParticleBackend<float, ResidentStep>, public Outpaced {
 public:
     explicit ResidentBackend(const Options& options)
         : ParticleBackend(KernelFamily(options, Fetch::past_l1)),
@@ -192,6 +196,23 @@ public:
         borders_.reset();
         if (tool_mode_for(problem) == ToolMode::ticks) ticks_.open(problem.tool.particles.size());
         start(problem, state, place_compact(problem), problem.lattice.mask, prepare(problem));
+    }
+
+    /// Where threads have several particles, bricks may be faster: rules come from cards with enough
+    /// multiprocessors for one particle per thread.
+    std::string outpaced(const Problem& problem) const override {
+        const auto bricks = registry().find("cuda_bricks");
+        const auto layout = layout_of(problem, stressed_at_rest(problem));
+        if (layout->turns == 1 || bricks == registry().end()) return {};
+        const auto& known = bricks->second.formulations;
+        if (std::find(known.begin(), known.end(), formulation()) == known.end() || problem.has_tool() ||
+            !problem.ghosts.empty() ||
+            !class_refusal(problem, Precision::float32, formulation(), "bricks").empty())
+            return {};
+        const MarchDevice planned = march_device(device());
+        return outpaced_by_bricks(
+            *layout, plan_bricks(problem, formulation(), planned, moves_registers(device().architecture())),
+            planned.hertz);
     }
 
     Capabilities capabilities() const override {
@@ -257,6 +278,10 @@ private:
     static bool is_stressed(const ImplicitStep<float>& step) {
         return std::any_of(std::begin(step.deficit), std::end(step.deficit),
                            [](float deficit) { return deficit != 0; });
+    }
+
+    bool stressed_at_rest(const Problem& problem) const {
+        return is_stressed(make_implicit_step<float>(problem, place_on_grid(problem.lattice), formulation()));
     }
 
     /// The tables for `problem`. If the body is that of the latest layout, whatever its springs, this layout
@@ -374,10 +399,7 @@ private:
         if (std::string why = part_refusal(problem, mode); !why.empty()) return why;
         if (mode == ToolMode::ticks && device().ends_long_kernels())
             return "ticks=resident: the driver ends kernels that run for seconds on a device with a display";
-        return block_refusal(
-            *layout_of(problem, is_stressed(make_implicit_step<float>(problem, place_on_grid(problem.lattice),
-                                                                      formulation()))),
-            card(), mode);
+        return block_refusal(*layout_of(problem, stressed_at_rest(problem)), card(), mode);
     }
     /// Empty, or why `problem`, if it is a part of a body, cannot be stepped.
     std::string part_refusal(const Problem& problem, ToolMode mode) const {

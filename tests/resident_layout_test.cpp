@@ -310,6 +310,56 @@ TEST(ResidentLayout, SmallCardsHoldTheBodiesOfThePaper) {
     }
 }
 
+// In turns the box took 4.3 us on 24 multiprocessors of an H100, and bricks 2.3 us.
+TEST(ResidentLayout, PredictsWhatFewMultiprocessorsTook) {
+    MarchDevice few = voxspring::testing::march_device_of(24);
+    few.hertz = 1.98e9;
+    const Problem box = load_scene("box").problem;
+    const ResidentCard card{few.multiprocessors, few.block_shared_bytes};
+    const ResidentLayout layout = lay_out_resident(box, card, 256, Partition::automatic, true);
+    EXPECT_NEAR(seconds_in_turns(layout, few.hertz), 4.3e-6, 0.4e-6);
+    const auto bricks = plan_bricks(box, Formulation::position, few, true);
+    ASSERT_TRUE(bricks);
+    EXPECT_NEAR(bricks->seconds, 2.3e-6, 0.3e-6);
+    EXPECT_EQ(
+        outpaced_by_bricks(layout, bricks, few.hertz),
+        "threads would step 3 particles each, in a predicted 4.3 us; bricks are predicted to take 2.3 us");
+    EXPECT_EQ(outpaced_by_bricks(layout, std::nullopt, few.hertz), "") << "no other backend to go on to";
+    // One particle per thread has been measured beside bricks, which predict less than they took there.
+    const ResidentLayout large = lay_out_resident(box, card_of(132), 256, Partition::automatic, true);
+    EXPECT_EQ(outpaced_by_bricks(large, BrickPlan{.seconds = 1e-9}, few.hertz), "");
+}
+
+// Bricks compute their whole box, whether it is full or not. So the heart stays where it is.
+TEST(ResidentLayout, LeavesBoxesToBricksOnSmallCardsAlone) {
+    int kept = 0, left = 0;
+    for (const char* scene : {"box", "heart"}) {
+        const Problem problem = load_scene(scene).problem;
+        for (const voxspring::testing::CardProfile& profile : voxspring::testing::card_profiles()) {
+            SCOPED_TRACE(std::string(scene) + " on " + profile.name);
+            const ResidentCard card{profile.device.multiprocessors, profile.device.block_shared_bytes};
+            const ResidentLayout layout = lay_out_resident(problem, card, 256, Partition::automatic, true);
+            if (!block_refusal(layout, card).empty()) continue;  // 16 multiprocessors hold neither
+            for (const Formulation formulation : {Formulation::position, Formulation::increment}) {
+                const auto bricks =
+                    plan_bricks(problem, formulation, profile.device, profile.architecture >= 90);
+                const std::string why = outpaced_by_bricks(layout, bricks, profile.device.hertz);
+                if (layout.turns == 1) {
+                    EXPECT_EQ(why, "");
+                    ++kept;
+                } else {
+                    EXPECT_EQ(!why.empty(),
+                              bricks && bricks->seconds < seconds_in_turns(layout, profile.device.hertz));
+                    EXPECT_EQ(!why.empty(), scene == std::string("box")) << why;
+                    ++left;
+                }
+            }
+        }
+    }
+    EXPECT_EQ(kept, 12) << "A100, H200 and RTX 5090, two bodies, two formulations";
+    EXPECT_EQ(left, 4) << "RTX 4060";
+}
+
 // Here rows waste no more than a tenth, but the busiest block would have 17 of them, 544 lanes.
 TEST(ResidentLayout, DealsOutParticlesWhereABlockCannotHoldItsRows) {
     for (const auto& [dims, blocks] :

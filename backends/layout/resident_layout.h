@@ -3,9 +3,11 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string>
 #include <vector>
 
+#include "backends/layout/brick_layout.h"
 #include "backends/layout/records/edit.h"
 #include "backends/layout/records/resident.h"
 #include "backends/physics/edit.h"
@@ -115,6 +117,14 @@ std::string resident_refusal(const Problem& problem, int multiprocessors, bool l
 /// Empty, or which limit of the kernel or of the card the layout exceeds.
 std::string block_refusal(const ResidentLayout& layout, const ResidentCard& card,
                           ToolMode tool = ToolMode::none);
+
+/// The predicted time of a step whose threads have several particles, on multiprocessors of that clock.
+double seconds_in_turns(const ResidentLayout& layout, double hertz);
+/// Empty, or how much faster bricks are predicted to step the same body. Empty as well if every thread has
+/// one particle: such a layout has been measured beside bricks, and the rules of `auto` know its place.
+/// `bricks`: the plan for the body, if bricks take it.
+std::string outpaced_by_bricks(const ResidentLayout& layout, const std::optional<BrickPlan>& bricks,
+                               double hertz);
 
 /// For each lane the number of its particle in `held`, which is ascending; resident_none: it is not held.
 std::vector<std::uint32_t> held_by_lanes(const ResidentLayout& layout,

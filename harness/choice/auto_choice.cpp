@@ -10,6 +10,7 @@
 #include <utility>
 
 #include "auto_rule_files.h"  // generated
+#include "backends/outpaced.h"
 #include "harness/results/capabilities.h"
 #include "harness/results/result.h"
 
@@ -160,7 +161,8 @@ AutoChoice choose_backend(const std::string& text, const Scene& scene,
     std::unique_ptr<Backend> backend;
     Chosen chosen = choose_by_rules(text, scene, [&](const BackendSpec& spec) {
         backend = spec.make();
-        return may_be_chosen(backend->capabilities()) && accepts(*backend);
+        return may_be_chosen(backend->capabilities()) && accepts(*backend) &&
+               outpaced_by_another(*backend, scene.problem).empty();
     });
     return {std::move(chosen), std::move(backend)};
 }

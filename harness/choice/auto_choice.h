@@ -39,9 +39,9 @@ struct Rule {
     bool tool;                       ///< whether the rule also holds if a tool moves
     std::string reason;              ///< as text for users
 };
-/// The rules in order. The first one that holds, and whose backend is available and takes the problem,
-/// decides. A graphics API in software is never chosen. The rules are in auto_rules.json, which
-/// results/auto_rules.py makes from committed results.
+/// The rules in order. The first one that holds, and whose backend is available, takes the problem and is not
+/// outpaced (backends/outpaced.h), decides. A graphics API in software is never chosen. The rules are in
+/// auto_rules.json, which results/auto_rules.py makes from committed results.
 const std::vector<Rule>& rules();
 bool holds(const Rule& rule, const Workload& workload);
 
@@ -65,7 +65,7 @@ bool asks_for_auto(const std::string& text);
 AutoChoice choose_backend(const std::string& text, const Scene& scene,
                           const std::function<bool(Backend&)>& accepts);
 /// choose_backend() without constructing a backend in this process. `takes` says whether a backend is
-/// available, may be chosen and takes the scene.
+/// available, may be chosen, takes the scene and is not outpaced.
 Chosen choose_by_rules(const std::string& text, const Scene& scene,
                        const std::function<bool(const BackendSpec&)>& takes);
 /// Whether the rules may choose a backend: not if it is a graphics API in software.

@@ -8,6 +8,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include "backends/outpaced.h"
 #include "harness/base/bad_input.h"
 #include "harness/base/interruption.h"
 #include "harness/device/limits.h"
@@ -60,9 +61,12 @@ private:
         const auto begin = Clock::now();
         backend_ = spec_.make();
         const std::chrono::duration<double> seconds = Clock::now() - begin;
+        const std::string unsupported = scene_ != nullptr ? SceneRunner(*scene_).unsupported(*backend_) : "";
+        const bool runs = scene_ != nullptr && unsupported.empty();
         return {{"capabilities", voxspring::to_json(backend_->capabilities())},
                 {"construct_seconds", seconds.count()},
-                {"unsupported", scene_ != nullptr ? SceneRunner(*scene_).unsupported(*backend_) : ""}};
+                {"unsupported", unsupported},
+                {"outpaced", runs ? outpaced_by_another(*backend_, scene_->problem) : ""}};
     }
     void make_runner() {
         if (!program_.at("shared").is_null()) shared_.emplace(program_.at("shared"));

@@ -39,8 +39,9 @@ public:
     /// The finished measurements of the case.
     JournalScope& scope() { return scope_; }
 
-    /// Constructs the backend, unless the journal already has the result. Returns its `capabilities`,
-    /// `unsupported` (empty, or why it cannot run the scene) and `construct_seconds`. Throws as ask() does.
+    /// Constructs the backend, unless the journal has the result. Returns `capabilities`,
+    /// `construct_seconds`, `unsupported` (empty, or why it cannot run the scene) and `outpaced`
+    /// (outpaced.h). Throws as ask().
     nlohmann::json introduce();
     /// introduce() ahead of time, in two parts (begin and wait), so that several cases construct at once.
     /// Each construction then takes longer. Errors are kept, and introduce() throws them later.

@@ -240,7 +240,7 @@ std::vector<std::string> StudyBench::with_choices(std::vector<std::string> patte
                 const nlohmann::json introduction = introduce(spec, workers_, options_.timeout);
                 const Capabilities capabilities = capabilities_of(introduction.at("capabilities"));
                 taken = may_be_chosen(capabilities) && kind_.takes(capabilities) &&
-                        introduction.at("unsupported") == "";
+                        introduction.at("unsupported") == "" && introduction.at("outpaced") == "";
             });
             return taken;
         });
