@@ -182,32 +182,35 @@ def durations(machine):
         yield study, rows, minutes if minutes and minutes < 30 else None
 
 
-def backend_api(one, backend):
-    """numba 0.68.1 of a peer."""
-    return one["context"]["voxspring"]["backends"][backend]["api"]
-
-
 def peers_by_size(one):
-    """What the table of peers shows of a result of `voxspring study peers`: scenes by size, backends by their time on the first."""
-    rows = {(row["scene"], row["backend"]): row for row in results.medians_of(one)}
-    scenes = sorted({(row["scene"], row["particles"]) for row in rows.values()}, key=lambda scene: scene[1])
-    lines = {row["backend"]: row.get("lines_of_code") for row in rows.values()}
-    own = {scene: row for (scene, _), row in rows.items() if not row.get("lines_of_code")}
+    """What the table of peers shows of a result of `voxspring study peers`: scenes by size, systems by their time on the first."""
+    def name(row):
+        if row.get("lines_of_code"):
+            return one["context"]["voxspring"]["backends"][row["backend"]]["api"]
+        return f"Voxspring, `{row['backend']}`, `{row['formulation']}`"
 
-    def cell(scene, backend):
-        row = rows.get((scene, backend))
+    rows = {(row["scene"], name(row)): row for row in results.medians_of(one)}
+    scenes = sorted({(row["scene"], row["particles"]) for row in rows.values()}, key=lambda scene: scene[1])
+    lines = {system: row.get("lines_of_code") for (_, system), row in rows.items()}
+    own = {}
+    for (scene, system), row in rows.items():
+        if not lines[system] and (scene not in own or row["real_time"] < own[scene]["real_time"]):
+            own[scene] = row
+
+    def cell(scene, system):
+        row = rows.get((scene, system))
         if row is None:
             return "-"
         return f"{results.time_of(row)}, {results.ratio_text(row, own[scene])} x, {row['error_max']:.0e}"
 
-    backends = sorted(lines, key=lambda backend: min(row["real_time"] for (scene, name), row in rows.items()
-                                                     if name == backend and scene == scenes[0][0]))
-    reasons = groups((row for row in one["skipped"] + one["failed"] if row["backend"] not in {name for _, name in rows}),
-                     "backend", "reason")
-    return {"headings": [f"{scene}, {particles:,} particles" for scene, particles in scenes], "backends": backends,
-            "lines": {backend: f"{count:.0f}" if count else "" for backend, count in lines.items()},
-            "own": {row["backend"] for row in own.values()},
-            "cells": {backend: [cell(scene, backend) for scene, _ in scenes] for backend in backends},
+    order = [scene for scene, _ in scenes]
+    systems = sorted(lines, key=lambda system: min((order.index(scene), row["real_time"]) for (scene, other), row in rows.items()
+                                                   if other == system))
+    present = {row["backend"] for row in rows.values()}
+    reasons = groups((row for row in one["skipped"] + one["failed"] if row["backend"] not in present), "backend", "reason")
+    return {"headings": [f"{scene}, {particles:,} particles" for scene, particles in scenes],
+            "rows": [(system, f"{lines[system]:.0f}" if lines[system] else "-", [cell(scene, system) for scene, _ in scenes])
+                     for system in systems],
             "missing": [f"Not here: {backend}, because {reason}." for backend, reason in reasons]}
 
 

@@ -46,14 +46,15 @@ class Pages(unittest.TestCase):
         self.assertIn("a card; the host's thread was real-time; commit 01234567.", text)
 
     def test_peers_are_beside_voxsprings_own_row_by_size(self):
-        def rows(scene, particles, backend, times, lines):
-            common = {"name": f"{scene}/{backend}/position/float32/iterations:9", "run_name": f"{scene}/{backend}", "steps": 9,
-                      "scene": scene, "particles": particles, "backend": backend, "error_max": 2e-6, "lines_of_code": lines}
+        def rows(scene, particles, backend, times, lines, formulation="position"):
+            common = {"name": f"{scene}/{backend}/{formulation}/float32/iterations:9", "run_name": f"{scene}/{backend}/{formulation}",
+                      "formulation": formulation, "steps": 9, "scene": scene, "particles": particles, "backend": backend, "error_max": 2e-6, "lines_of_code": lines}
             return ([common | {"run_type": "iteration", "real_time": time} for time in times] +
                     [common | {"run_type": "aggregate", "aggregate_name": "median", "real_time": sorted(times)[1]}])
 
         reason = "CuPy computes on a card only"
         one = {"benchmarks": [*rows("large", 8000, "cpu_parallel", [100, 100, 100], None), *rows("large", 8000, "numba", [300, 250, 350], 34),
+                              *rows("large", 8000, "cpu_parallel", [200, 200, 200], None, "increment"),
                               *rows("small", 27, "cpu_parallel", [2, 2, 2], None), *rows("small", 27, "numba", [50, 50, 50], 34)],
                "skipped": [{"scene": scene, "backend": "cupy", "reason": reason} for scene in ("small", "large")], "failed": [],
                "context": {"voxspring": {"gpu": "", "cpu": "a processor", "commit": "0123456789",
@@ -61,8 +62,9 @@ class Pages(unittest.TestCase):
         text = str(figures.tables().peers([one]))
         lines = [line for line in text.split("\n") if line.startswith("| ")]
         self.assertEqual(lines[0], "|  | lines of code | small, 27 particles | large, 8,000 particles |")
-        self.assertEqual(lines[2:], ["| Voxspring, `cpu_parallel` | - | 2, 1.00 x, 2e-06 | 100, 1.00 x, 2e-06 |",
-                                     "| numba 1.2 | 34 | 50, 25.0 x, 2e-06 | 300 ± 8 %, 3.0 x, 2e-06 |"])
+        self.assertEqual(lines[2:], ["| Voxspring, `cpu_parallel`, `position` | - | 2, 1.00 x, 2e-06 | 100, 1.00 x, 2e-06 |",
+                                     "| numba 1.2 | 34 | 50, 25.0 x, 2e-06 | 300 ± 8 %, 3.0 x, 2e-06 |",
+                                     "| Voxspring, `cpu_parallel`, `increment` | - | - | 200, 2.00 x, 2e-06 |"])
         self.assertEqual(text.count(f"Not here: cupy, because {reason}."), 1)
         self.assertIn("a processor; commit 01234567.", text)
         self.assertIn("No committed result has it yet.", str(figures.tables().peers([])))

@@ -112,13 +112,14 @@ def _row(argument: str, peer: str, reason: str) -> dict[str, str]:
             "precision": "float32", "tuning": "", "reason": reason}
 
 
-def run(peers: list[str], scenes: dict[str, int], repetitions: int, device: str, backend: str, out: str | None) -> Result:
-    """Judges every peer on every scene, with the repetitions of all in random order, beside `backend` of this package."""
+def run(peers: list[str], scenes: dict[str, int], repetitions: int, device: str, backends: list[str],
+        out: str | None) -> Result:
+    """Judges every peer on every scene, with the repetitions of all in random order, beside `backends` of this package."""
     results = []
     for argument, steps in scenes.items():
-        print(f"{argument}: {backend}", file=sys.stderr)
-        results.append(study("fastest", scene(argument), steps=steps, backends=[backend], repetitions=repetitions))
-        results[-1].json.pop("fastest")  # which of several backends is: here is one
+        print(f"{argument}: {', '.join(backends)}", file=sys.stderr)
+        results.append(study("fastest", scene(argument), steps=steps, backends=backends, repetitions=repetitions))
+        results[-1].json.pop("fastest")  # which of many backends is: here is one per formulation
         cases, ended = [], results[-1].json
         try:
             for peer in peers:
@@ -166,7 +167,8 @@ def main(arguments: list[str] | None = None) -> int:
     options.add_argument("--scene", action="append", metavar="GLOB", help=f"of {', '.join(SCENES)}; "
                          f"repeatable (default: all with --device cuda, else {' and '.join(ON_PROCESSOR)})")
     options.add_argument("--device", choices=("cpu", "cuda"), default="cpu", help="what the peers compute on (default: cpu)")
-    options.add_argument("--backend", default="", help="of Voxspring's own (default: cpu_parallel, or what auto takes, by position)")
+    options.add_argument("--backend", action="append", help="of Voxspring's own; repeatable (default: cpu_parallel, or what auto takes, "
+                         "by position, as the paper, and by increment, which keeps a velocity as the peers do)")
     options.add_argument("--repetitions", type=int, default=9)
     options.add_argument("--out", metavar="FILE.json")
     given = options.parse_args(arguments)
@@ -179,9 +181,10 @@ def main(arguments: list[str] | None = None) -> int:
 
     peers = matching(list(PEERS), given.peer)
     scenes = scenes_of(given.device, matching(list(SCENES), given.scene) if given.scene else None)
-    backend = given.backend or ("cpu_parallel" if given.device == "cpu" else "auto") + ":formulation=position"
+    own = "cpu_parallel" if given.device == "cpu" else "auto"
+    backends = given.backend or [f"{own}:formulation={formulation}" for formulation in ("position", "increment")]
     try:
-        result = run(peers, scenes, given.repetitions, given.device, backend, given.out)
+        result = run(peers, scenes, given.repetitions, given.device, backends, given.out)
     except KeyboardInterrupt:
         return 130
     except _core.BadInput as error:
