@@ -166,7 +166,7 @@ SUPPORTS = {
     "edits": ("topology changes at run time", "cuts-and-sutures"), "tuning": ("vertical lists; best blocks", "tuning"),
     "formulations": ("what a formulation costs, and its error", "formulations"), "pareto": ("time against error", "formulations"),
     "stability": ("the largest time step", "stability"), "stress": ("errors and extremes", "errors-and-extremes"),
-    "skips": ("what rests costs nothing; all blocks launched", "tiles-at-rest"), "energy": ("joules a step", "energy")}
+    "skips": ("what rests costs nothing; all blocks launched", "tiles-at-rest"), "energy": ("joules per step", "energy")}
 
 
 def durations(machine):
