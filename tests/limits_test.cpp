@@ -3,6 +3,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <omp.h>
 
 #include <algorithm>
 #include <cmath>
@@ -118,6 +119,10 @@ TEST(BestLimits, TakeTheBetterOfEach) {
     EXPECT_EQ(best_so_far(device, one).launch_seconds, 2e-6);
     EXPECT_EQ(best_so_far(device, other).launch_seconds, 1e-6);
     EXPECT_EQ(best_so_far(device, one).launch_seconds, 1e-6);
+    const int threads = omp_get_max_threads();
+    omp_set_num_threads(threads + 1);
+    EXPECT_FALSE(best_so_far(device)) << "other footprints, and another rate";
+    omp_set_num_threads(threads);
     device.driver = "another driver";
     EXPECT_FALSE(best_so_far(device));
 }

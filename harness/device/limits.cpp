@@ -1,5 +1,7 @@
 #include "harness/device/limits.h"
 
+#include <omp.h>
+
 #include <algorithm>
 #include <cmath>
 #include <nlohmann/json.hpp>
@@ -99,10 +101,11 @@ bool is_on_a_part(const DeviceLimits& limits) {
            limits.compute_shader_float32_operations_per_second.value_or(0) / 4;
 }
 
-/// What the limits of a device depend on.
+/// What the limits of a device depend on. Those of a processor are measured with as many threads as OpenMP
+/// may use, and footprints are multiples of that number.
 std::string name_in_cache(const Capabilities& device) {
     return "limits-" + hash_of(json_text({version_commit, device.api, device.device, device.driver,
-                                          device.uuid, device.limits_of}));
+                                          device.uuid, device.limits_of, omp_get_max_threads()}));
 }
 
 }  // namespace

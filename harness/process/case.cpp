@@ -55,7 +55,12 @@ private:
     nlohmann::json limits() const {
         const std::unique_ptr<Backend> backend = spec_.make();
         if (backend->limits() == nullptr) throw Unavailable("the backend measures no limits");
-        return voxspring::to_json(backend->limits()->measure_limits());
+        // The limits are those of the whole processor, even if this case works with a share of its threads.
+        const int share = omp_get_max_threads();
+        omp_set_num_threads(omp_get_num_procs());
+        const DeviceLimits measured = backend->limits()->measure_limits();
+        omp_set_num_threads(share);
+        return voxspring::to_json(measured);
     }
     nlohmann::json construct() {
         const auto begin = Clock::now();
