@@ -181,7 +181,7 @@ TEST(Decompositions, RefuseWhatTheyCannotCut) {
     EXPECT_EQ(refusal(problems()[0], 14), "13 layers with particles along z cannot be cut into 14 parts");
     EXPECT_EQ(Decomposition::refusal(problems()[0], {2, 6, 2}),
               "5 layers with particles along y cannot be cut into 6 parts");
-    EXPECT_THAT(refusal(problems()[0], 0), HasSubstr("no part"));
+    EXPECT_THAT(refusal(problems()[0], 0), HasSubstr("at least one part"));
     EXPECT_THAT(refusal(random_network(10, 20, 1), 2), HasSubstr("lattice"));
     Problem beyond = problems()[0];
     beyond.springs.push_back({0, 7, 1, 2});

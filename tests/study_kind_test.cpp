@@ -321,7 +321,7 @@ TEST_F(StudyKinds, OneOfOnesOwnRunsAsAnyOther) {
     std::ostringstream printed;
     EXPECT_EQ(run_and_print_study(study, {}, printed), 0);
     EXPECT_THAT(printed.str(),
-                ::testing::ContainsRegex("scene +backend +label +upload seconds +voxels a byte\n"
+                ::testing::ContainsRegex("scene +backend +label +upload seconds +voxels per byte\n"
                                          "box@4 +cpu_[a-z_0-9 ]+ small +[0-9.]+ [mun]?s +-\n"));
 }
 

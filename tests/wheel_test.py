@@ -303,7 +303,8 @@ class Studies(unittest.TestCase):
                               capture_output=True, text=True, check=False)
         self.assertEqual(done.returncode, 0, done.stderr)
         result = voxspring.Result.load("peers.json")
-        self.assertEqual([row["backend"] for row in result.rows], ["cpu_parallel", "numpy"])
+        self.assertEqual({(row["backend"], row["formulation"]) for row in result.rows},
+                         {("cpu_parallel", "position"), ("cpu_parallel", "increment"), ("numpy", "position")})
         self.assertEqual([(row["backend"], row["reason"]) for row in result.json["skipped"]],
                          [("numba", "no Python package numba is installed")])
 
