@@ -25,7 +25,7 @@ using ::testing::AnyOf;
 using ::testing::HasSubstr;
 using ::testing::StartsWith;
 
-/// What Unavailable says, or nothing if nothing is.
+/// What Unavailable says; empty if the call does not throw it.
 template <class Call>
 std::string unavailable(Call call) {
     try {
@@ -44,9 +44,10 @@ TEST(WithoutNvrtc, EveryCallSaysWhatIsMissingAndWhoseItIs) {
     }
 }
 
-// Without a driver as well, that is what is said.
+// Where there is no driver either, backends look for it first and name it.
 TEST(WithoutNvrtc, CudaBackendsAreUnavailableAndOthersAreNot) {
-    for (const auto& [name, entry] : registry()) {
+    for (const auto& entry : registry()) {
+        const std::string& name = entry.first;
         if (!name.starts_with("cuda_")) continue;
         EXPECT_THAT(unavailable([&name] { BackendSpec::parse(name).make(); }),
                     AnyOf(StartsWith("no NVRTC: "), StartsWith("no NVIDIA driver"), StartsWith("no CUDA ")))
