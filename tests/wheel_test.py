@@ -165,7 +165,7 @@ class Simulations(unittest.TestCase):
 
     def test_other_threads_run_while_it_steps(self):
         simulation = voxspring.Simulation(voxspring.scene("box@32"), "cpu_reference")
-        stepping = threading.Thread(target=simulation.step, args=(40,))
+        stepping = threading.Thread(target=simulation.step, args=(400,))
         begin = time.perf_counter()
         stepping.start()
         pauses, last = [], begin
