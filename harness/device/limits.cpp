@@ -118,7 +118,7 @@ std::optional<DeviceLimits> best_so_far(const Capabilities& device) {
 
 DeviceLimits best_so_far(const Capabilities& device, const DeviceLimits& measured) {
     const std::optional<DeviceLimits> known = best_so_far(device);
-    const DeviceLimits best = known ? best_of(*known, measured) : measured;
+    DeviceLimits best = known ? best_of(*known, measured) : measured;
     DiskCache().keep(name_in_cache(device), json_text(to_json(best)));
     return best;
 }
