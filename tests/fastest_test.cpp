@@ -26,6 +26,7 @@ namespace voxspring::testing {
 namespace {
 
 using ::testing::HasSubstr;
+using ::testing::Not;
 
 nlohmann::json row_of(const std::string& scene, const std::string& backend, double microseconds,
                       const std::string& tuning = "") {
@@ -328,18 +329,19 @@ public:
 // What its rules say holds on other devices only.
 TEST(Auto, GoesOnFromABackendThatAnotherOneOutpaces) {
     const Scene scene = load_scene("box@4");
-    const auto chosen = [&] {
+    const auto choice = [&] {
         return choose_backend("auto", scene,
-                              [](const Backend& backend) { return backend.capabilities().steps_on_host(); })
-            .spec.entry->name;
+                              [](const Backend& backend) { return backend.capabilities().steps_on_host(); });
     };
-    EXPECT_EQ(chosen(), "cpu_parallel");
+    EXPECT_EQ(choice().spec.entry->name, "cpu_parallel");
+    EXPECT_THAT(choice().reason, Not(HasSubstr("; not ")));
     BackendEntry& entry = const_cast<BackendEntry&>(registry().at("cpu_parallel"));
     const auto make =
         std::exchange(entry.make, [](const Options&) { return std::make_unique<SlowBackend>(); });
-    EXPECT_EQ(chosen(), "cpu_explicit");
+    EXPECT_EQ(choice().spec.entry->name, "cpu_explicit");
+    EXPECT_THAT(choice().reason, HasSubstr("; not cpu_parallel: cpu_explicit is faster"));
     entry.make = make;
-    EXPECT_EQ(chosen(), "cpu_parallel");
+    EXPECT_EQ(choice().spec.entry->name, "cpu_parallel");
 }
 
 TEST(Auto, LeavesSpringsBeyondTheLatticeToLists) {

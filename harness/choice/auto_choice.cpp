@@ -133,6 +133,10 @@ void check_auto(const std::string& text) {
     if (!options.empty()) (void)BackendSpec::parse("cpu_parallel:" + options);
 }
 
+std::string passed_over_text(const BackendSpec& spec, const std::string& why) {
+    return "; not " + spec.entry->name + ": " + why;
+}
+
 bool may_be_chosen(const Capabilities& capabilities) { return !capabilities.is_software; }
 
 Chosen choose_by_rules(const std::string& text, const Scene& scene,
@@ -159,11 +163,15 @@ Chosen choose_by_rules(const std::string& text, const Scene& scene,
 AutoChoice choose_backend(const std::string& text, const Scene& scene,
                           const std::function<bool(Backend&)>& accepts) {
     std::unique_ptr<Backend> backend;
+    std::string passed_over;
     Chosen chosen = choose_by_rules(text, scene, [&](const BackendSpec& spec) {
         backend = spec.make();
-        return may_be_chosen(backend->capabilities()) && accepts(*backend) &&
-               outpaced_by_another(*backend, scene.problem).empty();
+        if (!may_be_chosen(backend->capabilities()) || !accepts(*backend)) return false;
+        const std::string why = outpaced_by_another(*backend, scene.problem);
+        if (!why.empty()) passed_over += passed_over_text(spec, why);
+        return why.empty();
     });
+    chosen.reason += passed_over;
     return {std::move(chosen), std::move(backend)};
 }
 

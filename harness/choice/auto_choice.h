@@ -68,6 +68,8 @@ AutoChoice choose_backend(const std::string& text, const Scene& scene,
 /// available, may be chosen, takes the scene and is not outpaced.
 Chosen choose_by_rules(const std::string& text, const Scene& scene,
                        const std::function<bool(const BackendSpec&)>& takes);
+/// What a choice's reason says of a backend that the rules prefer and that is outpaced (outpaced.h).
+std::string passed_over_text(const BackendSpec& spec, const std::string& why);
 /// Whether the rules may choose a backend: not if it is a graphics API in software.
 bool may_be_chosen(const Capabilities& capabilities);
 /// Checks the options that follow "auto". Throws BadSpecification.

@@ -234,19 +234,24 @@ void StudyBench::add_failure(Case& benchmark_case) {
 std::vector<std::string> StudyBench::with_choices(std::vector<std::string> patterns) {
     for (std::string& pattern : patterns) {
         if (!asks_for_auto(pattern)) continue;
+        std::string passed_over;
         const Chosen choice = choose_by_rules(pattern, *scene_, [&](const BackendSpec& spec) {
             bool taken = false;
             (void)failure_of([&] {
                 const nlohmann::json introduction = introduce(spec, workers_, options_.timeout);
                 const Capabilities capabilities = capabilities_of(introduction.at("capabilities"));
                 taken = may_be_chosen(capabilities) && kind_.takes(capabilities) &&
-                        introduction.at("unsupported") == "" && introduction.at("outpaced") == "";
+                        introduction.at("unsupported") == "";
+                const std::string why = introduction.at("outpaced");
+                if (!taken || why.empty()) return;
+                passed_over += passed_over_text(spec, why);
+                taken = false;
             });
             return taken;
         });
         Row row = row_of(scene_->name, choice.spec);
         row.pattern = pattern;
-        row.reason = choice.reason;
+        row.reason = choice.reason + passed_over;
         add("auto", row);
         pattern = choice.spec.text();
     }
