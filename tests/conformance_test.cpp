@@ -103,7 +103,8 @@ const std::vector<Case>& cases() {
 bool may_refuse(const BackendSpec& spec, const Problem& problem) {
     const std::string& backend = spec.entry->name;
     const bool counts_groups = backend == "cuda_explicit_cached_grid";
-    const bool has_lists = spec.entry->addressing == Addressing::by_lists;
+    // Tiles keep no list of the springs beyond the lattice.
+    const bool has_lists = spec.entry->addressing == Addressing::by_lists && backend != "cuda_tiles";
     if (!problem.springs.empty()) return counts_groups || !has_lists;
     if (backend == "cuda_resident") return problem.has_materials();
     if (backend == "cuda_bricks" || backend == "cuda_tiles")

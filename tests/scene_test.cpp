@@ -257,7 +257,7 @@ TEST(Scene, EditsPlayBetweenTheirSteps) {
     // A backend that cannot follow the edits says so before the run.
     const auto implicit = BackendSpec::parse("cpu_parallel").make();
     EXPECT_EQ(runner.unsupported(*implicit),
-              "implicit addressing has no springs beyond the lattice (edit after step 7)");
+              "addressing by the lattice has no springs beyond the lattice (edit after step 7)");
 }
 
 // Remembers the uploaded problem, as the contract lets a backend do, and its springs.

@@ -139,7 +139,7 @@ TEST_P(SimulationOn, AStitchIsMadeOrRefused) {
         EXPECT_EQ(stitch.springs, 1u);
     }
     if (GetParam().find("implicit") != std::string::npos) {
-        EXPECT_EQ(stitch.refused, "implicit addressing has no springs beyond the lattice");
+        EXPECT_EQ(stitch.refused, "addressing by the lattice has no springs beyond the lattice");
     }
     if (stitch.springs == 1) {
         ASSERT_EQ(simulation.problem().springs.size(), 1u);

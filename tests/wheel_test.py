@@ -163,6 +163,17 @@ class Simulations(unittest.TestCase):
             with self.assertRaisesRegex(voxspring.Unavailable, "NVIDIA driver|CUDA"):
                 voxspring.Simulation(beam(), "cuda_implicit_cached")
 
+    def test_an_array_on_a_card_answers_as_dlpack_asks(self):
+        # PyTorch, CuPy and JAX ask with a version and a stream. The protocol touches no card.
+        array = voxspring.CardArray(self, address=4096, count=7, device=1)
+        self.assertEqual(array.__dlpack_device__(), (2, 1))
+        for options, name in (({}, '"dltensor"'), ({"stream": None}, '"dltensor"'),
+                              ({"max_version": (1, 0), "stream": 1}, '"dltensor_versioned"')):
+            with self.subTest(options=options):
+                self.assertIn(name, str(array.__dlpack__(**options)))
+        described = array.__cuda_array_interface__
+        self.assertEqual((described["data"][0], described["shape"], described["strides"]), (4096, (7, 3), (16, 4)))
+
     def test_other_threads_run_while_it_steps(self):
         simulation = voxspring.Simulation(voxspring.scene("box@32"), "cpu_reference")
         stepping = threading.Thread(target=simulation.step, args=(400,))
