@@ -350,9 +350,10 @@ struct CardArray {
     nb::object dlpack_array() const {
         const std::size_t shape[2] = {count, 3};
         const std::int64_t strides[2] = {4, 1};
-        return nb::cast(nb::ndarray<float, nb::device::cuda>(reinterpret_cast<void*>(address), 2, shape,
-                                                             keeps, strides, nb::dtype<float>(),
-                                                             nb::device::cuda::value, device));
+        // Without array_api nanobind gives a capsule, which has no __dlpack__ to ask for a version and a stream.
+        return nb::cast(nb::ndarray<nb::array_api, float, nb::device::cuda>(
+            reinterpret_cast<void*>(address), 2, shape, keeps, strides, nb::dtype<float>(),
+            nb::device::cuda::value, device));
     }
 };
 
@@ -666,6 +667,13 @@ NB_MODULE(_core, m) {
         "Displacements in the card's memory, float32, shape (n, 3), strides (16, 4) bytes. For "
         "torch.from_dlpack(), cupy.asarray(), jax.dlpack.from_dlpack() and the like. Read-only "
         "by convention. The next request for one writes to the same memory.")
+        .def(
+            "__init__",
+            [](CardArray* self, nb::object owner, std::uintptr_t address, std::size_t count, int device) {
+                new (self) CardArray{std::move(owner), address, device, count};
+            },
+            "owner"_a, "address"_a, "count"_a, "device"_a = 0,
+            "Describes `count` displacements at `address` of a card's memory, which `owner` keeps.")
         .def_prop_ro("__cuda_array_interface__", &CardArray::interface)
         .def("__dlpack__",
              [](const CardArray& array, const nb::kwargs& options) {
