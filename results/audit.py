@@ -52,7 +52,7 @@ class Case:
         return statistics.median(self.times[1::2]) if len(self.times) > 3 else self.us
 
     def of_limit(self, us=None):
-        return 100 * self.row["limit_seconds"] * 1e6 / (us or self.us)
+        return 100 * self.row["limit_seconds"] * 1e6 / (us or self.us) if self.row["limit_seconds"] else None
 
     def spread(self):
         low, _, high = statistics.quantiles(self.times, n=4, method="inclusive")
@@ -69,6 +69,10 @@ def cases(study, machine=CARD):
 
 def alike(study, machine=CARD, **which):
     return [case for case in cases(study, machine).values() if all(getattr(case, key) == value for key, value in which.items())]
+
+
+def plain(scene, machine=CARD, **which):
+    return alike("fastest", machine, scene=scene, formulation="position", precision="float32", **which)
 
 
 def best(several):
@@ -131,300 +135,275 @@ def tables(page):
             yield marker or heading, [re.sub(r", (batches of )?\d+ steps", "", name) for name in split(line)], rows, machine_of((origin, above)[not marker])
 
 
-# --- Tables: for each the figures of a row, column by column. A column that is not here has no recomputation.
+# --- Tables: what the figures of a row are. An audit makes of the row's cells, the header and the machine {the name of a column, or its
+# number: the value}, or a list of (words after that name, part of the cell, value) where a cell has several figures.
+
+def each(value_of, first=2):
+    """An audit of all cells from a column on that are no dashes, by what a function says of the first cell, the column and the cell."""
+    return lambda cells, header, _: {at: value_of(cells[0], header[at], cells[at]) for at in range(first, len(header)) if cells[at] != "-"}
+
+
+def with_second(cell, value, words, second):
+    """A figure and one in parentheses behind it."""
+    return [("", cell, value), (words, cell[cell.rindex("("):], second)]
+
 
 def of_steps(study):
-    def row(cells, header, _):
-        for column, cell in zip(header[2:], cells[2:]):
-            scene, what = column.split(": ")
-            if cell == "-":
-                continue
-            case = named(study, scene, cells[0])
-            yield column, cell, {"us": case.us, "G springs/s": case["springs"] / case.us * 1e-3, "of limit": case.of_limit() if
-                                 case["limit_seconds"] else None, "error": case["error_max"]}.get(what)
-    return row
-
-
-def starts(cells, header, _):
-    for column, cell in zip(header[1:], cells[1:]):
+    def value_of(label, column, _):
         scene, what = column.split(": ")
-        if cell != "-":
-            case = named("table1", scene, cells[0])
-            yield column, cell, 1e3 * case["warm_ready_seconds" if what == "warm" else "ready_seconds"]
+        case = named(study, scene, label)
+        return {"us": case.us, "G springs/s": case["springs"] / case.us * 1e-3, "of limit": case.of_limit(),
+                "error": case["error_max"]}.get(what)
+    return each(value_of)
 
 
-def figure8(cells, header, _):
-    for column, cell in zip(header[2:], cells[2:]):
-        if cell != "-":
-            case = named("figure8", f"box@{column.partition('^')[0]}", cells[0])
-            yield column, cell, case.us
-            yield column + " per particle", cell[cell.rindex("("):], case.us * 1e3 / case["particles"]
+def start(label, column, _):
+    scene, what = column.split(": ")
+    return 1e3 * named("table1", scene, label)["warm_ready_seconds" if what == "warm" else "ready_seconds"]
 
 
-def edits(cells, header, _):
-    for column, cell in zip(header[2:], cells[2:]):
-        scenes = {case.row["edits"]: case for case in cases("edits").values() if case.name.endswith(
-            "/".join(["", cells[0].split(" ")[0].strip("`"), "increment", "float32", *cells[0].split(" ")[1:]]))}
-        most = scenes[max(scenes)]
-        if "edit" in column and column[0].isdigit():
-            case = scenes[int(column.split(" ")[0])]
-            yield column, cell, 100 * (case.us * 1e-6 / case["seconds_per_step_without_edits"] - 1)
-        elif column.startswith("an edit"):
-            yield column, cell, most["edit_seconds_median"] * 1e6
-        elif column.startswith("a step"):
-            yield column, cell, most["seconds_per_step_without_edits"] * 1e6
+def figure8(label, column, cell):
+    case = named("figure8", f"box@{column.partition('^')[0]}", label)
+    return with_second(cell, case.us, " per particle", case.us * 1e3 / case["particles"])
+
+
+def edits(label, column, _):
+    backend, *words = label.replace("`", "").split(" ")
+    scenes = {case["edits"]: case for case in cases("edits").values() if case.name.endswith("/".join(["", backend, "increment", "float32", *words]))}
+    if "edit" in column and column[0].isdigit():
+        case = scenes[int(column.split(" ")[0])]
+        return 100 * (case.us * 1e-6 / case["seconds_per_step_without_edits"] - 1)
+    key = {"an edit": "edit_seconds_median", "a step": "seconds_per_step_without_edits"}.get(column.split(" (")[0])
+    return key and scenes[max(scenes)][key] * 1e6
 
 
 def tuning(cells, header, _):
     own = alike("tuning", scene=cells[1], backend=cells[0].strip("`"))
-    yield header[4], cells[4], len(own)
-    default = [case for case in own if not case.tuning]
-    if default and cells[2] != "-":
-        yield header[2], cells[2], default[0].held_out() if len(own) > 1 else default[0].us
     chosen, us = best(own)
-    if default and default[0].held_out() < 1.03 * us:
-        chosen, us = default[0], default[0].held_out() if len(own) > 1 else default[0].us
-    yield header[3], cells[3], us
-    yield header[5], cells[5], " ".join(chosen.tuning) or "the default"
+    default = next((case for case in own if not case.tuning), None)
+    usual = default and (default.held_out() if len(own) > 1 else default.us)
+    if usual and usual < 1.03 * us:
+        chosen, us = default, usual
+    return {4: len(own), 2: None if cells[2] == "-" else usual, 3: us, 5: " ".join(chosen.tuning) or "the default"}
+
+
+def rates(case, us):
+    return {"us per step": us, "G particles/s": case["particles"] / us * 1e-3, "G springs/s": case["springs"] / us * 1e-3,
+            "of limit": case.of_limit(us), "% of roofline": case.of_limit(us), "error": case["error_max"]}
 
 
 def fastest(cells, header, machine):
     scene, formulation, precision = cells[0].split(" ")
     own = alike("fastest", machine, scene=scene, formulation=formulation, precision=precision)
-    case = best(own)[0]
-    us, papers = case.held_out(), [one for one in own if one.backend in PAPER]
-    values = {"fastest": " ".join([f"`{case.backend}`"] + [precision] * (precision != "float32") + case.tuning), "of so many": len(own),
-              "us per step": us, "G particles/s": case["particles"] / us * 1e-3, "G springs/s": case["springs"] / us * 1e-3,
-              "of limit": case.of_limit(us) if case["limit_seconds"] else None, "error": case["error_max"],
-              "x the paper's best": best(papers)[1] / us if papers else None}
-    for column, cell in zip(header, cells):
-        if column in values and cell != "-":
-            yield column, cell, values[column]
+    case, papers = best(own)[0], [one for one in own if one.backend in PAPER]
+    us = case.held_out()
+    return {"fastest": " ".join([f"`{case.backend}`"] + [precision] * (precision != "float32") + case.tuning), "of so many": len(own),
+            **rates(case, us), "x the paper's best": best(papers)[1] / us if papers else None}
 
 
 def across_cards(cells, header, _):
     """A dataset, and the fastest strategy and its time on each card."""
     scene, formulation, *precision = cells[0].split(" ")
-    times = []
+    values, times = {}, []
     for at, column in enumerate(header):
-        if not column.endswith(": fastest") or cells[at] == "-":
-            continue
-        own = alike("fastest", machine_of(column), scene=scene, formulation=formulation, precision=(precision or ["float32"])[0])
-        case = best(own)[0]
-        times.append(case.held_out())
-        yield column, cells[at], " ".join([f"`{case.backend}`"] + precision + case.tuning)
-        yield header[at + 1], cells[at + 1], times[-1]
-    if cells[-1] != "-":
-        yield header[-1], cells[-1], times[-1] / times[0]
+        if column.endswith(": fastest") and cells[at] != "-":
+            own = alike("fastest", machine_of(column), scene=scene, formulation=formulation, precision=(precision or ["float32"])[0])
+            case = best(own)[0]
+            times.append(case.held_out())
+            values |= {at: " ".join([f"`{case.backend}`"] + precision + case.tuning), at + 1: times[-1]}
+    return values | {len(header) - 1: None if cells[-1] == "-" else times[-1] / times[0]}
 
 
 def targets(cells, header, machine):
-    scene, formulation, precision = cells[0].split(" ")
-    label = cells[3].replace("`", "").split(" ")
-    case = cases("fastest", machine)["/".join([scene, label[0], formulation, precision, *label[1 + (precision != "float32"):]])]
-    if cells[1].endswith(" us"):
-        yield header[2], cells[2], case.held_out()
+    scene, formulation, _ = cells[0].split(" ")
+    return {2: named("fastest", scene, cells[3], formulation, machine).held_out() if cells[1].endswith(" us") else None}
 
 
 def formulations(cells, header, _):
     label, scene, steps = cells[0].rsplit(", ", 2)
-    known = {case.formulation: case for case in cases("formulations").values() if case.scene == scene and
+    known = {case.formulation: case for case in alike("formulations", scene=scene) if
              case["steps"] == int(steps.split(" ")[0]) and " ".join([f"`{case.backend}`"] + case.tuning) == label}
-    yield header[1], cells[1], known["position"].us
-    for formulation, cell in zip(header[2:], cells[2:]):
-        if cell != "-":
-            yield formulation, cell, known[formulation].us / known["position"].us
-            yield formulation + " error", cell[cell.rindex("("):], known[formulation]["error_relative_l2"]
+    return {1: known["position"].us} | {
+        at: with_second(cells[at], known[name].us / known["position"].us, " error", known[name]["error_relative_l2"])
+        for at, name in enumerate(header) if at > 1 and cells[at] != "-"}
 
 
-def stress(cells, header, _):
-    name, scene, steps = re.fullmatch(r"(.*?), (.*), (\d+) steps", cells[0]).groups()
-    for formulation, cell in zip(header[1:], cells[1:]):
-        rows = [row for row in raw("stress")["stress"] if row["part"] in (7, 9) and (row["measurement"], row["scene"], row["steps"],
-                row["formulation"], row["precision"]) == (name, scene, int(steps), formulation, "float32")]
-        yield formulation, cell, max(math.inf if row["measured"] is None else row["measured"] for row in rows)
+def stress(label, formulation, _):
+    name, scene, steps = re.fullmatch(r"(.*?), (.*), (\d+) steps", label).groups()
+    rows = [row for row in raw("stress")["stress"] if row["part"] in (7, 9) and (row["measurement"], row["scene"], row["steps"],
+            row["formulation"], row["precision"]) == (name, scene, int(steps), formulation, "float32")]
+    return max(math.inf if row["measured"] is None else row["measured"] for row in rows)
 
 
-def stability(cells, header, _):
-    kind, amount, damping = re.fullmatch(r"(\w+) ([\d.]+), damping ([\d.]+)", cells[0]).groups()
-    for formulation, cell in zip(header[1:], cells[1:]):
-        ratios = [row["measured_time_step"] / row["theory_time_step"] for row in raw("stability")["stability"] if row["formulation"] ==
-                  formulation and row["start"]["kind"] == kind and (row["start"]["amplitude"] or row["start"]["stretch"]) == float(amount)
-                  and row["damping"] == float(damping)]
-        yield formulation + " least", cell.split(" to ")[0], min(ratios)
-        yield formulation + " most", cell.split(" to ")[1], max(ratios)
+def stability(label, formulation, cell):
+    kind, amount, damping = re.fullmatch(r"(\w+) ([\d.]+), damping ([\d.]+)", label).groups()
+    ratios = [row["measured_time_step"] / row["theory_time_step"] for row in raw("stability")["stability"] if row["formulation"] ==
+              formulation and row["start"]["kind"] == kind and (row["start"]["amplitude"] or row["start"]["stretch"]) == float(amount)
+              and row["damping"] == float(damping)]
+    least, most = cell.split(" to ")
+    return [(" least", least, min(ratios)), (" most", most, max(ratios))]
 
 
-def resting(cells, header, _):
-    backend, _, words = cells[0].partition(" ")
-    way = "flush" if words.endswith("flush") else "skip"
-    for scene, cell in zip(header[1:], cells[1:]):
-        if cell != "-":
-            name = "/".join([scene, backend.strip("`"), words.split(",")[0], "float32"])
-            every, moving = cell.split(" / ")
-            yield scene + " all", every, cases("skips")[name + "/rest=step"].us
-            yield scene + " moving", moving, cases("skips")[f"{name}/rest={way}"].us
-            work = next(row["work"] for row in raw("skips")["verification"] if row["name"] == f"{name}/rest={way}")
-            yield scene + " tiles", moving[moving.rindex("("):], 100 * work["tiles_stepped"] / work["tiles"]
+def resting(label, scene, cell):
+    backend, _, words = label.partition(" ")
+    name = "/".join([scene, backend.strip("`"), words.split(",")[0], "float32"])
+    skipping = f"{name}/rest={'flush' if words.endswith('flush') else 'skip'}"
+    every, moving = cell.split(" / ")
+    work = next(row["work"] for row in raw("skips")["verification"] if row["name"] == skipping)
+    return [(" all", every, cases("skips")[name + "/rest=step"].us), (" moving", moving, cases("skips")[skipping].us),
+            (" tiles", moving[moving.rindex("("):], 100 * work["tiles_stepped"] / work["tiles"])]
 
 
 def energy(cells, header, _):
     scene, label = cells[0].split(", ")
-    row = next(row for row in raw("energy")["energy"] if row["name"] == "/".join(
-        [scene, label.split(" ")[0].strip("`"), "position", "float32", *label.split(" ")[1:]]))
-    values = {"mJ per step": row["watts"] * row["seconds_per_step"] * 1e3, "power (W)": row["watts"], "idle (W)": row["idle_watts"],
-              "G springs/J": row["springs"] / row["watts"] / row["seconds_per_step"] * 1e-9, "measured (s)": row["seconds"],
-              "cross-checked by samples": 100 * abs(row["sampled_watts"] / row["watts"] - 1)}
-    for column, cell in zip(header[1:], cells[1:]):
-        if column in values:
-            yield column, cell, values[column]
+    row = energy_of(scene, label)
+    return {"mJ per step": row["watts"] * row["seconds_per_step"] * 1e3,
+            "G springs/J": row["springs"] / row["watts"] / row["seconds_per_step"] * 1e-9, "power (W)": row["watts"],
+            "idle (W)": row["idle_watts"], "cross-checked by samples": 100 * abs(row["sampled_watts"] / row["watts"] - 1),
+            "measured (s)": row["seconds"]}
 
 
 def explicit(cells, header, _):
-    own = alike("fastest", scene=cells[0], formulation="position", precision="float32")
-    sides = [[one for one in own if one.backend in PAPER and f"cuda_{side}_" in one.backend] for side in ("implicit", "explicit")]
-    (_, implicit), (_, lists) = map(best, sides)
-    yield header[2], cells[2], own[0]["particles"]
-    yield header[3], cells[3], 100 * own[0]["particles"] / own[0]["voxels"]
-    yield header[4], cells[4], implicit
-    yield header[5], cells[5], lists
-    yield header[6], cells[6], lists / implicit
+    own = plain(cells[0])
+    (_, implicit), (_, lists) = (best([one for one in own if one.backend in PAPER and f"cuda_{side}_" in one.backend])
+                                 for side in ("implicit", "explicit"))
+    return dict(enumerate((own[0]["particles"], 100 * own[0]["particles"] / own[0]["voxels"], implicit, lists, lists / implicit), 2))
 
 
 LIMITS = {"copy": ("copy_bytes_per_second", 1e-9), "in cache": ("cached_copy_bytes_per_second", 1e-9), "launch": ("launch_seconds", 1e6),
           "float32": ("float32_operations_per_second", 1e-9), "float64": ("float64_operations_per_second", 1e-9)}
 
 
+def limits_of(study):
+    return raw(study)["context"]["voxspring"].get("limits", {})
+
+
 def limit(api, key, page, study):
     """A limit of a study, or the best of all studies of the card if the page says that."""
     if not re.search("(Each limit is|,) the best of", (ROOT / page).read_text(encoding="utf-8")):
-        return raw(study)["context"]["voxspring"]["limits"][api][key]
-    every = [raw(path.name.removesuffix(".json.gz"))["context"]["voxspring"].get("limits", {}).get(api, {}).get(key)
-             for path in (ROOT / "results" / CARD).glob("*.json.gz")]
+        return limits_of(study)[api][key]
+    every = [limits_of(path.name.removesuffix(".json.gz")).get(api, {}).get(key) for path in (ROOT / "results" / CARD).glob("*.json.gz")]
     return (min if key == "launch_seconds" else max)(value for value in every if value)
 
 
-def limits(cells, header, _):
-    for column, cell in zip(header[1:], cells[1:]):
-        if column in LIMITS and cell != "-":
-            key, scale = LIMITS[column]
-            yield column, cell, limit(cells[0], key, "results/README.md", "table1") * scale
+def limits(api, column, _):
+    key, scale = LIMITS.get(column, (None, None))
+    return key and limit(api, key, "results/README.md", "table1") * scale
 
 
 def files(cells, header, _):
     result = raw(cells[0].strip("`"))
-    yield header[1], cells[1], result["context"]["voxspring"]["commit"][:8]
-    yield header[2], cells[2], result["context"]["date"][:10]
-    if result["benchmarks"]:
-        medians = [row for row in result["benchmarks"] if row.get("aggregate_name") == "median"]
-        yield header[5], cells[5], sum(bool(row.get("noisy")) for row in medians)
+    medians = [row for row in result["benchmarks"] if row.get("aggregate_name") == "median"]
+    return {1: result["context"]["voxspring"]["commit"][:8], 2: result["context"]["date"][:10],
+            5: sum(bool(row.get("noisy")) for row in medians) if result["benchmarks"] else None}
 
 
 def heart(cells, header, machine):
-    own = [best(alike("fastest", machine, scene="heart", formulation="position", precision="float32", backend=backend))
-           for backend in {case.backend for case in cases("fastest", machine).values()} if alike(
-               "fastest", machine, scene="heart", formulation="position", precision="float32", backend=backend)]
-    backend = cells[0].strip("`")
-    case, us = next(one for one in own if one[0].backend == backend)
-    tried = alike("fastest", machine, scene="heart", formulation="position", precision="float32", backend=backend)
-    values = {"us per step": us, "x fastest": us / min(one[1] for one in own), "G particles/s": case["particles"] / us * 1e-3, "% of roofline": case.of_limit(us),
-              "error": case["error_max"], "best of": len(tried)}
-    for column, cell in zip(header, cells):
-        if column in values:
-            yield column, cell, values[column]
+    own = {backend: plain("heart", machine, backend=backend) for backend in {case.backend for case in plain("heart", machine)}}
+    tried = own[cells[0].strip("`")]
+    case, us = best(tried)
+    return {"us per step": us, "x fastest": us / min(best(several)[1] for several in own.values())} | rates(case, us) | {"best of": len(tried)}
 
 
 def claimed(cells, header, machine):
-    label = cells[0]
-    case = named("fastest", "heart", label, machine=machine)
-    values = {"us per step": case.us, "repetitions": case.spread(), "G particles/s": case["particles"] / case.us * 1e-3,
-              "% of roofline": case.of_limit(), "error": case["error_max"]}
-    for column, cell in zip(header, cells):
-        if column in values:
-            yield column, cell, values[column]
+    case = named("fastest", "heart", cells[0], machine=machine)
+    return {"us per step": case.us, "repetitions": case.spread()} | rates(case, case.us)
 
 
-def float64(cells, header, machine):
+def pairs(backend, scene):
+    """The times of float64 over those of float32 in the study pareto."""
+    rows = raw("pareto", PROCESSOR if backend == "cpu_parallel" else CARD)["pareto"]
+    runs = {(row["formulation"], row["precision"], row["fraction_of_stable"]): row["seconds"] for row in rows
+            if row["backend"] == backend and row["scene"] == scene}
+    return [time / runs[one, "float32", step] for (one, precision, step), time in runs.items()
+            if precision == "float64" and (one, "float32", step) in runs]
+
+
+def float64(cells, header, _):
     backend, scene = cells[0].split(", ")
-    machine = PROCESSOR if backend == "`cpu_parallel`" else CARD
-    runs = {(row["formulation"], row["precision"], row["fraction_of_stable"]): row["seconds"] for row in raw("pareto", machine)["pareto"]
-            if f"`{row['backend']}`" == backend and row["scene"] == scene}
-    ratios = [seconds / runs[formulation, "float32", step] for (formulation, precision, step), seconds in runs.items()
-              if precision == "float64" and (formulation, "float32", step) in runs]
-    for column, cell, value in zip(header[1:], cells[1:], (min(ratios), statistics.median(ratios), max(ratios), len(ratios))):
-        yield column, cell, value
+    ratios = pairs(backend.strip("`"), scene)
+    return dict(enumerate((min(ratios), statistics.median(ratios), max(ratios), len(ratios)), 1))
 
 
 APIS = {"CUDA": "cuda_implicit_cached", "Vulkan": "vulkan_implicit", "OpenGL, compute": "gl_compute_implicit",
         "OpenGL, fragments": "gl_fragment_implicit", "CUDA, resident": "cuda_resident"}
 
 
+def scaled(cell, seconds):
+    return seconds * (1e9 if cell.endswith("ns") else 1e6)
+
+
 def launches(cells, header, _):
     rows = {row["handed_over"]: row for row in raw("overhead")["overhead"] if row["backend"] == APIS[cells[0]] and
             row["particles"] == int(cells[1].replace(",", ""))}
-    for column, cell, way, key in zip(header[2:], cells[2:], ("one by one", "one by one", "at once", "at once"), ("", "host_", "", "host_")):
-        yield column, cell, rows[way][f"{key}seconds_per_step"] * (1e9 if cell.endswith("ns") else 1e6)
+    times = [rows[way][key] for way in ("one by one", "at once") for key in ("seconds_per_step", "host_seconds_per_step")]
+    return {at: scaled(cells[at], time) for at, time in enumerate(times, 2)}
 
 
-def sizes(cells, header, _):
-    def of(api):
-        return best(alike("fastest", scene=cells[0], formulation="position", precision="float32", backend=APIS[api]))[1]
-    for column, cell in zip(header[2:], cells[2:]):
-        if cell != "-":
-            yield column, cell, of(column)
-            if "(" in cell:
-                yield column + " over CUDA", cell[cell.rindex("("):], of(column) / of("CUDA")
+def sizes(scene, api, cell):
+    us, cuda = (best(plain(scene, backend=APIS[one]))[1] for one in (api, "CUDA"))
+    return with_second(cell, us, " over CUDA", us / cuda) if "(" in cell else us
 
 
 def ticks(cells, header, machine):
     backend, *words = cells[1].replace("`", "").split(" ")
-    label = [backend, "increment", words.pop(0) if words and words[0].startswith("float") else "float32", *words]
-    rows = [row for row in raw("haptic", machine)["haptic"] if row["scene"] == cells[0] and not row["edited"] and not row.get("drawn") and
-            row["hertz"] == 1000 * float(cells[2]) and row["name"] == "/".join([cells[0], *label])]
-    values = {"median": "median_seconds", "99 %": "p99_seconds", "99.9 %": "p999_seconds", "worst": "worst_seconds"}
-    for column, cell in zip(header, cells):
-        if column in values and cell != "-":
-            yield column, cell, rows[0][values[column]] * (1e9 if cell.endswith("ns") else 1e6)
-        elif column == "missed":
-            yield column, cell, rows[0]["missed"]
-        elif column == "steps fit":
-            yield column, cell, rows[0]["steps_that_fit"]
+    name = "/".join([cells[0], backend, "increment", words.pop(0) if words and words[0].startswith("float") else "float32", *words])
+    row = next(row for row in raw("haptic", machine)["haptic"] if not row["edited"] and not row.get("drawn") and
+               row["hertz"] == 1000 * float(cells[2]) and row["name"] == name)
+    times = {"median": "median_seconds", "99 %": "p99_seconds", "99.9 %": "p999_seconds", "worst": "worst_seconds"}
+    told = dict(zip(header, cells))
+    return {column: scaled(told[column], row[key]) for column, key in times.items() if told[column] != "-"} | {
+        "missed": row["missed"], "steps fit": row["steps_that_fit"]}
 
 
-def empty_steps(cells, header, _):
+def empty_steps(_, column, __):
     names = {"OpenGL, compute": "OpenGL compute", "OpenGL, fragments": "OpenGL"}
-    for column, cell in zip(header, cells):
-        yield column, cell, 1e6 * limit(names.get(column, column), "launch_seconds", "docs/apis.md", "fastest")
+    return 1e6 * limit(names.get(column, column), "launch_seconds", "docs/apis.md", "fastest")
 
 
 def gates(cells, header, _):
     row = next(row for row in json.loads((ROOT / "docs/gates.json").read_text(encoding="utf-8")) if (
         row["scene"], row["steps"], row["formulation"]) == (cells[0], int(cells[1].replace(",", "")), cells[2].strip("`")))
-    for column, cell, value in zip(header[3:], cells[3:], (row["spread_share"], row["gate_share"], row["honest_in_spreads"],
-                                                           min(row["wrong_in_gates"].values()))):
-        yield column, cell, value
+    values = (row["spread_share"], row["gate_share"], row["honest_in_spreads"], min(row["wrong_in_gates"].values()))
+    return dict(enumerate(values, 3))
 
 
 # By marker, or by the heading and the first column's name.
-AUDITED = {"heart": heart, "claims": claimed, "float64": float64, "gates": gates, "launches": launches, "sizes": sizes, "ticks": ticks, "empty_steps": empty_steps,
-           ("Table 1", "time per step"): of_steps("table1"), ("Figure 7", "time per step"): of_steps("figure7"),
-           ("Table 1", "start (ms)"): starts, ("Figure 8", "us per step (ns per particle)"): figure8,
-           ("Cuts and sutures", "slow-down of 1000 steps"): edits, ("Tuning", "strategy"): tuning, "fastest": fastest,
-           ("As fast as the card allows", "dataset"): fastest, ("Formulations", "case"): formulations,
-           ("Errors and extremes", "largest error of any strategy"): stress, ("Stability", "measured over theory"): stability,
-           ("Tiles at rest", "us per step of all / of what moves (tiles stepped)"): resting, ("Energy", "case"): energy,
-           ("What holds and what does not", "dataset"): explicit, ("The paper's conclusions on an NVIDIA H200", ""): limits,
+AUDITED = {"heart": heart, "claims": claimed, "float64": float64, "gates": gates, "launches": launches, "sizes": each(sizes), "ticks": ticks,
+           "empty_steps": each(empty_steps, 0), ("Table 1", "time per step"): of_steps("table1"),
+           ("Figure 7", "time per step"): of_steps("figure7"), ("Table 1", "start (ms)"): each(start, 1),
+           ("Figure 8", "us per step (ns per particle)"): each(figure8), ("Cuts and sutures", "slow-down of 1000 steps"): each(edits),
+           ("Tuning", "strategy"): tuning, "fastest": fastest, ("As fast as the card allows", "dataset"): fastest,
+           ("Formulations", "case"): formulations, ("Errors and extremes", "largest error of any strategy"): each(stress, 1),
+           ("Stability", "measured over theory"): each(stability, 1),
+           ("Tiles at rest", "us per step of all / of what moves (tiles stepped)"): each(resting, 1), ("Energy", "case"): energy,
+           ("What holds and what does not", "dataset"): explicit, ("The paper's conclusions on an NVIDIA H200", ""): each(limits, 1),
            ("The paper's conclusions on an NVIDIA H200", "file"): files}
 
 
-def over(study, scene, case, other, **which):
-    return named(study, scene, case, **which).us / named(study, scene, other, **which).us
+def over(study, scene, case, other):
+    return named(study, scene, case).us / named(study, scene, other).us
+
+
+def energy_of(scene, label):
+    backend, *words = label.replace("`", "").split(" ")
+    return next(row for row in raw("energy")["energy"] if row["name"] == "/".join([scene, backend, "position", "float32", *words]))
+
+
+def joules(scene, label):
+    row = energy_of(scene, label)
+    return row["watts"] * row["seconds_per_step"]
+
+
+def edit(backend):
+    return max((case for case in alike("edits", backend=backend) if not case.tuning),
+               key=lambda case: case["edits"])["edit_seconds_median"] * 1e6
 
 
 # Sentences: what is around a figure, and what it is. Blanks stand for any space.
 SENTENCES = {
     r"reaches ([\d.]+) times the arithmetic of a fragment shader": lambda: (lambda of: of["compute_shader_float32_operations_per_second"] /
-        of["float32_operations_per_second"])(raw("table1")["context"]["voxspring"]["limits"]["OpenGL"]),
+        of["float32_operations_per_second"])(limits_of("table1")["OpenGL"]),
     r"`cuda_explicit_cached_grid` takes ([\d.]+) of the time of `cuda_explicit_cached` on the paper's box": lambda: over(
         "table1", "box@32", "cuda_explicit_cached_grid", "cuda_explicit_cached"),
     r"concatenated lists take ([\d.]+) times as long past L1": lambda: over(
@@ -437,8 +416,8 @@ SENTENCES = {
     r"on the box of 256\^3: L1-cached loads \(([\d.]+)\)": lambda: named("figure8", "box@256", "cuda_implicit_cached fetch=l1").us,
     r"That takes ([\d.]+) microseconds per edit": lambda: edit("cuda_march"),
     r"edits it there in ([\d.]+) microseconds": lambda: edit("cuda_resident"),
-    r"`cuda_march` takes ([\d.]+) of the energy of": lambda: joules("box@256/cuda_march") / joules("box@256/cuda_implicit_cached", "/fetch=l1"),
-    r"`cuda_resident` ([\d.]+) on the box of 32\^3\.": lambda: joules("box@32/cuda_resident") / joules("box@32/cuda_implicit_cached", "/fetch=l1"),
+    r"`cuda_march` takes ([\d.]+) of the energy of": lambda: joules("box@256", "cuda_march") / joules("box@256", "cuda_implicit_cached fetch=l1"),
+    r"`cuda_resident` ([\d.]+) on the box of 32\^3\.": lambda: joules("box@32", "cuda_resident") / joules("box@32", "cuda_implicit_cached fetch=l1"),
     r"with L1-cached loads takes ([\d.]+) us with `position`": lambda: named("fastest", "box@256", "cuda_implicit_cached fetch=l1").us,
     r"`cuda_march` ([\d.]+) and [\d.]+\. On the heart": lambda: named("fastest", "box@256", "cuda_march").us,
     r"`cuda_bricks` steps the whole body on the chip, and takes ([\d.]+) us": lambda: named("skips", "poke", "cuda_bricks").us,
@@ -446,25 +425,17 @@ SENTENCES = {
         abs(row["ratio"] - 1) for row in raw("stability")["stability"] if (row["start"]["amplitude"] or row["start"]["stretch"]) <= 0.001),
     r"all ([\d,]+) measurements of [\d]+ strategies are within their thresholds": lambda: sum(row["passed"] for row in raw("stress")["stress"]),
     r"measurements of (\d+) strategies are within": lambda: len({row["backend"] for row in raw("stress")["stress"]}),
-    r"where float64 takes ([\d.]+) times as long": lambda: statistics.median(ratio for scene in ("box@32", "heart", "beam") for ratio in pairs(scene)),
+    r"where float64 takes ([\d.]+) times as long": lambda: statistics.median(ratio for scene in ("box@32", "heart", "beam") for ratio in pairs("cpu_parallel", scene)),
 }
 
 
-def edit(backend):
-    return max((case for case in cases("edits").values() if case.backend == backend and not case.tuning),
-               key=lambda case: case["edits"])["edit_seconds_median"] * 1e6
-
-
-def joules(name, tuning_of=""):
-    row = next(row for row in raw("energy")["energy"] if row["name"] == f"{name}/position/float32{tuning_of}")
-    return row["watts"] * row["seconds_per_step"]
-
-
-def pairs(scene):
-    runs = {(row["formulation"], row["precision"], row["fraction_of_stable"]): row["seconds"] for row in raw("pareto", PROCESSOR)["pareto"]
-            if row["backend"] == "cpu_parallel" and row["scene"] == scene}
-    return [time / runs[one, "float32", step] for (one, precision, step), time in runs.items()
-            if precision == "float64" and (one, "float32", step) in runs]
+def figures(values, header, cells):
+    """(column, cell, value) of what an audit says of a row, whose table may lack some of the columns."""
+    for key, value in values.items():
+        if isinstance(key, int) or key in header:
+            at = key if isinstance(key, int) else header.index(key)
+            for words, cell, one in value if isinstance(value, list) else [("", cells[at], value)]:
+                yield header[at] + words, cell, one
 
 
 def claims():
@@ -482,7 +453,7 @@ def claims():
             for line, cells in rows if audit else []:
                 try:
                     found += [Claim(page, line, f"{where}, {cells[0]}, {column}", cell, value) for column, cell, value in
-                              audit(cells, header, machine) if value is not None]
+                              figures(audit(cells, header, machine), header, cells) if value is not None]
                 except (KeyError, StopIteration, ValueError, IndexError) as error:
                     found.append(Claim(page, line, f"{where}, {cells[0]}", " | ".join(cells[:3]), f"nothing: {error!r}"))
     text = " ".join((ROOT / "results/README.md").read_text(encoding="utf-8").split())
