@@ -11,8 +11,8 @@ import statistics
 
 import result_files
 from readme import tables
-from readme.rows import (CPU, GPU, PAPER, RESULTS, Missing, about_backend, by_name, fastest_of, figure, is_papers, medians, medians_of,
-                         name_of, result, three_digits)
+from readme.rows import (CPU, GPU, PAPER, RESULTS, Missing, about_backend, by_name, contender, fastest_of, figure, is_papers, medians,
+                         medians_of, name_of, result, three_digits, tuning_of)
 from readme.tables import slow_down
 from result_files import distinct, groups, listed
 
@@ -84,15 +84,14 @@ def verdict(ratios):
     ratios = list(ratios)
     if not ratios:
         raise Missing("there is no row to judge by")
-    found = winner(ratios)
-    return "depends on the dataset" if found == "is undecided" else found
+    return winner(ratios).replace("is undecided", "depends on the dataset")
 
 
 # --- Where the files are from -----------------------------------------------------------------------------
 
-def provenance(machine=GPU):
-    """From how many commits and cards the files of a machine come."""
-    results = tables.results_of(machine)
+def provenance():
+    """From how many commits and cards the files of the card's machine come."""
+    results = tables.results_of()
     commits = {one["context"]["voxspring"]["commit"][:8] for one in results}
     cards = {uuid for one in results for uuid in tables.cards_of(one)}
     of_commits = f"commit {next(iter(commits))}" if len(commits) == 1 else f"{len(commits)} commits"
@@ -112,7 +111,7 @@ def repetitions_above_limit():
     """How many single repetitions, of how many, and of which rows."""
     repetitions = [one for study in tables.results_of() for one in study["benchmarks"] if one["run_type"] == "iteration"]
     above = above_limit(repetitions)
-    names = listed(sorted({f"{tables.contender(one)} on {one['scene']}" for one in above}))
+    names = listed(sorted({f"{contender(one)} on {one['scene']}" for one in above}))
     marked = all(one.get("noisy") and one["limited_by"] == "launch" for one in above)
     reason = ", marked `~`, by launches" if marked else ""
     return f"{len(above)} of {len(repetitions):,} repetitions" + (f" ({names}{reason})" if above else "")
@@ -184,9 +183,8 @@ def addressing_verdict(of=None):
 
 def scaled_ratios(case, over, smallest=0):
     """Ratios of two cases on every box of Figure 8 with at least `smallest` particles."""
-    times = {(tables.contender(one).replace("`", ""), one["scene"]): one["real_time"]
-             for one in medians("figure8") if one["particles"] >= smallest}
-    return [time / times[over, scene] for (name, scene), time in times.items() if name == case and (over, scene) in times]
+    by_case = groups((one for one in medians("figure8") if one["particles"] >= smallest), lambda one: contender(one).replace("`", ""))
+    return ratios_between(by_case[case,], by_case[over,], "scene")
 
 
 def addressing_ratios(kind):
@@ -205,7 +203,6 @@ def concatenated(case, scene=None):
 
 
 def vertical(case):
-    """The time of vertical lists over that of concatenated ones, on the largest box."""
     return 1 / concatenated(case)
 
 
@@ -222,11 +219,13 @@ FETCHES = {"cuda_implicit_cached": "texture", "cuda_implicit_shared": "shared me
            "cuda_implicit_cached fetch=l1": "L1-cached loads"}
 
 
-def by_time(study, scene, cases=None):
-    """`texture (2.4), shared memory (2.9)` of {case: its name in the sentence}, fastest first."""
-    cases = cases or FETCHES
-    times = sorted((us(study, scene, case), name) for case, name in cases.items())
-    return ", ".join(f"{name} ({three_digits(time)})" for time, name in times)
+def fastest_first(times):
+    """`texture (2.4), shared memory (2.9)` of pairs of a time and a way to fetch a neighbour."""
+    return ", ".join(f"{FETCHES[way]} ({three_digits(time)})" for time, way in sorted(times))
+
+
+def by_time(study, scene):
+    return fastest_first((us(study, scene, case), case) for case in FETCHES)
 
 
 def l1_wins():
@@ -277,7 +276,7 @@ def growth(cases=papers_cuda, smallest=0, rows=None):
     """How far the time a particle of each case is from that on its largest box, over the boxes of Figure 8, or other rows, from a size on."""
     rows = [one for one in (medians("figure8") if rows is None else rows) if cases(one) and one["particles"] >= smallest]
     found = []
-    for of_case in groups(rows, tables.contender).values():
+    for of_case in groups(rows, contender).values():
         last = nanoseconds(max(of_case, key=lambda one: one["particles"]))
         found += [nanoseconds(one) / last for one in of_case]
     return max(max(found) - 1, 1 - min(found))
@@ -315,9 +314,11 @@ def as_paper():
 
 
 def of_as_paper(say):
-    """What `say` makes of the rows with vertical lists, or that there are no rows."""
-    found = [one for one in as_paper() if not is_concatenated(one)]
-    return say(found) if found else NOT_MEASURED
+    """Makes a function that says, as `say` does, something of the rows with vertical lists, or that there are no rows."""
+    def said(*arguments):
+        found = [one for one in as_paper() if not is_concatenated(one)]
+        return say(found, *arguments) if found else NOT_MEASURED
+    return said
 
 
 def ratios_between(some, others, *keys):
@@ -326,38 +327,25 @@ def ratios_between(some, others, *keys):
     return [one["real_time"] / over[at] for one in some if (at := tuple(one[key] for key in keys)) in over]
 
 
-def as_paper_addressing():
-    return of_as_paper(lambda found: addressing_verdict(datasets("paper", found)))
+as_paper_addressing = of_as_paper(lambda found: addressing_verdict(datasets("paper", found)))
+as_paper_vertical = of_as_paper(lambda found: verdict(ratios_between(found, filter(is_concatenated, as_paper()), "scene", "backend")))
+as_paper_linear = of_as_paper(lambda found: linear_verdict(papers_lists, [one for one in found if one["scene"].startswith("box@")]))
+# How the implicit strategies fetch a neighbour, each with its microseconds on a scene.
+as_paper_fetches = of_as_paper(lambda found, scene: fastest_first(
+    (one["real_time"], one["backend"]) for one in found if one["scene"] == scene and one["backend"] in IMPLICIT))
 
 
-def as_paper_counters():
-    def of(backend, found):
-        return [one for one in found if one["backend"] == backend]
-    return of_as_paper(lambda found: verdict(ratios_between(of("cuda_explicit_cached_grid", found), of("cuda_explicit_cached", found), "scene")))
-
-
-def as_paper_vertical():
-    return of_as_paper(lambda found: verdict(ratios_between(found, filter(is_concatenated, as_paper()), "scene", "backend")))
+@of_as_paper
+def as_paper_counters(found):
+    by_backend = groups(found, "backend")
+    return verdict(ratios_between(by_backend["cuda_explicit_cached_grid",], by_backend["cuda_explicit_cached",], "scene"))
 
 
 def as_paper_opengl():
     if fragment_share() > HELD_BACK:
         return NOT_DECIDABLE
-    best = {"CUDA": papers_cuda, "OpenGL": is_fragments}
     return of_as_paper(lambda found: verdict(ratios_between(
-        *([fastest_of(own) for own in groups(filter(of, found), "scene").values()] for of in best.values()), "scene")))
-
-
-def as_paper_linear():
-    return of_as_paper(lambda found: linear_verdict(papers_lists, [one for one in found if one["scene"].startswith("box@")]))
-
-
-def as_paper_fetches(scene):
-    """How the implicit strategies fetch a neighbour, fastest first, each with its microseconds on a scene."""
-    def say(found):
-        own = sorted((one for one in found if one["scene"] == scene and one["backend"] in IMPLICIT), key=lambda one: one["real_time"])
-        return ", ".join(f"{FETCHES[one['backend']]} ({three_digits(one['real_time'])})" for one in own)
-    return of_as_paper(say)
+        *([fastest_of(own) for own in groups(filter(of, found), "scene").values()] for of in (papers_cuda, is_fragments)), "scene")))()
 
 
 # --- Between studies, formulations, errors -----------------------------------------------------------------
@@ -375,15 +363,14 @@ def signed_percent(value):
 
 def increments_cost():
     """The times of increment over those of position, over every case of the study formulations."""
-    known = by_name(result("formulations"))
-    pairs = [(one, known.get(name.replace("/increment/", "/position/"))) for name, one in known.items() if "/increment/" in name]
-    return [one["real_time"] / other["real_time"] for one, other in pairs if other]
+    by_formulation = groups([one | {"tuned": tuple(tuning_of(one))} for one in medians("formulations")], "formulation")
+    return ratios_between(by_formulation["increment",], by_formulation["position",], "scene", "backend", "precision", "tuned")
 
 
-def increments_gain(scene, case="cuda_implicit_cached"):
-    """How many times as large the error of position is as that of increment."""
-    return (row("formulations", scene, case)["error_relative_l2"] /
-            row("formulations", scene, case, formulation="increment")["error_relative_l2"])
+def increments_gain(scene):
+    """How many times as large the error of position is as that of increment, of the implicit strategy with textures."""
+    errors = [row("formulations", scene, "cuda_implicit_cached", way)["error_relative_l2"] for way in ("position", "increment")]
+    return errors[0] / errors[1]
 
 
 def front(machine=GPU):
@@ -393,9 +380,9 @@ def front(machine=GPU):
     return [one for one in on_front if one["family"] == "CUDA"] or on_front
 
 
-def front_of(machine=GPU):
+def front_of():
     """`cuda_resident` 12, ...: how many runs of the fronts each backend has."""
-    counts = collections.Counter(one["backend"] for one in front(machine))
+    counts = collections.Counter(one["backend"] for one in front())
     return ", ".join(f"`{name}` {count}" for name, count in counts.most_common())
 
 
@@ -420,9 +407,9 @@ def float64_ratios(machine=CPU, backend="cpu_parallel"):
     return ratios
 
 
-def float64_cost(machine=CPU, backend="cpu_parallel"):
+def float64_cost():
     """The median of all of them."""
-    return statistics.median(ratio for ratios in float64_ratios(machine, backend).values() for ratio in ratios)
+    return statistics.median(itertools.chain.from_iterable(float64_ratios().values()))
 
 
 def stress_verdict(machine=GPU):
@@ -439,20 +426,18 @@ def worst_small_start():
     return max(abs(one["ratio"] - 1) for one in rows)
 
 
-def resting_ratio(scene, case, formulation="increment", way="skip"):
+def resting_ratio(scene, case, formulation="increment"):
     """A step that leaves out what rests over one of everything."""
-    return (us("skips", scene, f"{case} rest={way}", formulation=formulation) /
-            us("skips", scene, f"{case} rest=step", formulation=formulation))
+    return ratio("skips", scene, f"{case} rest=skip", f"{case} rest=step", formulation=formulation)
 
 
-def resting_ratios(scene, cases=IMPLICIT, formulations=("position", "increment")):
-    return [resting_ratio(scene, case, formulation) for case in cases for formulation in formulations]
+def resting_ratios(scene):
+    return each(resting_ratio, [scene], IMPLICIT, ("position", "increment"))
 
 
-def launching_all(scene, formulation="increment"):
+def launching_all(scene):
     """What launching every block, as the paper did, takes over launching those that hold a particle, of each implicit kernel."""
-    return [ratio("skips", scene, f"{case} launched=all", case, formulation=formulation)
-            for case in IMPLICIT]
+    return [ratio("skips", scene, f"{case} launched=all", case, formulation="increment") for case in IMPLICIT]
 
 
 def joules(scene, case):
