@@ -402,14 +402,15 @@ def judge_times(timed, threshold):
     return verdicts, said
 
 
-def is_clearly_slower(times, other, marked, threshold=Rule.threshold):
+@functools.cache
+def is_clearly_slower(times, other, marked):
     """Whether `other` takes longer than `times`, of two rows of one run: beyond the threshold, and beyond what repetitions vary by."""
     import scipy.special  # pylint: disable=import-outside-toplevel
     if min(len(times), len(other)) < 3:
         return False
     found = compare_times(times, other)
     margin = -scipy.special.stdtrit(len(times) + len(other) - 2, (1 - CONFIDENCE) / 2) * found["error"]
-    return math.log(found["ratio"]) > max(math.log1p(threshold), margin, UNKNOWN_NOISE if marked else 0)
+    return math.log(found["ratio"]) > max(math.log1p(Rule.threshold), margin, UNKNOWN_NOISE if marked else 0)
 
 
 def grown(old, new, factor):

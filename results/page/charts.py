@@ -78,11 +78,10 @@ def told_apart(key, names):
     return {"field": key, "type": "nominal", "legend": None, "scale": {"domain": list(names), "range": list(names.values())}}
 
 
-def drawn(points, mark, x="x", y="y"):
+def drawn(points, mark):
     """A layer of points (x, y, text) that no row of the figure has."""
-    points = [dict(zip((x, y, "text"), point)) for point in points]
-    encoding = {x: {"field": x, "type": "quantitative"}, y: {"field": y, "type": "quantitative"}} | (
-        {"text": {"field": "text", "type": "nominal"}} if "text" in points[0] else {})
+    points = [dict(zip(("x", "y", "text"), point)) for point in points]
+    encoding = {key: {"field": key, "type": "nominal" if key == "text" else "quantitative"} for key in points[0]}
     return {"data": {"values": points}, "mark": {"color": "var(--soft)"} | mark, "encoding": encoding}
 
 
@@ -102,7 +101,7 @@ def columns(keys, named=None):
 
 def with_end_labels(rows, line, x, y, height):
     """Adds a label (`end_label`) and its place (`label_at`) to the last row of each line, such that labels do not overlap in a chart of
-    this height."""
+    this height, and to all rows what is along its axes (`ends`)."""
     values = [row[y] for row in rows]
     log = scale(values)["type"] == "log"
     forth, back = (math.log, math.exp) if log else (float, float)
@@ -116,8 +115,7 @@ def with_end_labels(rows, line, x, y, height):
         steps = gap * numpy.arange(len(beside))
         apart = scipy.optimize.isotonic_regression(numpy.asarray([forth(row[y]) for row in beside]) - steps).x + steps
         at |= {id(row): back(place) for row, place in zip(beside, apart)}
-    return [{**row, "end_label": row[line] if id(row) in at else None, "label_at": at.get(id(row))} for row in rows]
-
+    return [{**row, "ends": (x, y), "end_label": row[line] if id(row) in at else None, "label_at": at.get(id(row))} for row in rows]
 
 
 def end_labels(x, y):

@@ -82,15 +82,10 @@ def fastest(rows):
     return min(rows, key=lambda row: row["microseconds"], default=None)
 
 
-@functools.cache
-def is_clearly_slower(times, other, marked):
-    return comparison.is_clearly_slower(times, other, marked)
-
-
 def as_fast(best, group):
     """The best rows of other backends that repetitions cannot tell from the fastest one, fastest first."""
     others = [fastest(own) for (backend,), own in groups(group, "backend").items() if backend != best["backend"]]
-    return sorted((row for row in others if not is_clearly_slower(
+    return sorted((row for row in others if not comparison.is_clearly_slower(
         best["repetition_times"], row["repetition_times"], bool(best["noisy"] or row["noisy"]))),
         key=lambda row: row["microseconds"])
 
@@ -260,8 +255,10 @@ def best_of_each_backend(page):
     return [fastest(group) for group in groups(rows, "machine", "scene", "backend").values()]
 
 
-def with_end_labels(rows, x, y, height):
-    return charts.with_end_labels([row | {"ends": (x, y)} for row in rows], "label", x, y, height)
+def as_lines(name, rows_of, line, x, y, *keys):
+    """Makes rows with the names of their lines beside them, in a chart for each combination of the keys."""
+    return lambda page: [row for own in groups(rows_of(page), "machine", *keys).values()
+                         for row in charts.with_end_labels(own, line, x, y, ABOUT["figures"][name]["height"])]
 
 
 @figure_of("datasets", best_of_each_backend)
@@ -288,13 +285,7 @@ def figure7(_, rows):
     return listed(f"{name} leads on {listed(scenes)}" for name, scenes in leaders.items()), "; ".join(told)
 
 
-def sizes_of_boxes(page):
-    height = ABOUT["figures"]["figure8"]["height"]
-    of_machines = groups(of_study("figure8")(page), "machine").values()
-    return [row for own in of_machines for row in with_end_labels(own, "particles", "microseconds", height)]
-
-
-@figure_of("figure8", sizes_of_boxes)
+@figure_of("figure8", as_lines("figure8", of_study("figure8"), "label", "particles", "microseconds"))
 def figure8(_, group):
     sizes = sorted({row["particles"] for row in group})
     small, large = (fastest(row for row in group if row["particles"] == size) for size in (sizes[0], sizes[-1]))
@@ -488,7 +479,8 @@ def edited(page):
             own = [{**row, "quantity": key, "quantity_name": name, "quantity_title": title, "form": form, "end_label": None,
                     "label_at": None}
                    for row in labelled(group) if row[key] is not None]
-            found += with_end_labels(own, "edits", key, ABOUT["figures"]["edits"]["lines"]["height"]) if own and form == "lines" else own
+            height = ABOUT["figures"]["edits"]["lines"]["height"]
+            found += charts.with_end_labels(own, "label", "edits", key, height) if own and form == "lines" else own
     return found
 
 
@@ -607,15 +599,6 @@ def latencies(_, group):
     return line, "; ".join(more)
 
 
-def truths(page):
-    """A row for each lattice, with the name of its case at the end of the case's line."""
-    rows = latest_of(reading.truth, "scene", "contender", "particles_at", "strain", "across")(page)
-    height = ABOUT["figures"]["truth"]["height"]
-    return [row for group in groups(rows, "machine", "particles_at", "strain").values()
-            for row in charts.with_end_labels([row | {"ends": ("across", "model_error")} for row in group], "scene", "across",
-                                              "model_error", height)]
-
-
 def claims_below(rows):
     """A dashed line for each case that claims an order, from its coarsest lattice."""
     layers = []
@@ -626,7 +609,8 @@ def claims_below(rows):
     return layers
 
 
-@figure_of("truth", truths, below=claims_below)
+@figure_of("truth", as_lines("truth", latest_of(reading.truth, "scene", "contender", "particles_at", "strain", "across"), "scene",
+                             "across", "model_error", "particles_at", "strain"), below=claims_below)
 def truth(_, rows):
     # An error that may be small by chance counts for nothing.
     claimed = [row for row in rows if row["claimed_order"]]
