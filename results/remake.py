@@ -77,13 +77,17 @@ class Machine:
         return HERE / re.sub(r"[^a-z0-9]+", "-", self.device.lower().split("(r)")[0]).strip("-")
 
 
+def context_of(path):
+    return result_files.load(path).get("context", {}).get("voxspring", {})
+
+
 def reason_stale(path, machine):
     """Why a result is not what this program would measure here, or nothing."""
     if not path.exists():
         return "there is none"
     if path.with_name(path.name.removesuffix(".gz") + ".journal").exists():
         return "cut short"
-    context = result_files.load(path).get("context", {}).get("voxspring", {})
+    context = context_of(path)
     if context.get("commit") != machine.commit:
         return f"of commit {str(context.get('commit'))[:8]}, not {machine.commit[:8]}"
     if not context.get("clean", False):
@@ -108,18 +112,13 @@ def arguments_of(study, plain, machine):
     return arguments
 
 
-def is_whole(plain):
-    """Whether a study has written its result, to the last row."""
-    return plain.exists() and not result_files.load(plain).get("context", {}).get("voxspring", {}).get("unfinished", False)
-
-
 def measure(study, out, machine):
     """Runs a study to the end, or on from where it was cut short; a result that is whole is compressed then. The exit code, and
     whether the result is whole."""
     plain = out / f"{study}.json"
     code = subprocess.run(arguments_of(study, plain, machine), check=False).returncode
     # Exit code 1: a backend failed, with its reason in the result, or the study could not go on.
-    whole = code in (0, 1) and is_whole(plain)
+    whole = code in (0, 1) and plain.exists() and not context_of(plain).get("unfinished", False)
     if whole:
         plain.with_name(plain.name + ".journal").unlink(missing_ok=True)
         compact.compact(plain)

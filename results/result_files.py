@@ -173,16 +173,11 @@ def study_of(path):
     return path.name.removesuffix(".gz").removesuffix(".json")
 
 
-def is_schema(path):
-    """Whether a file is a schema rather than a result."""
-    return path.name.endswith("schema.json")
-
-
 def within(folder):
     """The result files in a folder and its subfolders, by name. A file that is there both plain and compressed counts once."""
     found = {}
     for path in sorted(folder.rglob("*")):
-        if path.name.endswith(SUFFIXES) and path.is_file() and not is_schema(path):
+        if path.name.endswith(SUFFIXES) and path.is_file() and not path.name.endswith("schema.json"):
             found[path.with_name(study_of(path))] = path
     return list(found.values())
 

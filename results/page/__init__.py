@@ -1,1 +1,8 @@
 """What results/report.py makes its page of: results as they are read, figures, and the document around them."""
+
+import importlib.resources
+
+
+def text_of(name):
+    """A file of this package."""
+    return (importlib.resources.files(__package__) / name).read_text(encoding="utf-8")

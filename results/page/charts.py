@@ -8,7 +8,6 @@ columns.
 """
 
 import hashlib
-import importlib.resources
 import json
 import math
 
@@ -17,10 +16,10 @@ import scipy.optimize
 
 from result_files import distinct, groups
 
-from . import reading
+from . import reading, text_of
 
 LANGUAGE = "https://vega.github.io/schema/vega-lite/v6.json"
-ABOUT = json.loads((importlib.resources.files(__package__) / "figures.vegalite").read_text(encoding="utf-8"))
+ABOUT = json.loads(text_of("figures.vegalite"))
 MARKS = ABOUT["marks"]
 TYPES = {"Q": "quantitative", "N": "nominal", "O": "ordinal"}
 # page.css has so many colours for backends, and charts so many shapes for families of them.

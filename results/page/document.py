@@ -3,7 +3,6 @@
 import base64
 import collections
 import functools
-import importlib.resources
 import json
 import math
 import re
@@ -13,7 +12,7 @@ import vl_convert
 
 import result_files
 
-from . import charts, figures, reading
+from . import charts, figures, reading, text_of
 
 # Rounding errors up to this are called small: the error of the time step is larger on these datasets.
 SMALL_ERROR = 1e-5
@@ -105,11 +104,6 @@ def captions(results):
             for (origin,), own in result_files.groups(results, reading.Result.origin).items()]
 
 
-def script_safe(text):
-    """Text inside a script element, which the first </script would end."""
-    return text.replace("</", "<\\/").replace("<!--", "<\\!--")
-
-
 def compact(figure):
     """A figure as page.js takes it, with those keys of its rows that its table or its charts name."""
     used = {column[0] for column in figure.columns}
@@ -120,10 +114,6 @@ def compact(figure):
     rows = [[reading.significant(row.get(name)) for name in names] for row in figure.rows]
     return {"name": figure.name, "columns": figure.columns, "keys": names, "rows": rows,
             "panels": [{"match": panel.match, "spec": panel.spec, "step": panel.step} for panel in figure.panels]}
-
-
-def text_of(name):
-    return (importlib.resources.files(__package__) / name).read_text(encoding="utf-8")
 
 
 @functools.cache
@@ -165,8 +155,9 @@ def page(results, pictures, left_out):
     papers = {(result.machine, block["scene"], reading.contender(block)): block["paper"]["ratio"]
               for result in results for block in result.lists["fastest"]
               if block.get("paper") and block["paper"]["name"] != block["name"]}
+    # The first </script would end the script element that has the data.
     data = json.dumps({"config": charts.CONFIG, "figures": [compact(figure) for figure in drawn]}, ensure_ascii=False,
-                      separators=(",", ":"))
+                      separators=(",", ":")).replace("</", "<\\/").replace("<!--", "<\\!--")
     errors = [pair[1].about for pair in pictures.values()]
     return template().render(
         families=shown.families, colours=charts.colours(shown.families), shapes=charts.shapes(shown.families.values()), results=results,
@@ -175,7 +166,7 @@ def page(results, pictures, left_out):
         renderers=figures.listed(dict.fromkeys(picture.about["renderer"] for pair in pictures.values() for picture in pair)),
         scenes=sorted({row["scene"] for result in results for name in reading.MEASURED for row in result.lists[name]}, key=reading.natural),
         failures=[(row, result.path.name) for result in results for row in result.lists["failed"]],
-        data=script_safe(data), bundle=script_safe_bundle(), style=text_of("page.css"), script=text_of("page.js"))
+        data=data, bundle=script_safe_bundle(), style=text_of("page.css"), script=text_of("page.js"))
 
 
 @functools.cache

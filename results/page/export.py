@@ -1,22 +1,15 @@
 """The figures of the page as files, for pages that draw nothing by themselves: an SVG for each panel, in the light colours, with legends."""
 
-import importlib.resources
 import json
 import re
 
 import vl_convert
 
-from . import charts, figures
+from . import charts, figures, text_of
 
 WIDTH = 480
 # Vega writes millionths of a pixel, in attributes.
 ATTRIBUTE, DIGITS = re.compile(r'="[^"]*"'), re.compile(r"(\d\.\d\d)\d+")
-
-
-def light_colours():
-    """What page.css has outside of its dark scheme, by name."""
-    style = (importlib.resources.files(__package__) / "page.css").read_text(encoding="utf-8")
-    return dict(re.findall(r"(--[\w-]+): (#\w+);", style[:style.index("@media")]))
 
 
 def with_legends(spec, rows):
@@ -42,7 +35,8 @@ def svg(figure, panel):
     spec["config"] = charts.CONFIG | {"background": "white", "aria": False, "font": "DejaVu Sans, sans-serif"}
     if panel.step:
         spec["height"] = panel.step[1] * len({row[panel.step[0]] for row in rows})
-    colours = light_colours()
+    # The dark scheme comes last in the style.
+    colours = dict(re.findall(r"(--[\w-]+): (#\w+);", text_of("page.css").partition("@media")[0]))
     spec = re.sub(r"var\((--[\w-]+)\)", lambda name: colours[name[1]], json.dumps(spec))
     return ATTRIBUTE.sub(lambda found: DIGITS.sub(r"\1", found[0]), vl_convert.vegalite_to_svg(spec))
 

@@ -16,9 +16,10 @@ import scipy.optimize
 import result_files
 from result_files import BadInput, distinct, shown
 
+from . import text_of
 
 REGIONS = ("bounded", "heating", "diverged")
-SCHEMA = json.loads((importlib.resources.files(__package__) / "reading.schema.json").read_text(encoding="utf-8"))
+SCHEMA = json.loads(text_of("reading.schema.json"))
 # The lists that a file may have, and those of which a figure is made.
 LISTS = tuple(name for name in SCHEMA["properties"] if name != "context")
 MEASURED = tuple(name for name in LISTS if name not in ("fastest", "failed", "skipped", "verification"))

@@ -62,12 +62,8 @@ def across_cards():
     results = [one for one in machines("fastest") if one["context"]["voxspring"].get("gpu")]
     best = [{(row["scene"], row["formulation"], row["precision"]): held_out(by_name(one)[row["name"]]) for row in one["fastest"]}
             for one in results]
-    measured = [key for key in distinct_keys(best) if sum(key in of_card for of_card in best) > 1]
+    measured = [key for key in dict.fromkeys(key for of_card in best for key in of_card) if sum(key in of_card for of_card in best) > 1]
     return results, [(*key, [of_card.get(key) for of_card in best]) for key in measured]
-
-
-def distinct_keys(dictionaries):
-    return list(dict.fromkeys(key for one in dictionaries for key in one))
 
 
 def copy_rate(one):
