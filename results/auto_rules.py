@@ -16,9 +16,10 @@ import math
 import pathlib
 import sys
 
+import pandas
+
 import result_files
 from readme import rows
-from result_files import groups
 
 FILE = pathlib.Path(__file__).resolve().parent.parent / "harness/choice/auto_rules.json"
 # Backends that take every scene: the faster one, which these studies do not measure, then the reference.
@@ -49,32 +50,18 @@ def families():
 
 
 def bodies(family, machines, occupancy):
-    """Particles of each body, ascending, and of each contender how many machines have measured it there and its time over the
-    fastest's: the worst over machines, studies and formulations. The fastest is one that every machine with that body has measured,
-    so that a contender that one of them lacks changes no ratio of the others there; it is judged by the machines that have it."""
+    """(particles, order of the contenders) of each body, ascending."""
     low, high = occupancy
-    votes = {}
-    for machine, study in itertools.product(machines, ("fastest", "figure8")):
-        if not result_files.named(rows.RESULTS / machine, study).exists():  # the processor has no figure8
-            continue
-        of_bodies = [row for row in rows.medians(study, machine)
-                     if row["limits_of"] == family and row["scene"].split("@")[0] in DATASETS and row["precision"] == "float32"
-                     and low <= row["particles"] / row["voxels"] < (high or math.inf)]
-        for (particles, _), own in groups(of_bodies, "particles", "formulation").items():
-            votes.setdefault(particles, {}).setdefault(machine, []).append({contender(row): row["real_time"] for row in own})
-    return sorted((particles, judged(of_machines)) for particles, of_machines in votes.items())
-
-
-def judged(of_machines):
-    """(machines, worst ratio) of each contender on a body, from the times of each vote of each machine."""
-    measured = [set().union(*votes) for votes in of_machines.values()]
-    everywhere = set.intersection(*measured)
-    worst = {}
-    for times in itertools.chain.from_iterable(of_machines.values()):
-        fastest = min([time for one, time in times.items() if one in everywhere] or times.values())
-        for one, time in times.items():
-            worst[one] = max(worst.get(one, 0), time / fastest)
-    return {one: (sum(one in of for of in measured), ratio) for one, ratio in worst.items()}
+    # The processor has no figure8.
+    files = [(machine, study) for machine, study in itertools.product(machines, ("fastest", "figure8"))
+             if result_files.named(rows.RESULTS / machine, study).exists()]
+    times = pandas.DataFrame([
+        {"particles": row["particles"], "machine": machine, "vote": f"{machine} {study} {row['formulation']}", "contender": contender(row),
+         "backend": row["backend"], "time": row["real_time"]}
+        for machine, study in files for row in rows.medians(study, machine)
+        if row["limits_of"] == family and row["scene"].split("@")[0] in DATASETS and row["precision"] == "float32"
+        and low <= row["particles"] / row["voxels"] < (high or math.inf)])
+    return [(particles, order_of(body)) for particles, body in times.groupby("particles")] if len(times) else []
 
 
 def contender(row):
@@ -83,14 +70,17 @@ def contender(row):
     return ":".join([row["backend"], ",".join(parts[4:])]) if parts[4:] else row["backend"]
 
 
-def order_of(contenders):
+def order_of(body):
     """Each backend once, the fastest first: with its best tuning of those that the most machines have measured, since a file
-    without the tuning could not judge the rule."""
-    best = {}
-    for one, (machines, worst) in contenders.items():
-        backend = one.split(":")[0]
-        best[backend] = min(best.get(backend, (0, math.inf, "")), (-machines, worst, one))
-    return [one for _, _, one in sorted(best.values(), key=lambda found: found[1:])]
+    without the tuning could not judge the rule. A contender counts by its time over the fastest's: the worst over machines, studies and
+    formulations. The fastest is one that every machine with that body has measured, so that a contender that one of them lacks changes
+    no ratio of the others there; it is judged by the machines that have it."""
+    everywhere = body.groupby("contender").machine.transform("nunique") == body.machine.nunique()
+    fastest = body.time.where(everywhere).groupby(body.vote).transform("min").fillna(body.groupby("vote").time.transform("min"))
+    known = body.assign(ratio=body.time / fastest).groupby(["backend", "contender"], as_index=False).agg(
+        machines=("machine", "nunique"), worst=("ratio", "max"))
+    best = known.sort_values(["machines", "worst", "contender"], ascending=[False, True, True]).drop_duplicates("backend")
+    return list(best.sort_values(["worst", "contender"]).contender)
 
 
 def rules():
@@ -98,12 +88,12 @@ def rules():
     for name, machines in families():
         for occupancy in OCCUPANCIES:
             measured = bodies(name, machines, occupancy)
-            orders = [order_of(worst) for _, worst in measured]
             # Backends that were not measured on this body (it is too large or they are too slow) come last, in their order on
             # the nearest other body.
+            orders = [list(order) for _, order in measured]
             for here, order in enumerate(orders):
-                for other in sorted(range(len(orders)), key=lambda other: abs(other - here)):
-                    order += [one for one in order_of(measured[other][1]) if one.split(":")[0] not in {x.split(":")[0] for x in order}]
+                for _, other in sorted(enumerate(measured), key=lambda one: abs(one[0] - here)):
+                    order += [one for one in other[1] if one.split(":")[0] not in {x.split(":")[0] for x in order}]
                 order += LAST.get(name, [])
             bounds = [math.sqrt(one[0] * other[0]) for one, other in zip(measured, measured[1:])]
             for low, high, order in zip([0] + bounds, bounds + [None], orders):
@@ -118,18 +108,13 @@ def rules():
 def min_steps_between_edits():
     """For each CUDA backend that is slower than another one if edited often, and faster if edited rarely: from how
     many steps between edits on it is at most 10% slower. The other one is the fastest when they are most frequent."""
-    times = {}
-    for row in rows.medians("edits"):
-        if row["family"] == "CUDA":
-            times.setdefault(row["steps"] / row["edits"], {})[row["backend"]] = row["real_time"]
-    intervals = sorted(times)
-    other = min(times[intervals[0]], key=times[intervals[0]].get)
-    bounds = {}
-    for backend in sorted(times[intervals[0]]):
-        keeps_up = [times[interval][backend] <= 1.1 * times[interval][other] for interval in intervals]
-        if not keeps_up[0] and keeps_up[-1]:
-            bounds[backend] = intervals[len(keeps_up) - keeps_up[::-1].index(False)]
-    return bounds
+    times = pandas.DataFrame([{"interval": row["steps"] / row["edits"], "backend": row["backend"], "time": row["real_time"]}
+                              for row in rows.medians("edits") if row["family"] == "CUDA"])
+    times = times.pivot_table(index="interval", columns="backend", values="time", aggfunc="last")
+    keeps_up = times.le(1.1 * times[times.iloc[0].idxmin()], axis="index")
+    # From the interval after the last one at which it does not keep up.
+    return {backend: times.index[keeps.to_numpy().nonzero()[0][-1] + 1]
+            for backend, keeps in (~keeps_up).items() if keeps.iloc[0] and not keeps.iloc[-1]}
 
 
 def main():
