@@ -83,11 +83,15 @@ def best(several):
     return chosen, chosen.held_out()
 
 
-def named(study, scene, label, formulation="position", machine=CARD):
-    """The case that a table calls "`cuda_implicit_cached` fetch=l1"."""
+def name_of(scene, label, formulation="position"):
+    """The name of the rows that a table calls "`cuda_implicit_cached` fetch=l1"."""
     backend, *words = label.replace("`", "").split(" ")
     precision = words.pop(0) if words and words[0].startswith("float") else "float32"
-    return cases(study, machine)["/".join([scene, backend, formulation, precision, *words])]
+    return "/".join([scene, backend, formulation, precision, *words])
+
+
+def named(study, scene, label, formulation="position", machine=CARD):
+    return cases(study, machine)[name_of(scene, label, formulation)]
 
 
 def agrees(said, value):
@@ -113,26 +117,22 @@ def machine_of(words):
 
 
 def tables(page):
-    """(heading or marker, line, header, rows) of each table of a page."""
+    """(heading or marker, header, rows with their lines, machine) of each table of a page."""
+    def cells_of(one):
+        return [cell.strip() for cell in one.strip().strip("|").split("|")]
+
     heading, marker, lines = "", "", (ROOT / page).read_text(encoding="utf-8").split("\n")
     for index, line in enumerate(lines):
         heading = line.lstrip("# ") if line.startswith("#") else heading
         if found := re.match(r"<!-- (/?)(\w+) -->", line):
             marker = "" if found[1] else found[2]
         if line.startswith("|") and not lines[index - 1].startswith("|"):
-            def split(one):
-                cells = [cell.strip() for cell in one.strip().strip("|").split("|")]
-                return [cell for index, cell in enumerate(cells) if index not in left_out]
             # The steps of a batch are part of a name.
-            left_out = []
-            left_out = [index for index, name in enumerate(split(line)) if name == "steps" and marker != "gates"]
-            rows, end = [], index + 2
-            while lines[end].startswith("|"):
-                rows.append((end + 1, split(lines[end])))
-                end += 1
-            origin = next((one for one in lines[end:end + 3] if one.strip()), "")
-            above = next((one for one in lines[index - 1::-1] if one.strip()), "")
-            yield marker or heading, [re.sub(r", (batches of )?\d+ steps", "", name) for name in split(line)], rows, machine_of((origin, above)[not marker])
+            header = {at: name for at, name in enumerate(cells_of(line)) if name != "steps" or marker == "gates"}
+            end = next(at for at in range(index, len(lines)) if not lines[at].startswith("|"))
+            rows = [(at + 1, [cell for place, cell in enumerate(cells_of(lines[at])) if place in header]) for at in range(index + 2, end)]
+            origin = next((one for one in (lines[end:end + 3] if marker else lines[index - 1::-1]) if one.strip()), "")
+            yield marker or heading, [re.sub(r", (batches of )?\d+ steps", "", name) for name in header.values()], rows, machine_of(origin)
 
 
 # --- Tables: what the figures of a row are. An audit makes of the row's cells, the header and the machine {the name of a column, or its
@@ -168,8 +168,7 @@ def figure8(label, column, cell):
 
 
 def edits(label, column, _):
-    backend, *words = label.replace("`", "").split(" ")
-    scenes = {case["edits"]: case for case in cases("edits").values() if case.name.endswith("/".join(["", backend, "increment", "float32", *words]))}
+    scenes = {case["edits"]: case for case in cases("edits").values() if case.name.endswith(name_of("", label, "increment"))}
     if "edit" in column and column[0].isdigit():
         case = scenes[int(column.split(" ")[0])]
         return 100 * (case.us * 1e-6 / case["seconds_per_step_without_edits"] - 1)
@@ -346,10 +345,8 @@ def sizes(scene, api, cell):
 
 
 def ticks(cells, header, machine):
-    backend, *words = cells[1].replace("`", "").split(" ")
-    name = "/".join([cells[0], backend, "increment", words.pop(0) if words and words[0].startswith("float") else "float32", *words])
     row = next(row for row in raw("haptic", machine)["haptic"] if not row["edited"] and not row.get("drawn") and
-               row["hertz"] == 1000 * float(cells[2]) and row["name"] == name)
+               row["hertz"] == 1000 * float(cells[2]) and row["name"] == name_of(*cells[:2], "increment"))
     times = {"median": "median_seconds", "99 %": "p99_seconds", "99.9 %": "p999_seconds", "worst": "worst_seconds"}
     told = dict(zip(header, cells))
     return {column: scaled(told[column], row[key]) for column, key in times.items() if told[column] != "-"} | {
@@ -386,8 +383,7 @@ def over(study, scene, case, other):
 
 
 def energy_of(scene, label):
-    backend, *words = label.replace("`", "").split(" ")
-    return next(row for row in raw("energy")["energy"] if row["name"] == "/".join([scene, backend, "position", "float32", *words]))
+    return next(row for row in raw("energy")["energy"] if row["name"] == name_of(scene, label))
 
 
 def joules(scene, label):
