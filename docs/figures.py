@@ -33,17 +33,19 @@ from result_files import distinct, groups, listed, tick_seconds  # noqa: E402  #
 DRAWN = {"CUDA": "CUDA, one launch per tick", "CPU": "the processor"}
 
 
-def plain_rows(backends):
-    """The rows of the study fastest, in float32 by `position`, of some backends."""
-    return [row for row in results.medians("fastest")
-            if (row["formulation"], row["precision"]) == ("position", "float32") and row["backend"] in backends]
+def plain_rows(machine=results.GPU):
+    """The rows of the study fastest, in float32 by `position`."""
+    return [row for row in results.medians("fastest", machine) if (row["formulation"], row["precision"]) == ("position", "float32")]
+
+
+def on_heart(machine=results.GPU):
+    """The rows of each backend on the heart."""
+    return list(groups((row for row in plain_rows(machine) if row["scene"] == "heart"), "backend").values())
 
 
 def best_on_heart():
     """(row, number of tunings) of each backend on the heart, the fastest first."""
-    everyone = distinct(results.medians("fastest"), "backend")
-    tried = groups((row for row in plain_rows(everyone) if row["scene"] == "heart"), "backend").values()
-    return sorted(((results.fastest_of(own), len(own)) for own in tried), key=lambda best: best[0]["real_time"])
+    return sorted(((results.fastest_of(own), len(own)) for own in on_heart()), key=lambda best: best[0]["real_time"])
 
 
 def architecture():
@@ -105,7 +107,8 @@ def handed_over(rows, backend):
 
 def fastest_by_size():
     """(scene, particles, CUDA's row, the row of each backend) of scenes that several implicit strategies were measured on, by size."""
-    for (scene, particles), group in sorted(groups(plain_rows(APIS), "scene", "particles").items(), key=lambda item: item[0][1]):
+    of_apis = [row for row in plain_rows() if row["backend"] in APIS]
+    for (scene, particles), group in sorted(groups(of_apis, "scene", "particles").items(), key=lambda item: item[0][1]):
         best = {backend: results.fastest_of(own) for (backend,), own in groups(group, "backend").items()}
         if len(best) > 1 and "cuda_implicit_cached" in best:
             yield scene, particles, best["cuda_implicit_cached"], best
@@ -149,12 +152,11 @@ def drawn_rows():
 
 def claimed(machine):
     """(row, number of tunings, its times in other studies of the machine's files over its own) of each backend on the heart."""
-    rows = [row for row in results.medians("fastest", machine)
-            if (row["scene"], row["formulation"], row["precision"]) == ("heart", "position", "float32")]
+    tried = on_heart(machine)
     studies = [result_files.study_of(path) for path in result_files.within(results.RESULTS / machine)]
     names = [{results.name_of(row): row["real_time"] for row in results.medians(study, machine)
-              if (row["scene"], row["steps"]) == ("heart", rows[0]["steps"])} for study in studies if study != "fastest"]
-    for own in groups(rows, "backend").values():
+              if (row["scene"], row["steps"]) == ("heart", tried[0][0]["steps"])} for study in studies if study != "fastest"]
+    for own in tried:
         row = min(own, key=lambda one: one["real_time"])
         yield row, len(own), [of[results.name_of(row)] / row["real_time"] for of in names if results.name_of(row) in of]
 
