@@ -29,10 +29,6 @@ def exact_enough(group):
     return figures.fastest(row for row in group if row["rounding"] is not None and row["rounding"] <= SMALL_ERROR)
 
 
-def each_at_its_best(group):
-    return [figures.fastest(own) for own in figures.groups(group, "backend").values()]
-
-
 def amount(quantity, value):
     """The value of a target's quantity, in the units of the page."""
     if quantity.endswith(("seconds", "seconds_per_step")):
@@ -123,7 +119,7 @@ def template():
         return re.sub(r"\s*\n\s*", " ", re.sub(r"(?<=[>}])\s*\n\s*|\s*\n\s*(?=[<{])", "", text_of(name).strip()))
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, loader=jinja2.FunctionLoader(source))
     shared = (figures.engineering, figures.error_text, figures.fastest_within, figures.groups, figures.listed, figures.percent,
-              figures.time_text, result_files.spread_of, result_files.as_known, math.log, amount, captions, each_at_its_best,
+              figures.time_text, result_files.spread_of, result_files.as_known, math.log, amount, captions, figures.each_at_its_best,
               exact_enough, names)
     environment.globals |= {function.__name__: function for function in shared} | {
         "base64": lambda data: base64.b64encode(data).decode(), "marks": charts.MARKS,

@@ -82,9 +82,13 @@ def fastest(rows):
     return min(rows, key=lambda row: row["microseconds"], default=None)
 
 
+def each_at_its_best(rows, *keys):
+    return [fastest(own) for own in groups(rows, *keys, "backend").values()]
+
+
 def as_fast(best, group):
     """The best rows of other backends that repetitions cannot tell from the fastest one, fastest first."""
-    others = [fastest(own) for (backend,), own in groups(group, "backend").items() if backend != best["backend"]]
+    others = [row for row in each_at_its_best(group) if row["backend"] != best["backend"]]
     return sorted((row for row in others if not comparison.is_clearly_slower(
         best["repetition_times"], row["repetition_times"], bool(best["noisy"] or row["noisy"]))),
         key=lambda row: row["microseconds"])
@@ -250,18 +254,14 @@ def latest_runs(page):
     return reading.latest(reading.pareto(page.results), "machine", "scene", "contender", "fraction")
 
 
-def best_of_each_backend(page):
-    rows = reading.strategies([row for row in page.measured if not row["edits"]])
-    return [fastest(group) for group in groups(rows, "machine", "scene", "backend").values()]
-
-
 def as_lines(name, rows_of, line, x, y, *keys):
     """Makes rows with the names of their lines beside them, in a chart for each combination of the keys."""
     return lambda page: [row for own in groups(rows_of(page), "machine", *keys).values()
                          for row in charts.with_end_labels(own, line, x, y, ABOUT["figures"][name]["height"])]
 
 
-@figure_of("datasets", best_of_each_backend)
+@figure_of("datasets", lambda page: each_at_its_best(reading.strategies([row for row in page.measured if not row["edits"]]),
+                                                     "machine", "scene"))
 def datasets(figure, rows):
     entries = figure.page.outcomes[rows[0]["machine"]]
     winners = collections.Counter(entry.best["backend"] for entry in entries if entry.won)

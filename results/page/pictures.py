@@ -90,14 +90,11 @@ def choose(results):
         row = ([row for row in drawable if row["particles"] <= FAMILIAR] or drawable[:1])[-1]
         chosen.append(Wanted(row["scene"], row["particles"], row["formulation"], row["precision"]))
         sizes += [other["scene"] for other in drawable if other is not row]
-    left_out = [(sizes, ANOTHER_SIZE)] if sizes else []
-    if others:
-        left_out.append((others, "no built-in scene has such a name"))
-    if large:
-        left_out.append((large, f"more than {MAX_PARTICLES // 1_000_000} million particles"))
+    reasons = ((sizes, ANOTHER_SIZE), (others, "no built-in scene has such a name"),
+               (large, f"more than {MAX_PARTICLES // 1_000_000} million particles"))
     # The heart comes first, since readers remember it best.
     chosen.sort(key=lambda wanted: (not wanted.scene.startswith("heart"), reading.natural(wanted.scene)))
-    return chosen, left_out
+    return chosen, [(scenes, reason) for scenes, reason in reasons if scenes]
 
 
 def read(path):

@@ -301,11 +301,9 @@ def scaling_forecast(results):
     found = []
     for result in results:
         rows = rows_of([result], "scaling")
-        lines, ones = {}, {(row["compared"], row["contender"]): row for row in reversed(rows) if row["ranks"] == 1}
-        for row in rows:
-            if row["ranks"] > 1 and all(row.get(name) is not None for name in needed):
-                lines.setdefault((row["compared"], row["contender"], row["way"], is_bricks(row)), []).append(row)
-        for line, several in lines.items():
+        ones = {(row["compared"], row["contender"]): row for row in reversed(rows) if row["ranks"] == 1}
+        known = [row for row in rows if row["ranks"] > 1 and all(row.get(name) is not None for name in needed)]
+        for line, several in result_files.groups(known, "compared", "contender", "way", is_bricks).items():
             most = max(several, key=lambda row: row["ranks"])
             if line[:2] not in ones or not most["predicted_seconds"]:
                 continue
