@@ -16,8 +16,6 @@ import math
 import pathlib
 import sys
 
-import pandas
-
 import result_files
 from readme import rows
 
@@ -51,6 +49,7 @@ def families():
 
 def bodies(family, machines, occupancy):
     """(particles, order of the contenders) of each body, ascending."""
+    import pandas  # pylint: disable=import-outside-toplevel  # tests of other scripts import this one beside another NumPy
     low, high = occupancy
     # The processor has no figure8.
     files = [(machine, study) for machine, study in itertools.product(machines, ("fastest", "figure8"))
@@ -108,6 +107,7 @@ def rules():
 def min_steps_between_edits():
     """For each CUDA backend that is slower than another one if edited often, and faster if edited rarely: from how
     many steps between edits on it is at most 10% slower. The other one is the fastest when they are most frequent."""
+    import pandas  # pylint: disable=import-outside-toplevel
     times = pandas.DataFrame([{"interval": row["steps"] / row["edits"], "backend": row["backend"], "time": row["real_time"]}
                               for row in rows.medians("edits") if row["family"] == "CUDA"])
     times = times.pivot_table(index="interval", columns="backend", values="time", aggfunc="last")
