@@ -174,6 +174,15 @@ nlohmann::json Case::ask(const nlohmann::json& question, const std::string& doin
     return process_->ask(question, doing, on_event);
 }
 
+const nlohmann::json* Case::kept(const std::string& name, const std::function<nlohmann::json()>& make,
+                                 const std::string& at) {
+    if (scope_.find(name) == nullptr && scope_.find("failed") == nullptr) {
+        const auto failure = failure_of([&] { scope_.keep(name, make()); });
+        if (failure) scope_.keep("failed", at + *failure);
+    }
+    return scope_.find(name);
+}
+
 void Case::begin(const nlohmann::json& question) {
     start();
     process_->begin(question);

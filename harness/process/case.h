@@ -53,6 +53,10 @@ public:
     /// not the one in the journal; and what Worker::ask() throws.
     nlohmann::json ask(const nlohmann::json& question, const std::string& doing,
                        const OnEvent& on_event = {});
+    /// What the journal has as `name`. If it has neither that nor a failure of the case, it gets what `make`
+    /// returns, or the failure, behind `at`. Null: the case failed or was interrupted.
+    const nlohmann::json* kept(const std::string& name, const std::function<nlohmann::json()>& make,
+                               const std::string& at = {});
     /// ask() in two parts, as Worker::begin() and finish().
     void begin(const nlohmann::json& question);
     nlohmann::json finish(const std::string& doing, const OnEvent& on_event = {});

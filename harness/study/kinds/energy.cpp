@@ -124,60 +124,55 @@ public:
     }
     int rows_of_case(const Study&, const StudyScene&) const override { return 1; }
     double steps_of_case(const Study&, const StudyScene& item) const override { return item.steps; }
-    void run(StudyBench& bench) override;
+
+    void run(StudyBench& bench) override {
+        int done = 0;
+        // One case after another: a card that two processes hold draws more power while it idles.
+        for (const BackendSpec& spec : bench.specs()) {
+            if (interrupted()) return;
+            bench.show(spec.label(), done, bench.expected_cases());
+            auto entered =
+                bench.enter(spec, {"energy", {{"steps", bench.item().steps}, {"seconds", seconds_}}});
+            if (!entered) continue;
+            try {
+                (void)energy_meter_of(capabilities_of(entered->capabilities()));
+            } catch (const std::runtime_error& error) {
+                bench.refuse(spec, error.what());
+                continue;
+            }
+            ++done;
+            const nlohmann::json* measured = entered->kept("energy", [&] {
+                return entered->ask({{"do", "measure"}}, "measuring its energy");
+            });
+            bench.add_failure(*entered);
+            if (measured == nullptr) continue;
+            auto row = row_of_json<EnergyRow>(*measured);
+            bench.identify(row, spec, bench.item().steps);
+            const double joules = row.counters.at("joules_per_step");
+            row.counters.add("springs_per_joule", double(row.workpiece->springs) / joules, Unit::per_joule,
+                             Better::more);
+            row.counters.add("particles_per_joule", double(row.workpiece->particles) / joules,
+                             Unit::per_joule, Better::more);
+            bench.add("energy", row);
+        }
+    }
+
     void make_lists(Result& result) const override { result.rows<EnergyRow>("energy"); }
-    void print(const Result& result, std::ostream& out, TableWidth width) const override;
+
+    void print(const Result& result, std::ostream& out, TableWidth width) const override {
+        print_rows<EnergyRow>(
+            result.rows<EnergyRow>("energy"),
+            {{{"steps", 8}, [](const auto& row) { return std::to_string(row.workpiece->steps); }},
+             {{"clock", 7}, [](const auto& row) { return row.clock(); }}},
+            width, out);
+        print_unmeasured(result, out);
+    }
 
 private:
     // The counter leaps at least every tenth of a second, which is 1% of ten seconds.
     static constexpr double min_seconds = 10;
     double seconds_ = min_seconds;  ///< how long each case is measured
 };
-
-void EnergyStudy::run(StudyBench& bench) {
-    int done = 0;
-    // One case after another: a card that two processes hold draws more power while it idles.
-    for (const BackendSpec& spec : bench.specs()) {
-        if (interrupted()) return;
-        bench.show(spec.label(), done, bench.expected_cases());
-        auto entered = bench.enter(spec, {"energy", {{"steps", bench.item().steps}, {"seconds", seconds_}}});
-        if (!entered) continue;
-        try {
-            (void)energy_meter_of(capabilities_of(entered->capabilities()));
-        } catch (const std::runtime_error& error) {
-            bench.refuse(spec, error.what());
-            continue;
-        }
-        ++done;
-        JournalScope& scope = entered->scope();
-        if (scope.find("energy") == nullptr && scope.find("failed") == nullptr) {
-            const auto failure = failure_of([&] {
-                scope.keep("energy", entered->ask({{"do", "measure"}}, "measuring its energy"));
-            });
-            if (failure) scope.keep("failed", *failure);
-        }
-        bench.add_failure(*entered);
-        const nlohmann::json* measured = scope.find("energy");
-        if (measured == nullptr) continue;
-        auto row = row_of_json<EnergyRow>(*measured);
-        bench.identify(row, spec, bench.item().steps);
-        const double joules = row.counters.at("joules_per_step");
-        row.counters.add("springs_per_joule", double(row.workpiece->springs) / joules, Unit::per_joule,
-                         Better::more);
-        row.counters.add("particles_per_joule", double(row.workpiece->particles) / joules, Unit::per_joule,
-                         Better::more);
-        bench.add("energy", row);
-    }
-}
-
-void EnergyStudy::print(const Result& result, std::ostream& out, TableWidth width) const {
-    print_rows<EnergyRow>(
-        result.rows<EnergyRow>("energy"),
-        {{{"steps", 8}, [](const auto& row) { return std::to_string(row.workpiece->steps); }},
-         {{"clock", 7}, [](const auto& row) { return row.clock(); }}},
-        width, out);
-    print_unmeasured(result, out);
-}
 
 const RegisteredStudyKind energy_kind("energy", [] { return std::make_unique<EnergyStudy>(); });
 

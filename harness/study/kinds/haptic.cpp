@@ -406,25 +406,23 @@ struct Motions {
         if (const auto given = from.find("longest_seconds")) longest_seconds = given->number(0.1, 3600);
     }
     /// The playings, in the order of a case's rows.
-    std::vector<Playing> playings() const;
+    std::vector<Playing> playings() const {
+        const auto [lowest, highest] = std::minmax_element(rates.begin(), rates.end());
+        std::vector<Playing> all;
+        for (const double& rate : rates) {
+            const bool is_long = &rate == &*highest;
+            all.push_back({rate, false, false, is_long ? longest_seconds.value_or(seconds) : seconds});
+            all.push_back({rate, true, false, seconds});
+        }
+        // Edits make a drawing build new meshes, equally often at any rate. So they are drawn at the lowest
+        // rate only.
+        for (const double& rate : rates) {
+            all.push_back({rate, false, true, seconds});
+            if (&rate == &*lowest) all.push_back({rate, true, true, seconds});
+        }
+        return all;
+    }
 };
-
-std::vector<Playing> Motions::playings() const {
-    const auto [lowest, highest] = std::minmax_element(rates.begin(), rates.end());
-    std::vector<Playing> all;
-    for (const double& rate : rates) {
-        const bool is_long = &rate == &*highest;
-        all.push_back({rate, false, false, is_long ? longest_seconds.value_or(seconds) : seconds});
-        all.push_back({rate, true, false, seconds});
-    }
-    // Edits make a drawing build new meshes, equally often at any rate. So they are drawn at the lowest rate
-    // only.
-    for (const double& rate : rates) {
-        all.push_back({rate, false, true, seconds});
-        if (&rate == &*lowest) all.push_back({rate, true, true, seconds});
-    }
-    return all;
-}
 
 class HapticStudy final : public StudyKind {
 public:

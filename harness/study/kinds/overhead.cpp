@@ -106,49 +106,43 @@ public:
     double steps_of_case(const Study& study, const StudyScene& item) const override {
         return 2.0 * item.steps * (study.repetitions + 1);
     }
-    void run(StudyBench& bench) override;
-    void make_lists(Result& result) const override { result.rows<OverheadRow>("overhead"); }
-    void print(const Result& result, std::ostream& out, TableWidth width) const override;
-};
-
-void OverheadStudy::run(StudyBench& bench) {
-    int done = 0;
-    // One case after another: nothing else may use the host or the device meanwhile.
-    for (const BackendSpec& spec : bench.specs()) {
-        if (interrupted()) return;
-        bench.show(spec.label(), done, bench.expected_cases());
-        auto entered = bench.enter(
-            spec, {"overhead", {{"steps", bench.item().steps}, {"repetitions", bench.study().repetitions}}});
-        if (!entered) continue;
-        ++done;
-        JournalScope& scope = entered->scope();
-        for (const char* const handed_over : {"one by one", "at once"}) {
-            if (scope.find(handed_over) == nullptr && scope.find("failed") == nullptr) {
-                const auto failure = failure_of([&] {
-                    scope.keep(handed_over, entered->ask({{"do", "measure"}, {"handed_over", handed_over}},
-                                                         "measuring its overhead"));
+    void run(StudyBench& bench) override {
+        int done = 0;
+        // One case after another: nothing else may use the host or the device meanwhile.
+        for (const BackendSpec& spec : bench.specs()) {
+            if (interrupted()) return;
+            bench.show(spec.label(), done, bench.expected_cases());
+            auto entered = bench.enter(
+                spec,
+                {"overhead", {{"steps", bench.item().steps}, {"repetitions", bench.study().repetitions}}});
+            if (!entered) continue;
+            ++done;
+            for (const char* const handed_over : {"one by one", "at once"}) {
+                const nlohmann::json* measured = entered->kept(handed_over, [&] {
+                    return entered->ask({{"do", "measure"}, {"handed_over", handed_over}},
+                                        "measuring its overhead");
                 });
-                if (failure) scope.keep("failed", *failure);
+                if (measured == nullptr) continue;
+                auto row = row_of_json<OverheadRow>(*measured);
+                bench.identify(row, spec, bench.item().steps);
+                bench.add("overhead", row);
             }
-            const nlohmann::json* measured = scope.find(handed_over);
-            if (measured == nullptr) continue;
-            auto row = row_of_json<OverheadRow>(*measured);
-            bench.identify(row, spec, bench.item().steps);
-            bench.add("overhead", row);
+            bench.add_failure(*entered);
         }
-        bench.add_failure(*entered);
     }
-}
 
-void OverheadStudy::print(const Result& result, std::ostream& out, TableWidth width) const {
-    print_rows<OverheadRow>(
-        result.rows<OverheadRow>("overhead"),
-        {{{"particles", 1}, [](const auto& row) { return std::to_string(row.workpiece->particles); }},
-         {{"steps", 3}, [](const auto& row) { return std::to_string(row.workpiece->steps); }},
-         {{"handed over"}, [](const auto& row) { return row.handed_over; }}},
-        width, out);
-    print_unmeasured(result, out);
-}
+    void make_lists(Result& result) const override { result.rows<OverheadRow>("overhead"); }
+
+    void print(const Result& result, std::ostream& out, TableWidth width) const override {
+        print_rows<OverheadRow>(
+            result.rows<OverheadRow>("overhead"),
+            {{{"particles", 1}, [](const auto& row) { return std::to_string(row.workpiece->particles); }},
+             {{"steps", 3}, [](const auto& row) { return std::to_string(row.workpiece->steps); }},
+             {{"handed over"}, [](const auto& row) { return row.handed_over; }}},
+            width, out);
+        print_unmeasured(result, out);
+    }
+};
 
 const RegisteredStudyKind overhead_kind("overhead", [] { return std::make_unique<OverheadStudy>(); });
 

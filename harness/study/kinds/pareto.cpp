@@ -199,14 +199,9 @@ ParetoRow run_step(const StudyBench& bench, Case& benchmark_case, const Step& st
 /// run_step() with the journal, which may already have the row. Empty if the case failed.
 std::optional<ParetoRow> row_of_case(const StudyBench& bench, Case& benchmark_case, const Step& step,
                                      const std::string& device) {
-    const std::string name = name_of_row(step.solution.steps);
-    JournalScope& scope = benchmark_case.scope();
-    if (scope.find(name) == nullptr && scope.find("failed") == nullptr) {
-        const auto failure =
-            failure_of([&] { scope.keep(name, json_of(run_step(bench, benchmark_case, step, device))); });
-        if (failure) scope.keep("failed", *failure);
-    }
-    const nlohmann::json* row = scope.find(name);
+    const nlohmann::json* row = benchmark_case.kept(name_of_row(step.solution.steps), [&] {
+        return json_of(run_step(bench, benchmark_case, step, device));
+    });
     return row != nullptr ? std::optional(row_of_json<ParetoRow>(*row)) : std::nullopt;
 }
 

@@ -80,7 +80,20 @@ public:
     int rows_of_case(const Study&, const StudyScene& item) const override {
         return 4 * int(across_of(item).size());
     }
-    void run(StudyBench& bench) override;
+    void run(StudyBench& bench) override {
+        std::vector<TruthRow> rows;
+        // One case after another, since they are timed.
+        for (const BackendSpec& spec : bench.specs()) measure(bench, spec, rows);
+        const std::vector<std::string> reasons = judge_truth(rows);
+        for (std::size_t n = 0; n < rows.size(); ++n) {
+            bench.add("truth", rows[n]);
+            if (reasons[n].empty()) continue;
+            Row failed = rows[n];
+            failed.reason = reasons[n];
+            bench.add("failed", failed);
+        }
+    }
+
     void make_lists(Result& result) const override { result.rows<TruthRow>("truth"); }
     void print(const Result& result, std::ostream& out, TableWidth width) const override {
         print_truth(result, out, width);
@@ -92,63 +105,41 @@ private:
         return item.settings.value("voxels_across", across_);
     }
     /// Measures a backend and adds its rows to `rows`.
-    void measure(StudyBench& bench, const BackendSpec& spec, std::vector<TruthRow>& rows) const;
+    void measure(StudyBench& bench, const BackendSpec& spec, std::vector<TruthRow>& rows) const {
+        auto entered = bench.enter(spec, {"truth"});
+        if (!entered) return;
+        for (const std::string particles_at : {"corners", "centres"}) {
+            for (const std::string strain : {"small", "large"}) {
+                for (const int across : across_of(bench.item())) {
+                    if (interrupted()) return;
+                    const std::string name =
+                        particles_at + ", " + strain + " strain, " + std::to_string(across) + " across";
+                    bench.show(spec.label() + ", " + name, int(rows.size()),
+                               rows_of_case(bench.study(), bench.item()) * bench.expected_cases());
+                    const nlohmann::json question = {{"do", "rest"},
+                                                     {"particles_at", particles_at},
+                                                     {"strain", strain},
+                                                     {"across", across}};
+                    const nlohmann::json* measured = entered->kept(
+                        name, [&] { return entered->ask(question, "coming to rest"); }, name + ": ");
+                    if (measured == nullptr) continue;
+                    if (measured->contains("unsupported")) {
+                        if (across == across_of(bench.item()).front() && strain == "small")
+                            bench.skip(spec, "particles at " + particles_at + ": " +
+                                                 measured->at("unsupported").get<std::string>());
+                        continue;
+                    }
+                    auto row = row_of_json<TruthRow>(*measured);
+                    row.identity = row_of(bench.scene().name, spec).identity;
+                    rows.push_back(std::move(row));
+                }
+            }
+        }
+        bench.add_failure(*entered);
+    }
 
     std::vector<int> across_;
 };
-
-void TruthStudy::measure(StudyBench& bench, const BackendSpec& spec, std::vector<TruthRow>& rows) const {
-    auto entered = bench.enter(spec, {"truth"});
-    if (!entered) return;
-    JournalScope& scope = entered->scope();
-    for (const std::string particles_at : {"corners", "centres"}) {
-        for (const std::string strain : {"small", "large"}) {
-            for (const int across : across_of(bench.item())) {
-                if (interrupted()) return;
-                const std::string name =
-                    particles_at + ", " + strain + " strain, " + std::to_string(across) + " across";
-                bench.show(spec.label() + ", " + name, int(rows.size()),
-                           rows_of_case(bench.study(), bench.item()) * bench.expected_cases());
-                if (scope.find(name) == nullptr && scope.find("failed") == nullptr) {
-                    const auto failure = failure_of([&] {
-                        scope.keep(name, entered->ask({{"do", "rest"},
-                                                       {"particles_at", particles_at},
-                                                       {"strain", strain},
-                                                       {"across", across}},
-                                                      "coming to rest"));
-                    });
-                    if (failure) scope.keep("failed", name + ": " + *failure);
-                }
-                const nlohmann::json* measured = scope.find(name);
-                if (measured == nullptr) continue;
-                if (measured->contains("unsupported")) {
-                    if (across == across_of(bench.item()).front() && strain == "small")
-                        bench.skip(spec, "particles at " + particles_at + ": " +
-                                             measured->at("unsupported").get<std::string>());
-                    continue;
-                }
-                auto row = row_of_json<TruthRow>(*measured);
-                row.identity = row_of(bench.scene().name, spec).identity;
-                rows.push_back(std::move(row));
-            }
-        }
-    }
-    bench.add_failure(*entered);
-}
-
-void TruthStudy::run(StudyBench& bench) {
-    std::vector<TruthRow> rows;
-    // One case after another, since they are timed.
-    for (const BackendSpec& spec : bench.specs()) measure(bench, spec, rows);
-    const std::vector<std::string> reasons = judge_truth(rows);
-    for (std::size_t n = 0; n < rows.size(); ++n) {
-        bench.add("truth", rows[n]);
-        if (reasons[n].empty()) continue;
-        Row failed = rows[n];
-        failed.reason = reasons[n];
-        bench.add("failed", failed);
-    }
-}
 
 const RegisteredStudyKind truth_kind("truth", [] { return std::make_unique<TruthStudy>(); });
 
