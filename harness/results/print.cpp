@@ -17,9 +17,6 @@
 namespace voxspring {
 namespace {
 
-/// A reason without its figure.
-std::string kind_of(const std::string& reason) { return reason.substr(0, reason.find(" (")); }
-
 /// Distinct values in the order of their first appearance.
 class Distinct {
 public:
@@ -31,6 +28,26 @@ public:
 private:
     std::set<std::string> seen_;
     std::vector<std::string> values_;
+};
+
+/// Cases by scene, in the order in which they were added.
+class CasesByScene {
+public:
+    void add(const std::string& scene, const std::string& name) {
+        if (scenes_.empty() || scenes_.back().first != scene) scenes_.push_back({scene, {}});
+        scenes_.back().second.push_back(name);
+        ++count_;
+    }
+    std::size_t count() const { return count_; }
+    std::string text() const {
+        std::vector<std::string> names;
+        for (const auto& [scene, cases] : scenes_) names.push_back(scene + ": " + names_in_short(cases));
+        return fmt::format("{}", fmt::join(names, "; "));
+    }
+
+private:
+    std::vector<std::pair<std::string, std::vector<std::string>>> scenes_;
+    std::size_t count_ = 0;
 };
 
 /// The backends, cases and scenes that one reason holds for.
@@ -72,21 +89,16 @@ void print_edits(const std::vector<Row>& rows, std::ostream& out, TableWidth wid
 
 /// Prints a line about the cases that made fewer repetitions than the study asks for.
 void print_shortened(const std::vector<Row>& rows, int repetitions, std::ostream& out) {
-    std::vector<std::pair<std::string, std::vector<std::string>>> scenes;
-    std::size_t count = 0;
+    CasesByScene cases;
     for (const Row& row : rows) {
-        if (row.benchmark->repetitions >= repetitions) continue;
-        ++count;
-        if (scenes.empty() || scenes.back().first != row.identity.scene)
-            scenes.push_back({row.identity.scene, {}});
-        scenes.back().second.push_back(row.label() + " (" + std::to_string(row.benchmark->repetitions) + ")");
+        const int made = row.benchmark->repetitions;
+        if (made < repetitions)
+            cases.add(row.identity.scene, row.label() + " (" + std::to_string(made) + ")");
     }
-    if (count == 0) return;
-    std::vector<std::string> names;
-    for (const auto& [scene, cases] : scenes) names.push_back(scene + ": " + names_in_short(cases));
-    out << fmt::format("{} of {} with fewer than {}, since these took long: {}\n", count,
+    if (cases.count() == 0) return;
+    out << fmt::format("{} of {} with fewer than {}, since these took long: {}\n", cases.count(),
                        counted(rows.size(), "time"), counted(std::uint64_t(repetitions), "repetition"),
-                       fmt::join(names, "; "));
+                       cases.text());
 }
 
 /// The medians of a result, by scene in the order of the study, fastest first within one.
@@ -172,29 +184,21 @@ std::string threshold_text(const Row& row, const Verdicts& verdicts) {
 
 void print_thresholds(const std::vector<Row>& rows, const Verdicts& verdicts, std::ostream& out) {
     bool strained = false, last_alone = false;
-    std::vector<Row> unverified;
+    CasesByScene unverified;
     for (const Row& row : rows) {
         const auto found = verdicts.find(row.case_name());
         if (found == verdicts.end()) continue;
         strained = strained || found->second.strained_start;
         last_alone = last_alone || !found->second.repetitions_judged;
-        if (found->second.verified() == false) unverified.push_back(row);
+        if (found->second.verified() == false) unverified.add(row.identity.scene, row.label());
     }
     if (strained)
         out << "* of a further run of the same steps, from a start in which every spring is strained: the "
                "scene's own start strains less than half of them by more than the threshold\n";
     if (last_alone) out << "Only the last repetition of each time was judged.\n";
-    std::vector<std::pair<std::string, std::vector<std::string>>> scenes;
-    for (const Row& row : unverified) {
-        if (scenes.empty() || scenes.back().first != row.identity.scene)
-            scenes.push_back({row.identity.scene, {}});
-        scenes.back().second.push_back(row.label());
-    }
-    std::vector<std::string> names;
-    for (const auto& [scene, cases] : scenes) names.push_back(scene + ": " + names_in_short(cases));
-    if (!names.empty())
+    if (unverified.count() > 0)
         out << fmt::format("{} of {} not verified, since no run shows half of the springs: {}\n",
-                           unverified.size(), counted(rows.size(), "time"), fmt::join(names, "; "));
+                           unverified.count(), counted(rows.size(), "time"), unverified.text());
 }
 
 std::string names_in_short(const std::vector<std::string>& names) {
@@ -207,26 +211,17 @@ std::string names_in_short(const std::vector<std::string>& names) {
 }
 
 void print_noise(const std::vector<Row>& rows, std::ostream& out) {
-    std::map<std::string, std::vector<std::pair<std::string, std::vector<std::string>>>> by_kind;
+    std::map<std::string, CasesByScene> by_kind;
     for (const Row& row : rows) {
         for (const std::string& reason : row.noisy) {
-            const std::string kind = kind_of(reason);
-            auto& scenes = by_kind[kind];
-            const std::string& scene = row.identity.scene;
-            if (scenes.empty() || scenes.back().first != scene) scenes.push_back({scene, {}});
-            scenes.back().second.push_back(row.label() + reason.substr(kind.size()));
+            // A reason without its figure.
+            const std::string kind = reason.substr(0, reason.find(" ("));
+            by_kind[kind].add(row.identity.scene, row.label() + reason.substr(kind.size()));
         }
     }
-    for (const auto& [kind, scenes] : by_kind) {
-        std::size_t count = 0;
-        std::vector<std::string> names;
-        for (const auto& [scene, cases] : scenes) {
-            count += cases.size();
-            names.push_back(scene + ": " + names_in_short(cases));
-        }
-        out << fmt::format("~ {} of {} not to be trusted, {}: {}\n", count, counted(rows.size(), "time"),
-                           kind, fmt::join(names, "; "));
-    }
+    for (const auto& [kind, cases] : by_kind)
+        out << fmt::format("~ {} of {} not to be trusted, {}: {}\n", cases.count(),
+                           counted(rows.size(), "time"), kind, cases.text());
 }
 
 void print_above_limit(const std::vector<Row>& rows, std::ostream& out) {
