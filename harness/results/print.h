@@ -21,6 +21,19 @@ struct ColumnOf {
     std::function<std::string(const T&)> cell;
 };
 
+/// Prints one line per row.
+template <std::derived_from<Row> T>
+void print_cells(const std::vector<T>& rows, const std::vector<ColumnOf<T>>& columns, TableWidth width,
+                 std::ostream& out) {
+    std::vector<Column> headings;
+    std::vector<std::vector<std::string>> table(rows.size());
+    for (const ColumnOf<T>& one : columns) {
+        headings.push_back(one.column);
+        for (std::size_t n = 0; n < rows.size(); ++n) table[n].push_back(one.cell(rows[n]));
+    }
+    print_columns(headings, table, width, out);
+}
+
 /// The names of the rows' counters, in the order of their first appearance, and a row's cell for one.
 std::vector<std::string> counter_names(const std::vector<const Row*>& rows);
 std::string counter_cell(const Row& row, const std::string& name);
@@ -41,13 +54,7 @@ void print_rows(const std::vector<T>& rows, const std::vector<ColumnOf<T>>& colu
         std::replace(heading.begin(), heading.end(), '_', ' ');
         all.push_back({{heading, expendable++}, [name](const T& row) { return counter_cell(row, name); }});
     }
-    std::vector<Column> headings;
-    std::vector<std::vector<std::string>> table(rows.size());
-    for (const ColumnOf<T>& one : all) {
-        headings.push_back(one.column);
-        for (std::size_t n = 0; n < rows.size(); ++n) table[n].push_back(one.cell(rows[n]));
-    }
-    print_columns(headings, table, width, out);
+    print_cells(rows, all, width, out);
 }
 
 /// The time of a step in each repetition, in us, by the name of the case.

@@ -26,22 +26,17 @@ std::string digits(double value) { return fmt::format("{:.3g}", value); }
 void print_front(std::vector<ParetoRow> rows, std::ostream& out, TableWidth width) {
     std::sort(rows.begin(), rows.end(),
               [](const ParetoRow& a, const ParetoRow& b) { return a.seconds < b.seconds; });
-    const std::vector<Column> columns = {{"  backend", 0, true},
-                                         {"run time"},
-                                         {"error against the converged solution"},
-                                         {"rounding error", 1},
-                                         {"time step", 2},
-                                         {"of stable", 4},
-                                         {"steps", 3}};
-    std::vector<std::vector<std::string>> table;
-    for (const ParetoRow& one : rows) {
-        const Errors& errors = *one.errors;
-        table.push_back({"  " + one.label(), one.noise_mark() + si(*one.seconds, "s"),
-                         error_cell(errors.total_relative_l2), error_cell(errors.relative_l2),
-                         digits(one.time_step), digits(one.fraction_of_stable),
-                         std::to_string(one.workpiece->steps)});
-    }
-    print_columns(columns, table, width, out);
+    print_cells<ParetoRow>(
+        rows,
+        {{{"  backend", 0, true}, [](const auto& row) { return "  " + row.label(); }},
+         {{"run time"}, [](const auto& row) { return row.noise_mark() + si(*row.seconds, "s"); }},
+         {{"error against the converged solution"},
+          [](const auto& row) { return error_cell(row.errors->total_relative_l2); }},
+         {{"rounding error", 1}, [](const auto& row) { return error_cell(row.errors->relative_l2); }},
+         {{"time step", 2}, [](const auto& row) { return digits(row.time_step); }},
+         {{"of stable", 4}, [](const auto& row) { return digits(row.fraction_of_stable); }},
+         {{"steps", 3}, [](const auto& row) { return std::to_string(row.workpiece->steps); }}},
+        width, out);
 }
 
 }  // namespace

@@ -243,26 +243,21 @@ const TruthRow* fastest_truth(const std::vector<TruthRow>& rows, const std::stri
 
 void print_truth(const Result& result, std::ostream& out, TableWidth width) {
     const std::vector<TruthRow>& rows = result.rows<TruthRow>("truth");
-    const std::vector<Column> columns = {{"case", 0, true},
-                                         {"strain", 0, true},
-                                         {"particles at", 0, true},
-                                         {"backend", 1, true},
-                                         {"across"},
-                                         {"particles", 3},
-                                         {"steps", 2},
-                                         {"time"},
-                                         {"deflection", 4},
-                                         {"model error"},
-                                         {"order"},
-                                         {"rounding", 1}};
-    std::vector<std::vector<std::string>> table;
-    for (const TruthRow& row : rows)
-        table.push_back({row.identity.scene, row.strain, row.particles_at, row.label(),
-                         std::to_string(row.across), std::to_string(row.workpiece->particles),
-                         std::to_string(row.workpiece->steps), si(row.seconds, "s"),
-                         fmt::format("{:.5g}", row.deflection), error_cell(row.model_error),
-                         row.order ? fixed_text(*row.order, 2) : "-", error_cell(row.rounding_error)});
-    print_columns(columns, table, width, out);
+    print_cells<TruthRow>(
+        rows,
+        {{{"case", 0, true}, [](const auto& row) { return row.identity.scene; }},
+         {{"strain", 0, true}, [](const auto& row) { return row.strain; }},
+         {{"particles at", 0, true}, [](const auto& row) { return row.particles_at; }},
+         {{"backend", 1, true}, [](const auto& row) { return row.label(); }},
+         {{"across"}, [](const auto& row) { return std::to_string(row.across); }},
+         {{"particles", 3}, [](const auto& row) { return std::to_string(row.workpiece->particles); }},
+         {{"steps", 2}, [](const auto& row) { return std::to_string(row.workpiece->steps); }},
+         {{"time"}, [](const auto& row) { return si(row.seconds, "s"); }},
+         {{"deflection", 4}, [](const auto& row) { return fmt::format("{:.5g}", row.deflection); }},
+         {{"model error"}, [](const auto& row) { return error_cell(row.model_error); }},
+         {{"order"}, [](const auto& row) { return row.order ? fixed_text(*row.order, 2) : "-"; }},
+         {{"rounding", 1}, [](const auto& row) { return error_cell(row.rounding_error); }}},
+        width, out);
     constexpr double wanted = 0.05;
     for (const TruthCase& one : truth_cases()) {
         if (const TruthRow* best = fastest_truth(rows, one.name, wanted))
