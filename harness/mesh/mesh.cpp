@@ -1,7 +1,6 @@
 #include "harness/mesh/mesh.h"
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <bit>
@@ -27,13 +26,6 @@ const std::vector<Format>& formats() {
     static const std::vector<Format> all = {
         {".stl", read_stl}, {".obj", read_obj}, {".ply", read_ply}, {".vtk", read_vtk}, {".msh", read_gmsh}};
     return all;
-}
-
-const Format* format_of(const std::string& name) {
-    const std::string lower = lower_case(name);
-    const auto found = std::find_if(formats().begin(), formats().end(),
-                                    [&](const Format& format) { return lower.ends_with(format.ending); });
-    return found == formats().end() ? nullptr : &*found;
 }
 
 template <class Cell>
@@ -127,18 +119,12 @@ void MeshBytes::refuse(std::string_view value, std::string_view accepted) const 
     throw BadInput(file_, fmt::format("line {}, byte {}", line, at_), value, accepted);
 }
 
-bool is_mesh_name(const std::string& name) { return format_of(name) != nullptr; }
+bool is_mesh_name(const std::string& name) { return format_of(name, formats()) != nullptr; }
 
-std::string mesh_endings() {
-    std::vector<std::string> endings;
-    for (const Format& format : formats()) endings.push_back(format.ending);
-    const std::string last = endings.back();
-    endings.pop_back();
-    return fmt::format("{} or {}", fmt::join(endings, ", "), last);
-}
+std::string mesh_endings() { return endings_of(formats()); }
 
 Mesh parse_mesh(std::string_view text, const std::string& file) {
-    const Format* format = format_of(file);
+    const Format* format = format_of(file, formats());
     if (format == nullptr)
         throw BadInput(file, "file name", file, "a mesh, whose name ends in " + mesh_endings());
     MeshBytes bytes(text, file);

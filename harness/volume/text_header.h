@@ -1,6 +1,7 @@
 // Reads the text headers of NRRD and MetaImage files as fields by name.
 #pragma once
 
+#include <algorithm>
 #include <charconv>
 #include <cstddef>
 #include <istream>
@@ -21,6 +22,24 @@ std::string lower_case(std::string text);
 std::string upper_case(std::string text);
 /// The parts of `text` between blanks.
 std::vector<std::string> words(const std::string& text);
+
+/// The format whose `ending` the file's name has, in any case; null if there is none.
+template <class Format>
+const Format* format_of(const std::string& name, const std::vector<Format>& formats) {
+    const std::string lower = lower_case(name);
+    const auto found = std::find_if(formats.begin(), formats.end(),
+                                    [&](const Format& format) { return lower.ends_with(format.ending); });
+    return found == formats.end() ? nullptr : &*found;
+}
+
+/// ".a, .b or .c": the endings of the formats, for a message.
+template <class Format>
+std::string endings_of(const std::vector<Format>& formats) {
+    std::string text;
+    for (const Format& format : formats)
+        text += (text.empty() ? "" : &format == &formats.back() ? " or " : ", ") + format.ending;
+    return text;
+}
 
 /// The number that the whole of `text` spells; nullopt if it is not a number.
 template <class Number>

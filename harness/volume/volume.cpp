@@ -1,7 +1,6 @@
 #include "harness/volume/volume.h"
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <bit>
@@ -39,14 +38,6 @@ const std::vector<Format>& formats() {
         {".mhd", read_metaimage},
     };
     return all;
-}
-
-/// The format of a file with this name; null if it is no volume file.
-const Format* format_of(const std::string& name) {
-    const std::string lower = lower_case(name);
-    const auto found = std::find_if(formats().begin(), formats().end(),
-                                    [&](const Format& format) { return lower.ends_with(format.ending); });
-    return found == formats().end() ? nullptr : &*found;
 }
 
 std::ifstream opened(const std::string& file, const std::string& as) {
@@ -87,20 +78,14 @@ std::size_t bytes_of(ScalarType type) {
     return with_scalar(type, [](auto scalar) { return sizeof scalar; });
 }
 
-bool is_volume_name(const std::string& name) { return format_of(name) != nullptr; }
+bool is_volume_name(const std::string& name) { return format_of(name, formats()) != nullptr; }
 
-std::string volume_endings() {
-    std::vector<std::string> endings;
-    for (const Format& format : formats()) endings.push_back(format.ending);
-    const std::string last = endings.back();
-    endings.pop_back();
-    return fmt::format("{} or {}", fmt::join(endings, ", "), last);
-}
+std::string volume_endings() { return endings_of(formats()); }
 
 Volume read_volume(const std::filesystem::path& file, const VolumeChoice& choice,
                    const SceneSizeLimits& limits) {
     const std::string name = file.string();
-    const Format* format = format_of(name);
+    const Format* format = format_of(name, formats());
     if (format == nullptr) {
         throw BadInput(name, "file name", file.filename().string(),
                        "a volume file, whose name ends in " + volume_endings());
