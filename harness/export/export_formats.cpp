@@ -73,12 +73,6 @@ std::vector<std::uint8_t> or_zeros(const std::vector<std::uint8_t>& values, cons
     return values.empty() ? std::vector<std::uint8_t>(problem.particle_count()) : values;
 }
 
-/// The placement of the grid in the coordinates of the volume's file, or null if the file has none.
-const Placement* placement_of(const Snapshot& snapshot) {
-    const auto& volume = snapshot.scene.volume;
-    return volume && volume->placement ? &*volume->placement : nullptr;
-}
-
 /// Converts vectors from the grid's axes to the coordinates of the volume's file, if it has any.
 std::vector<glm::dvec3> in_file(const Snapshot& snapshot, std::vector<glm::dvec3> vectors) {
     if (const Placement* placement = placement_of(snapshot)) {

@@ -1,4 +1,4 @@
-// File formats for the state of a run. All are float64 and lose nothing of the state.
+// File formats for the state of a run. Those up to npz() are float64 and lose nothing of the state.
 //
 // `velocity` is the velocity at the state's time, (x(t + dt) - x(t - dt)) / (2 dt), see velocities().
 #pragma once
@@ -51,5 +51,22 @@ std::string vtu(const Snapshot& snapshot);
 ///     step                                () int64
 ///     time, time_step                     () float64
 std::string npz(const Snapshot& snapshot);
+
+// The surface of a body: the mesh that it was made of, as the body carries it (carried_mesh.h), or the
+// surface of its voxels if it was made of no mesh (body_mesh.h).
+//
+// The vertices and triangles of a mesh keep their order, copies of vertices at cuts come last, and places are
+// in the mesh's coordinates and its unit of length. Polygons that came in are triangles. A volume's surface
+// is in the coordinates of vtu().
+
+/// Binary STL, float32.
+std::string stl(const Snapshot& snapshot);
+/// Text. Numbers read back as the same bits.
+std::string obj(const Snapshot& snapshot);
+/// Binary little-endian, float64.
+std::string ply(const Snapshot& snapshot);
+/// VTK UnstructuredGrid of triangles or, of a mesh of tetrahedra, of these. Point data: displacement
+/// (float64, 3). Field data: TimeValue and step.
+std::string mesh_vtu(const Snapshot& snapshot);
 
 }  // namespace voxspring

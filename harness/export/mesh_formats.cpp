@@ -1,5 +1,3 @@
-#include "harness/export/mesh_formats.h"
-
 #include <fmt/format.h>
 
 #include <array>
@@ -11,6 +9,7 @@
 #include <vector>
 
 #include "harness/drawing/body_mesh.h"
+#include "harness/export/export_formats.h"
 #include "harness/export/vtk_file.h"
 #include "harness/mesh/carried_mesh.h"
 
@@ -20,8 +19,7 @@ namespace {
 /// The surface of the voxels where it is now. A volume's placement, if any, applies.
 CarriedMesh surface_of_voxels(const Snapshot& snapshot) {
     const BodyMesh mesh = mesh_of(snapshot.problem);
-    const auto& volume = snapshot.scene.volume;
-    const Placement* placement = volume && volume->placement ? &*volume->placement : nullptr;
+    const Placement* placement = placement_of(snapshot);
     CarriedMesh out;
     for (const BodyMesh::Vertex& vertex : mesh.vertices) {
         glm::dvec3 rest(vertex.rest), displacement(0);

@@ -4,6 +4,11 @@
 
 namespace voxspring {
 
+const Placement* placement_of(const Snapshot& snapshot) {
+    const auto& volume = snapshot.scene.volume;
+    return volume && volume->placement ? &*volume->placement : nullptr;
+}
+
 std::vector<glm::dvec3> positions(const Snapshot& snapshot) {
     std::vector<glm::dvec3> position = snapshot.problem.rest_position;
     for (std::size_t i = 0; i < position.size(); ++i) position[i] += snapshot.state.displacement[i];

@@ -20,6 +20,9 @@ struct Snapshot {
     std::string backend;  ///< label of the backend that ran it, see BackendSpec::label()
 };
 
+/// The placement of the grid in the coordinates of the volume's file, or null if the file has none.
+const Placement* placement_of(const Snapshot& snapshot);
+
 /// Rest position plus displacement, one element per particle.
 std::vector<glm::dvec3> positions(const Snapshot& snapshot);
 /// The velocity at the snapshot's time, (x(t + dt) - x(t - dt)) / (2 dt), one element per particle. x(t + dt)
