@@ -15,8 +15,7 @@
 #include <utility>
 #include <vector>
 
-#include "backends/cpu/cpu_backend.h"
-#include "backends/registry.h"
+#include "tests/wrapped_backend.h"
 
 namespace voxspring::testing {
 namespace {
@@ -26,34 +25,23 @@ using Fault = std::function<void()>;
 enum class Where : std::uint8_t { everywhere, not_in_the_lowest_slab };
 
 /// cpu_reference, which calls `fault` in every step.
-class Faulty : public MonitoredCpuBackend, public BorderFacet {
+class Faulty : public MonitoredBackend {
 public:
-    explicit Faulty(Fault fault, Where where)
-        : fault_(std::move(fault)), where_(where), sound_(BackendSpec::parse("cpu_reference").make()) {}
-    BorderFacet* borders() override { return this; }
-    std::unique_ptr<Border> border(const std::vector<std::uint32_t>& particles) override {
-        return sound_->borders()->border(particles);
-    }
-    Capabilities capabilities() const override { return sound_->capabilities(); }
-    void edit(const Problem& edited, const SpringEdit& edit) override { sound_->edit(edited, edit); }
-    State download() override { return sound_->download(); }
-    StepWork step_work(const Problem& problem) const override { return sound_->limits()->step_work(problem); }
+    explicit Faulty(Fault fault, Where where) : fault_(std::move(fault)), where_(where) {}
 
 private:
     void begin(const Problem& problem, const State& state) override {
         spared_ = where_ != Where::everywhere && problem.rest_position.front().z == 0;
-        sound_->upload(problem, state);
+        MonitoredBackend::begin(problem, state);
     }
     void integrate(int count) override {
         if (!spared_) fault_();
-        sound_->step(count);
+        MonitoredBackend::integrate(count);
     }
-    bool within(double) override { return true; }
 
     Fault fault_;
     const Where where_;
     bool spared_ = false;
-    std::unique_ptr<Backend> sound_;
 };
 
 /// Crashes as a driver does, even under a sanitizer.
@@ -90,18 +78,10 @@ void take_time() { std::this_thread::sleep_for(std::chrono::milliseconds(20)); }
 
 Registered backend(const std::string& name, const Fault& in_constructor, const Fault& in_step,
                    Where where = Where::everywhere) {
-    return Registered({.name = name,
-                       .api = name.substr(0, name.find('_')),
-                       .summary = "A backend for a test.",
-                       .precisions = {Precision::float64},
-                       .formulations = {Formulation::increment},
-                       .tuning = {},
-                       .make =
-                           [=](const Options&) {
-                               in_constructor();
-                               return std::make_unique<Faulty>(in_step, where);
-                           },
-                       .bytes = [](const Problem&, const Options&) { return std::uint64_t(0); }});
+    return registered_for_test(name, [=] {
+        in_constructor();
+        return std::make_unique<Faulty>(in_step, where);
+    });
 }
 
 const Fault nothing = [] {};

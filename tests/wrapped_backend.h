@@ -13,13 +13,12 @@
 
 namespace voxspring::testing {
 
-/// Does what cpu_reference does. A test overrides what is to differ.
-class WrappedBackend : public CpuBackend, public BorderFacet {
+/// cpu_reference behind the interface `Base`.
+template <class Base>
+class Wrapping : public Base, public BorderFacet {
 public:
     Capabilities capabilities() const override { return inner_->capabilities(); }
-    void upload(const Problem& problem, const State& state) override { inner_->upload(problem, state); }
     void edit(const Problem& edited, const SpringEdit& edit) override { inner_->edit(edited, edit); }
-    void step(int count) override { inner_->step(count); }
     State download() override { return inner_->download(); }
     StepWork step_work(const Problem& problem) const override { return inner_->limits()->step_work(problem); }
     BorderFacet* borders() override { return this; }
@@ -34,14 +33,29 @@ private:
     std::unique_ptr<Backend> inner_ = BackendSpec::parse("cpu_reference").make();
 };
 
-/// Registers a backend of a test, in float64 and formulation `increment`.
-inline Registered registered_for_test(const std::string& name,
-                                      std::function<std::unique_ptr<Backend>()> make) {
+/// Does what cpu_reference does. A test overrides what is to differ.
+class WrappedBackend : public Wrapping<CpuBackend> {
+public:
+    void upload(const Problem& problem, const State& state) override { inner().upload(problem, state); }
+    void step(int count) override { inner().step(count); }
+};
+
+/// The same with monitors, to which its particles are always within bounds.
+class MonitoredBackend : public Wrapping<MonitoredCpuBackend> {
+protected:
+    void begin(const Problem& problem, const State& state) override { inner().upload(problem, state); }
+    void integrate(int count) override { inner().step(count); }
+    bool within(double) override { return true; }
+};
+
+/// Registers a backend of a test, in float64.
+inline Registered registered_for_test(const std::string& name, std::function<std::unique_ptr<Backend>()> make,
+                                      Formulation formulation = Formulation::increment) {
     return Registered({.name = name,
                        .api = name.substr(0, name.find('_')),
                        .summary = "A backend for this test.",
                        .precisions = {Precision::float64},
-                       .formulations = {Formulation::increment},
+                       .formulations = {formulation},
                        .tuning = {},
                        .make = [make = std::move(make)](const Options&) { return make(); },
                        .bytes = [](const Problem&, const Options&) { return std::uint64_t(0); }});
