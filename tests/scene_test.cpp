@@ -51,6 +51,11 @@ Scene volume_scene(const TemporaryFolder& folder, const std::string& volume, con
                       small);
 }
 
+/// Writes a volume of bytes, "v.nrrd", with these fields.
+void write_volume(const TemporaryFolder& folder, const std::string& fields, const std::string& data) {
+    folder.write("v.nrrd", nrrd_file("type: uint8\nencoding: raw\n" + fields + "\n", data));
+}
+
 std::vector<std::size_t> pinned_particles(const Problem& problem) {
     std::vector<std::size_t> list;
     for (std::size_t i = 0; i < problem.particle_count(); ++i) {
@@ -59,14 +64,13 @@ std::vector<std::size_t> pinned_particles(const Problem& problem) {
     return list;
 }
 
-struct Expected {
-    std::string argument;
-    std::size_t voxels, particles;
-    std::uint64_t springs;
-    std::size_t pinned;
-};
-
 TEST(Scene, BuiltinScenesHaveTheirCounts) {
+    struct Expected {
+        std::string argument;
+        std::size_t voxels, particles;
+        std::uint64_t springs;
+        std::size_t pinned;
+    };
     for (const Expected& expected :
          {Expected{"box", 32768, 32768, 279744, 1024}, Expected{"heart", 140760, 29449, 220507, 8188},
           Expected{"heart@120x102x92", 1126080, 236609, 1949461, 68965},
@@ -358,14 +362,13 @@ TEST(Scene, StartsAgainWithoutAnUploadWhereItsEditsHaveCancelled) {
 // Backends skip a term whose vector is empty.
 TEST(Scene, WhatASceneDoesNotNeedIsAbsent) {
     const Scene scene = parse(R"({"dataset": {"type": "box", "dims": [4, 3, 2]}})");
-    EXPECT_TRUE(scene.problem.material.empty());
-    EXPECT_TRUE(scene.problem.pinned.empty());
-    EXPECT_TRUE(scene.problem.load.empty());
-    EXPECT_TRUE(scene.problem.springs.empty());
-    EXPECT_FALSE(scene.problem.has_gravity());
-    EXPECT_EQ(scene.problem.damping, 0);
-    EXPECT_EQ(scene.problem.group_bits, FACE_BITS | EDGE_BITS);
-    EXPECT_EQ(scene.problem.time_step, 0.8 * scene.stable_time_step);
+    const Problem& problem = scene.problem;
+    EXPECT_TRUE(problem.material.empty() && problem.pinned.empty() && problem.load.empty() &&
+                problem.springs.empty());
+    EXPECT_FALSE(problem.has_gravity());
+    EXPECT_EQ(problem.damping, 0);
+    EXPECT_EQ(problem.group_bits, FACE_BITS | EDGE_BITS);
+    EXPECT_EQ(problem.time_step, 0.8 * scene.stable_time_step);
     EXPECT_TRUE(scene.state.displacement.empty());
     EXPECT_TRUE(scene.state.increment.empty());
     EXPECT_TRUE(box_with(R"("pinned": [], "loads": [], "initial": {})").problem.load.empty());
@@ -484,10 +487,7 @@ TEST(Scene, RandomStatesRepeat) {
 
 TEST(Scene, VolumesByThresholdAndLabels) {
     const TemporaryFolder folder;
-    const std::vector<double> voxels = {0, 1, 1, 0, 2, 2, 0, 2};
-    folder.write("v.nrrd", nrrd_file("type: uint8\ndimension: 3\nsizes: 2 2 2\nencoding: raw\n"
-                                     "spacings: 1 2 3\n",
-                                     bytes_of_values<std::uint8_t>(voxels)));
+    write_volume(folder, "dimension: 3\nsizes: 2 2 2\nspacings: 1 2 3", std::string{0, 1, 1, 0, 2, 2, 0, 2});
     const auto scene = [&](const std::string& dataset, const std::string& keys) {
         return volume_scene(folder, "v.nrrd", dataset, keys);
     };
@@ -580,10 +580,8 @@ TEST(Scene, SidesOfTheBodyAreThoseOfItsFile) {
 
 TEST(Scene, AFrameAndASpacingAreChosenBeforeTheFileIsJudged) {
     const TemporaryFolder folder;
-    folder.write("v.nrrd",
-                 nrrd_file("type: uint8\ndimension: 4\nsizes: 2 2 2 2\nkinds: space space space time\n"
-                           "spacings: 0 1 1 1\nencoding: raw\n",
-                           std::string(8, '\1') + std::string{0, 0, 0, 0, 0, 0, 1, 1}));
+    write_volume(folder, "dimension: 4\nsizes: 2 2 2 2\nkinds: space space space time\nspacings: 0 1 1 1",
+                 std::string(8, '\1') + std::string{0, 0, 0, 0, 0, 0, 1, 1});
     const Scene scene = volume_scene(folder, "v.nrrd", R"(, "frame": 1)", R"(, "spacing": 3)");
     EXPECT_EQ(scene.problem.particle_count(), 2u);
     EXPECT_EQ(scene.problem.lattice.spacing, glm::dvec3(3));
@@ -619,9 +617,7 @@ TEST(Scene, PartsOfABodyAreNamedAndLeftOut) {
     // Two slices of 6 x 3: a block of 12, a row of three and one voxel alone.
     std::string data;
     for (const char c : std::string("110001110001110101110000110000110000")) data.push_back(char(c - '0'));
-    folder.write(
-        "v.nrrd",
-        nrrd_file("type: uint8\ndimension: 3\nsizes: 6 3 2\nspacings: 1 1 1\nencoding: raw\n", data));
+    write_volume(folder, "dimension: 3\nsizes: 6 3 2\nspacings: 1 1 1", data);
     const std::string gravity = R"(, "gravity": [0, 0, -1e-3])", pinned = R"(, "pinned": {"side": "x-"})";
     const auto loaded = [&](const std::string& dataset, const std::string& groups = R"("face")") {
         return volume_scene(folder, "v.nrrd", dataset,
@@ -756,9 +752,7 @@ TEST(Scene, AVolumeByItselfSagsByAsManyVoxelsInAnyUnit) {
 
 TEST(Scene, AVolumeThatFallsOrThatNothingMovesIsSaid) {
     const TemporaryFolder folder;
-    folder.write("v.nrrd",
-                 nrrd_file("type: uint8\ndimension: 3\nsizes: 2 2 2\nspacings: 1 1 1\nencoding: raw\n",
-                           std::string(8, '\1')));
+    write_volume(folder, "dimension: 3\nsizes: 2 2 2\nspacings: 1 1 1", std::string(8, '\1'));
     const auto notes = [&](const std::string& keys) {
         return volume_scene(folder, "v.nrrd", "", ", " + keys).notes;
     };
@@ -784,8 +778,7 @@ TEST(Scene, WhereNothingOscillatesItIsSaidWhy) {
                   so);
     // Two particles held and one that falls past them.
     const TemporaryFolder folder;
-    folder.write("v.nrrd", nrrd_file("type: uint8\ndimension: 3\nsizes: 4 1 1\nencoding: raw\n",
-                                     std::string("\1\1\0\1", 4)));
+    write_volume(folder, "dimension: 3\nsizes: 4 1 1", std::string("\1\1\0\1", 4));
     const std::string text =
         R"({"dataset": {"type": "volume", "file": "v.nrrd"}, "pinned": {"side": "x-", "slices": 2}})";
     const std::string message = refusal([&] { load_scene(folder.write("s.json", text), small); });
@@ -848,6 +841,16 @@ TEST_F(Corpus, GoodDocumentsAreAccepted) {
     ASSERT_GT(corpus_["accepted"].size(), 5u);
     for (const auto& scene : corpus_["accepted"])
         EXPECT_NO_THROW(read_scene_file(parse_json(scene.dump(), "scene"))) << scene;
+}
+
+TEST_F(Corpus, BadDocumentsAndThoseThatDoNotFitTheirVoxelsAreRefusedInOneLine) {
+    const auto refuse = [&](const char* list, std::size_t most, const auto& read) {
+        ASSERT_GT(corpus_[list].size(), most);
+        for (const auto& bad : corpus_[list])
+            EXPECT_EQ(refusal([&] { read(bad["scene"].dump()); }), bad["message"].get<std::string>()) << bad;
+    };
+    refuse("refused", 50, [](const std::string& text) { read_scene_file(parse_json(text, "scene")); });
+    refuse("refused_with_voxels", 5, [](const std::string& text) { parse(text); });
 }
 
 Problem small_box() {
@@ -967,22 +970,6 @@ TEST(SceneOf, ABodyOnNoLatticeIsExportedWithoutVoxels) {
     EXPECT_EQ(csv({scene, scene.problem, state, 0, 0, "cpu_reference"}),
               "x,y,z,displacement_x,displacement_y,displacement_z,velocity_x,velocity_y,velocity_z\n"
               "0.5,0,0,0.5,0,0,0,0,0\n1.5,0,0,0.5,0,0,0,0,0\n");
-}
-
-TEST_F(Corpus, BadDocumentsAreRefusedInOneLine) {
-    ASSERT_GT(corpus_["refused"].size(), 50u);
-    for (const auto& bad : corpus_["refused"]) {
-        EXPECT_EQ(refusal([&] { read_scene_file(parse_json(bad["scene"].dump(), "scene")); }),
-                  bad["message"].get<std::string>())
-            << bad["scene"];
-    }
-}
-
-TEST_F(Corpus, DocumentsThatDoNotFitTheirVoxelsAreRefused) {
-    ASSERT_GT(corpus_["refused_with_voxels"].size(), 5u);
-    for (const auto& bad : corpus_["refused_with_voxels"])
-        EXPECT_EQ(refusal([&] { parse(bad["scene"].dump()); }), bad["message"].get<std::string>())
-            << bad["scene"];
 }
 
 }  // namespace
