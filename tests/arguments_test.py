@@ -78,15 +78,6 @@ class Words(InTemporaryFolder):
         self.assert_refused(voxspring(*RUN, "--frames", ""), "--frames", "the path of a folder")
         self.assert_refused(voxspring("info", "box@99999999"), "@99999999", "sides from 1 to 1048576")
 
-    def test_refuses_what_a_specification_says_twice_or_cannot_mean(self):
-        self.assert_refused(voxspring("run", "box@4", "--backend", "cpu_parallel:threads=1,threads=2"), "threads", "twice")
-        self.assert_refused(voxspring("study", "smoke", "--backend", "cpu_parallel:precision=float32,precision=float64"),
-                            "precision", "twice")
-
-    def test_takes_every_value_of_a_tuning_parameter(self):
-        out = self.folder / "result.json"
-        succeeds("study", "smoke", "--scene", "box@4", "--backend", "cpu_parallel:rest=*", "--repetitions", 1, "--out", out)
-
     def test_time_in_the_place_of_steps(self):
         time_step = json_of("info", "box@4", "--json")["time_step"]
         exact = succeeds(*RUN, "--time", 10 * time_step)
