@@ -1,10 +1,11 @@
 // Compiles every kernel that a CUDA backend may ask for, for every architecture; no GPU is needed for that.
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <array>
 #include <cstdlib>
-#include <filesystem>
+#include <map>
 #include <memory>
 #include <optional>
 #include <string>
@@ -24,9 +25,12 @@
 #include "cuda/kernels/resident.h"
 #include "tests/required.h"
 #include "tests/support.h"
+#include "tests/surroundings.h"
 
 namespace voxspring::cuda {
 namespace {
+
+using ::testing::HasSubstr;
 
 /// The source of a kernel with these macros and, where they leave it open, a simple case.
 KernelSource source_of(const std::string& file, std::map<std::string, std::string> macros) {
@@ -49,57 +53,40 @@ struct Kind {
     std::uint32_t terms = 0;  ///< besides those of a scene
 };
 
+using Macros = std::map<std::string, std::string>;
+Macros with(Macros macros, const Macros& more) {
+    macros.insert(more.begin(), more.end());
+    return macros;
+}
+
 std::vector<Kind> kinds() {
-    const std::vector<const char*> memory = {"PastL1", "ThroughL1", "ThroughTexture"};
-    return {{"implicit", "implicit.cu", {{"THREADS", "256"}, {"BLOCKS", "4"}}, memory},
-            {"tile",
-             "tile.cu",
-             {{"THREADS", "256"}, {"BLOCKS", "2"}, {"WIDTH", "64"}, {"HEIGHT", "4"}},
-             {"PastL1"}},
+    const std::vector<const char*> memory = {"PastL1", "ThroughL1", "ThroughTexture"}, past = {"PastL1"},
+                                   through = {"ThroughL1"};
+    const Macros four = {{"THREADS", "256"}, {"BLOCKS", "4"}}, two = {{"THREADS", "256"}, {"BLOCKS", "2"}},
+                 springs = {{"SECONDARY", "1"}}, rows = {{"ROWS", "1"}}, part = {{"LISTED_BLOCKS", "1"}},
+                 dependent = {{"DEPENDENT_LAUNCH", "1"}};
+    constexpr Formulation position = Formulation::position, paper = Formulation::paper;
+    return {{"implicit", "implicit.cu", four, memory},
+            {"tile", "tile.cu", with(two, {{"WIDTH", "64"}, {"HEIGHT", "4"}}), past},
             {"by_groups", "explicit.cu", {}, memory},
-            {"by_springs", "explicit.cu", {{"SECONDARY", "1"}}, memory},
-            {"delta", "delta.cu", {{"THREADS", "256"}, {"BLOCKS", "4"}}, {"ThroughL1"}},
-            {"groups_launched_dependent",
-             "explicit.cu",
-             {{"DEPENDENT_LAUNCH", "1"}},
-             {"PastL1"},
-             Formulation::position},
-            {"deltas_launched_dependent",
-             "delta.cu",
-             {{"THREADS", "256"}, {"BLOCKS", "4"}, {"DEPENDENT_LAUNCH", "1"}},
-             {"ThroughL1"},
-             Formulation::position},
-            {"groups_of_a_part", "explicit.cu", {{"LISTED_BLOCKS", "1"}}, {"PastL1"}, Formulation::position},
-            {"springs_of_a_part",
-             "explicit.cu",
-             {{"SECONDARY", "1"}, {"LISTED_BLOCKS", "1"}},
-             {"PastL1"},
-             Formulation::position},
-            {"deltas_of_a_part",
-             "delta.cu",
-             {{"THREADS", "256"}, {"BLOCKS", "4"}, {"LISTED_BLOCKS", "1"}},
-             {"ThroughL1"},
-             Formulation::position},
-            {"implicit_bit_by_bit",
-             "implicit.cu",
-             {{"THREADS", "256"}, {"BLOCKS", "4"}},
-             {"PastL1"},
-             Formulation::paper,
+            {"by_springs", "explicit.cu", springs, memory},
+            {"delta", "delta.cu", four, through},
+            {"groups_launched_dependent", "explicit.cu", dependent, past, position},
+            {"deltas_launched_dependent", "delta.cu", with(four, dependent), through, position},
+            {"groups_of_a_part", "explicit.cu", part, past, position},
+            {"springs_of_a_part", "explicit.cu", with(springs, part), past, position},
+            {"deltas_of_a_part", "delta.cu", with(four, part), through, position},
+            {"implicit_bit_by_bit", "implicit.cu", four, past, paper, term_bit_by_bit},
+            {"tile_bit_by_bit", "tile.cu", with(two, {{"WIDTH", "16"}, {"HEIGHT", "16"}}), past, paper,
              term_bit_by_bit},
-            {"tile_bit_by_bit",
-             "tile.cu",
-             {{"THREADS", "256"}, {"BLOCKS", "2"}, {"WIDTH", "16"}, {"HEIGHT", "16"}},
-             {"PastL1"},
-             Formulation::paper,
-             term_bit_by_bit},
-            {"groups_by_rows", "explicit.cu", {{"ROWS", "1"}}, {"PastL1"}, Formulation::paper},
-            {"springs_by_rows",
-             "explicit.cu",
-             {{"SECONDARY", "1"}, {"ROWS", "1"}},
-             {"PastL1"},
-             Formulation::paper},
-            {"add_forces", "scatter.cu", {{"FORCES", "1"}}, {"ThroughL1"}},
-            {"integrate", "scatter.cu", {}, {"ThroughL1"}}};
+            {"groups_by_rows", "explicit.cu", rows, past, paper},
+            {"springs_by_rows", "explicit.cu", with(springs, rows), past, paper},
+            {"add_forces", "scatter.cu", {{"FORCES", "1"}}, through},
+            {"integrate", "scatter.cu", {}, through}};
+}
+
+void expect_machine_code(const KernelSource& source, int architecture) {
+    EXPECT_EQ(compile(source, architecture).code.substr(1, 3), "ELF");
 }
 
 class Compiler : public ::testing::TestWithParam<Formulation> {};
@@ -144,8 +131,7 @@ TEST_P(Compiler, CompilesEveryKernel) {
                                       std::to_string(term_gravity | term_pins | kind.terms) + "u,false";
                         source.macros["TERMS"] =
                             "KernelTerms<Formulation::" + to_string(GetParam()) + "," + terms + ">";
-                        const CompiledKernel compiled = compile(source, architecture);
-                        EXPECT_EQ(compiled.code.substr(1, 3), "ELF");
+                        expect_machine_code(source, architecture);
                     }
                 }
             }
@@ -218,7 +204,7 @@ TEST_P(Compiler, CompilesTheResidentKernel) {
         const std::string terms = "KernelTerms<Formulation::" + to_string(GetParam()) + ",262143u," +
                                   std::to_string(all_terms & ~term_materials) + "u,true>";
         const KernelSource source = resident_source(tool, part, slots, borders, masked, terms, turns);
-        EXPECT_EQ(compile(source, architecture).code.substr(1, 3), "ELF");
+        expect_machine_code(source, architecture);
     }
 }
 
@@ -364,13 +350,8 @@ TEST(Waits, InVainAreErrorsAndTheCardGoesOn) {
     };
     begin_anew();
     parts[1].backend->step(1000);
-    try {
-        parts[1].backend->synchronize();
-        FAIL() << "no DeviceError";
-    } catch (const DeviceError& error) {
-        EXPECT_NE(std::string(error.what()).find("waited in vain for step "), std::string::npos)
-            << error.what();
-    }
+    EXPECT_THAT(testing::message_of<DeviceError>([&] { parts[1].backend->synchronize(); }),
+                HasSubstr("waited in vain for step "));
     EXPECT_THROW((void)parts[1].backend->download(), DeviceError) << "its state is worthless";
 
     const auto beside = other.make();
@@ -430,7 +411,7 @@ void compile_march(const char* tile, Precision precision, Formulation formulatio
                                {"EQUAL_EDGES", equal_edges(problem, formulation) ? "true" : "false"}});
     if (async) source.macros["ASYNC_COPIES"] = "1";
     source.macros["KEPT_PLANES"] = kept_planes;
-    EXPECT_EQ(compile(source, architecture).code.substr(1, 3), "ELF");
+    expect_machine_code(source, architecture);
 }
 
 TEST(Compiler, CompilesTheMarch) {
@@ -481,7 +462,7 @@ TEST(Compiler, CompilesBricks) {
                                                      {"TERMS", std::string("KernelTerms<Formulation::") +
                                                                    formulation + ",262143u,6u,false>"}});
         source.moves_registers = registers > 0;
-        EXPECT_EQ(compile(source, architecture).code.substr(1, 3), "ELF");
+        expect_machine_code(source, architecture);
     }
 }
 
@@ -501,7 +482,7 @@ TEST(Compiler, CompilesTiles) {
              {"BLOCKS", std::to_string(blocks)},
              {"EQUAL_EDGES", "true"},
              {"TERMS", std::string("KernelTerms<Formulation::") + formulation + ",262143u,6u,false>"}});
-        EXPECT_EQ(compile(source, architecture).code.substr(1, 3), "ELF");
+        expect_machine_code(source, architecture);
     }
 }
 
@@ -509,8 +490,8 @@ INSTANTIATE_TEST_SUITE_P(Formulations, Compiler, ::testing::ValuesIn(all_formula
                          [](const auto& tested) { return to_string(tested.param); });
 
 TEST(Compiler, FindsOnDiskWhatItCompiledBefore) {
-    const std::string folder = ::testing::TempDir() + "voxspring_kernels";
-    setenv("VOXSPRING_CACHE", folder.c_str(), 1);
+    const testing::TemporaryFolder folder;
+    const testing::Variable cache("VOXSPRING_CACHE", folder.path().string());
     KernelSource source = source_of("implicit.cu", {{"THREADS", "64"}});
     const CompiledKernel first = compile(source, 90);
     const CompiledKernel again = compile(source, 90);
@@ -522,8 +503,6 @@ TEST(Compiler, FindsOnDiskWhatItCompiledBefore) {
     source.macros["THREADS"] = "128";
     EXPECT_FALSE(compile(source, 90).found);
     EXPECT_FALSE(compile(source, 80).found);
-    std::filesystem::remove_all(folder);
-    unsetenv("VOXSPRING_CACHE");
 }
 
 // NVRTC reports 13.0 without a patch level. The id that `readelf -n` shows has 20 bytes, of two digits each.
@@ -537,12 +516,10 @@ TEST(Compiler, KernelsOnDiskAreOfOneBuildOfTheCompiler) {
 }
 
 TEST(Compiler, SaysWhatIsWrong) {
-    try {
-        compile({"implicit.cu", {{"REAL", "half_a_float"}}}, 90);
-        FAIL() << "compiled";
-    } catch (const DeviceError& error) {
-        EXPECT_NE(std::string(error.what()).find("half_a_float"), std::string::npos) << error.what();
-    }
+    EXPECT_THAT(testing::message_of<DeviceError>([] {
+                    compile({"implicit.cu", {{"REAL", "half_a_float"}}}, 90);
+                }),
+                HasSubstr("half_a_float"));
 }
 
 // For a card newer than the compiler it emits code that the driver finishes.

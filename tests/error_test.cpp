@@ -1,7 +1,6 @@
 // Errors: references and their cache, conserved quantities, divergence, and advice.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <unistd.h>
 
 #include <algorithm>
 #include <cmath>
@@ -13,7 +12,6 @@
 #include "backends/cpu/perturbed_reference.h"
 #include "backends/disk_cache.h"
 #include "backends/registry.h"
-#include "harness/base/bad_input.h"
 #include "harness/choice/advise.h"
 #include "harness/scene/scene_runner.h"
 #include "harness/study/pareto.h"
@@ -23,6 +21,7 @@
 #include "harness/verification/errors.h"
 #include "harness/verification/reference.h"
 #include "tests/support.h"
+#include "tests/surroundings.h"
 
 namespace voxspring::testing {
 namespace {
@@ -276,9 +275,6 @@ TEST(Reference, OfALongRunIsTheParallelOne) {
 
 class Cache : public ::testing::Test {
 protected:
-    void SetUp() override { std::filesystem::remove_all(folder_); }
-    void TearDown() override { std::filesystem::remove_all(folder_); }
-
     int computed(const Scene& scene, int steps, DiskCache cache) const {
         References references(std::move(cache));
         const State state = references.after(scene, steps);
@@ -295,9 +291,8 @@ protected:
         return found;
     }
 
-    // Each process has its folder, since tests run at the same time.
-    const std::filesystem::path folder_ =
-        std::filesystem::path(::testing::TempDir()) / ("error_test_cache_" + std::to_string(getpid()));
+    const TemporaryFolder temporary_;
+    const std::filesystem::path folder_ = temporary_.path() / "cache";
     const Scene scene_ = Oscillator{0.1, -0.02, 0.1, 0.03, 0.2}.scene();
     mutable References expected_{no_cache()};
 };
@@ -597,13 +592,8 @@ TEST(Advise, FastestThatReachesTheErrorAndRunnersUp) {
 }
 
 TEST(Advise, RefusesAResultThatIsNone) {
-    const auto refusal = [](const std::string& text) -> std::string {
-        try {
-            candidates_of(parse_json(text, "r.json"), "box");
-        } catch (const BadInput& error) {
-            return error.what();
-        }
-        return "accepted";
+    const auto refusal = [](const std::string& text) {
+        return testing::refusal([&] { candidates_of(parse_json(text, "r.json"), "box"); });
     };
     EXPECT_THAT(refusal("{}"), ::testing::AllOf(HasSubstr("r.json"), HasSubstr("pareto")));
     EXPECT_THAT(refusal(R"({"pareto": []})"), HasSubstr("it has none"));
@@ -629,8 +619,7 @@ TEST(AReference, SaysHowFarItIsAndCanBeStopped) {
     };
     References talkative(no_cache(), tell, std::chrono::seconds(0));
     const State state = talkative.after(scene, steps);
-    EXPECT_EQ(state.displacement, expected.displacement);
-    EXPECT_EQ(state.increment, expected.increment);
+    expect_same_bits(state, expected);
     ASSERT_GE(told.size(), 2u);
     EXPECT_TRUE(std::is_sorted(told.begin(), told.end()));
     EXPECT_EQ(told.back(), steps);

@@ -8,7 +8,6 @@
 #include <bit>
 #include <cmath>
 #include <cstdlib>
-#include <glm/geometric.hpp>
 #include <limits>
 #include <memory>
 #include <string>
@@ -27,6 +26,7 @@
 #include "tests/shader_support.h"
 #include "tests/specifications.h"
 #include "tests/support.h"
+#include "tests/surroundings.h"
 
 namespace voxspring::testing {
 namespace {
@@ -167,11 +167,7 @@ TEST_P(GlFragment, DegenerateSpringsFollowTheReference) {
         problems.push_back(problem);
     }
     for (const Problem& p : problems) {
-        const auto run = [&](Backend& backend) {
-            backend.upload(p, state);
-            backend.step(10);
-            return backend.download();
-        };
+        const auto run = [&](Backend& backend) { return stepped(backend, p, state, 10); };
         const Comparison comparison =
             compare(p, run(*make(GetParam())), run(*BackendSpec::parse("cpu_reference").make()),
                     Precision::float32, 10);
@@ -274,12 +270,8 @@ TEST_F(Gl, ErrorsSurfaceAtTheNextCheck) {
     const gl::Context context;
     EXPECT_NO_THROW(context.check("testing"));
     glEnable(GL_RGBA32F);  // an enum that is no capability
-    try {
-        context.check("testing");
-        FAIL() << "no DeviceError";
-    } catch (const DeviceError& error) {
-        EXPECT_THAT(error.what(), AllOf(HasSubstr("GL_INVALID_ENUM"), HasSubstr("while testing")));
-    }
+    EXPECT_THAT(message_of<DeviceError>([&] { context.check("testing"); }),
+                AllOf(HasSubstr("GL_INVALID_ENUM"), HasSubstr("while testing")));
     EXPECT_NO_THROW(context.check("testing"));
     const int limit = context.max_texture_size();
     EXPECT_FALSE(gl::fits(gl::rgba32f, {limit + 1, 1}));
@@ -289,12 +281,7 @@ TEST_F(Gl, ErrorsSurfaceAtTheNextCheck) {
 // --- The shader loader --------------------------------------------------------------------------------
 
 std::string reason_of_loading(const std::string& file, const gl::Files& files) {
-    try {
-        gl::load_source(file, {}, files);
-    } catch (const DeviceError& error) {
-        return error.what();
-    }
-    return {};
+    return message_of<DeviceError>([&] { gl::load_source(file, {}, files); });
 }
 
 TEST(ShaderLoader, WritesVersionDefinesAndIncludesOnce) {
@@ -311,27 +298,19 @@ TEST(ShaderLoader, NamesTheFileItCannotInclude) {
                 HasSubstr("a.frag:3: no file to include: 'b.glsl'"));
 }
 
-TEST_F(Gl, CompileErrorNamesFileAndLine) {
-    const gl::Context context;
-    const gl::Files files{{"outer.frag", "#include \"inner.glsl\"\nvoid main() {}\n"},
-                          {"inner.glsl", "float right;\n\nfloat wrong = nonsense;\n"}};
-    try {
-        gl::Program(context, gl::load_source("full_screen.vert", {}),
-                    gl::load_source("outer.frag", {}, files));
-        FAIL() << "compiled";
-    } catch (const DeviceError& error) {
-        EXPECT_THAT(error.what(), AllOf(HasSubstr("outer.frag does not compile"), HasSubstr("inner.glsl:3")));
-    }
-    EXPECT_NO_THROW(context.check("testing")) << "a compile error is told once";
-}
-
-TEST_F(Gl, LinkErrorNamesItsShaders) {
+TEST_F(Gl, CompileErrorsNameFileAndLineAndLinkErrorsAreErrors) {
     const gl::Context context;
     const gl::Files files{
+        {"outer.frag", "#include \"inner.glsl\"\nvoid main() {}\n"},
+        {"inner.glsl", "float right;\n\nfloat wrong = nonsense;\n"},
         {"lone.frag", "float undefined();\nout vec4 c;\nvoid main() { c = vec4(undefined()); }\n"}};
-    EXPECT_THROW(gl::Program(context, gl::load_source("full_screen.vert", {}),
-                             gl::load_source("lone.frag", {}, files)),
-                 DeviceError);
+    const auto link = [&](const char* fragments) {
+        gl::Program(context, gl::load_source("full_screen.vert", {}), gl::load_source(fragments, {}, files));
+    };
+    EXPECT_THAT(message_of<DeviceError>([&] { link("outer.frag"); }),
+                AllOf(HasSubstr("outer.frag does not compile"), HasSubstr("inner.glsl:3")));
+    EXPECT_NO_THROW(context.check("testing")) << "a compile error is told once";
+    EXPECT_THROW(link("lone.frag"), DeviceError);
 }
 
 // --- No OpenGL ----------------------------------------------------------------------------------------

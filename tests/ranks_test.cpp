@@ -20,7 +20,6 @@
 #include <utility>
 #include <vector>
 
-#include "backends/cpu/cpu_backend.h"
 #include "backends/device_choice.h"
 #include "harness/process/case.h"
 #include "harness/process/shared_state.h"
@@ -30,6 +29,8 @@
 #include "harness/ranks/sample.h"
 #include "harness/scene/scene_runner.h"
 #include "tests/support.h"
+#include "tests/surroundings.h"
+#include "tests/wrapped_backend.h"
 
 // Sanitizers start threads themselves.
 #if !defined(__SANITIZE_THREAD__) && !defined(__SANITIZE_ADDRESS__) && !defined(__clang__)
@@ -56,15 +57,6 @@ namespace {
 using ::testing::ElementsAre;
 using ::testing::HasSubstr;
 using ::testing::ThrowsMessage;
-
-std::string message_of(const std::function<void()>& action) {
-    try {
-        action();
-    } catch (const std::exception& error) {
-        return error.what();
-    }
-    return "nothing was thrown";
-}
 
 class Mailrooms : public ::testing::Test {
 protected:
@@ -354,45 +346,18 @@ private:
     int sent_ = 0, received_ = 0;
 };
 
-/// The test's backend in float64 that `make` creates.
-Registered test_backend(const std::string& name, const std::function<std::unique_ptr<Backend>()>& make) {
-    return Registered({.name = name,
-                       .api = name.substr(0, name.find('_')),
-                       .summary = "A backend for a test.",
-                       .precisions = {Precision::float64},
-                       .formulations = {Formulation::increment},
-                       .tuning = {},
-                       .make = [make](const Options&) { return make(); },
-                       .bytes = [](const Problem&, const Options&) { return std::uint64_t(0); }});
-}
-
 /// A cpu_reference in place of a backend with devices.
-class Wrapped : public MonitoredCpuBackend, public BorderFacet {
+class Wrapped : public MonitoredBackend {
 public:
     Capabilities capabilities() const override {
-        Capabilities all = sound_->capabilities();
+        Capabilities all = MonitoredBackend::capabilities();
         all.border_ways = {"peer", "stores"};
         return all;
     }
-    void edit(const Problem& edited, const SpringEdit& edit) override { sound_->edit(edited, edit); }
-    State download() override { return sound_->download(); }
-    StepWork step_work(const Problem& problem) const override { return sound_->limits()->step_work(problem); }
-    BorderFacet* borders() override { return this; }
-    std::unique_ptr<Border> border(const std::vector<std::uint32_t>& particles) override {
-        return sound_->borders()->border(particles);
-    }
     std::shared_ptr<DeviceBorders> device_borders(const std::vector<SharedParticles>& borders,
                                                   const std::string& way) override {
-        return std::make_shared<FakeBorders>(*sound_, borders, way == "stores");
+        return std::make_shared<FakeBorders>(inner(), borders, way == "stores");
     }
-
-protected:
-    void begin(const Problem& problem, const State& state) override { sound_->upload(problem, state); }
-    void integrate(int count) override { sound_->step(count); }
-    bool within(double) override { return true; }
-
-private:
-    std::unique_ptr<Backend> sound_ = BackendSpec::parse("cpu_reference").make();
 };
 
 /// Does what its name says in the tenth step, on every rank that does not have the lowest layer.
@@ -456,7 +421,7 @@ public:
 };
 template <class Made, class... With>
 Registered registered(const std::string& name, With... with) {
-    return test_backend(name, [=] { return std::make_unique<Made>(with...); });
+    return registered_for_test(name, [=] { return std::make_unique<Made>(with...); });
 }
 
 const Registered backends[] = {registered<Placed>("rank_placed"), registered<Numbered>("rank_numbered"),

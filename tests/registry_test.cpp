@@ -4,12 +4,12 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
-#include <cstdlib>
 #include <string>
 #include <vector>
 
 #include "harness/study/selection.h"
 #include "tests/required.h"
+#include "tests/surroundings.h"
 
 namespace voxspring::testing {
 namespace {
@@ -20,13 +20,8 @@ using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 
 /// Why `text` is refused; empty if it is not.
-std::string refusal(const std::string& text) {
-    try {
-        (void)BackendSpec::parse(text);
-        return {};
-    } catch (const BadSpecification& error) {
-        return error.what();
-    }
+std::string reason(const std::string& text) {
+    return message_of<BadSpecification>([&] { (void)BackendSpec::parse(text); });
 }
 
 std::vector<std::string> labels(const std::string& pattern) {
@@ -42,28 +37,28 @@ TEST(BackendSpec, ReadsWhatItWrites) {
 }
 
 TEST(BackendSpec, SaysWhatAutoIs) {
-    EXPECT_THAT(refusal("auto"), AllOf(HasSubstr("'auto'"), HasSubstr("for a scene")));
-    EXPECT_THAT(refusal("auto:precision=float64"), HasSubstr("for a scene"));
-    EXPECT_THAT(refusal("aut"), AllOf(HasSubstr("no backend 'aut'"), HasSubstr("cpu_parallel")));
+    EXPECT_THAT(reason("auto"), AllOf(HasSubstr("'auto'"), HasSubstr("for a scene")));
+    EXPECT_THAT(reason("auto:precision=float64"), HasSubstr("for a scene"));
+    EXPECT_THAT(reason("aut"), AllOf(HasSubstr("no backend 'aut'"), HasSubstr("cpu_parallel")));
 }
 
 TEST(BackendSpec, RefusesAKeyTwice) {
     for (const char* twice : {"rest=skip,rest=skip", "rest=skip,rest=step", "threads=2,rest=skip,threads=3",
                               "precision=float32,precision=float64", "formulation=paper,formulation=paper"}) {
-        EXPECT_THAT(refusal(std::string("cpu_parallel:") + twice), HasSubstr("twice")) << twice;
+        EXPECT_THAT(reason(std::string("cpu_parallel:") + twice), HasSubstr("twice")) << twice;
     }
-    EXPECT_THAT(refusal("cpu_parallel:rest=skip,rest=skip"),
+    EXPECT_THAT(reason("cpu_parallel:rest=skip,rest=skip"),
                 AllOf(HasSubstr("cpu_parallel"), HasSubstr("'rest'"), HasSubstr("rest=skip,rest=skip")));
 }
 
 TEST(BackendSpec, RefusesValuesThatDoNotGoTogether) {
-    EXPECT_THAT(refusal("cpu_parallel:rest=flush,formulation=position"),
+    EXPECT_THAT(reason("cpu_parallel:rest=flush,formulation=position"),
                 AllOf(HasSubstr("cpu_parallel"), HasSubstr("rest=flush"), HasSubstr("increment")));
-    EXPECT_EQ(refusal("cpu_parallel:rest=flush"), "");
-    EXPECT_THAT(refusal("cpu_parallel:precision=float64,root=raw"), HasSubstr("float32"));
+    EXPECT_EQ(reason("cpu_parallel:rest=flush"), "");
+    EXPECT_THAT(reason("cpu_parallel:precision=float64,root=raw"), HasSubstr("float32"));
     for (const auto& [name, entry] : registry()) {
         if (!entry.tuning.contains("rest")) continue;
-        EXPECT_THAT(refusal(name + ":formulation=paper,rest=flush"), HasSubstr("rest=flush")) << name;
+        EXPECT_THAT(reason(name + ":formulation=paper,rest=flush"), HasSubstr("rest=flush")) << name;
     }
 }
 
@@ -82,31 +77,15 @@ TEST(Patterns, StandForEveryValueOfATuningParameter) {
     EXPECT_THROW((void)expand("cpu_parallel:threads=*"), BadSpecification);
 }
 
-/// Sets VOXSPRING_REQUIRE until the end of the scope.
-class Requiring {
-public:
-    explicit Requiring(const char* value) : before_(read()) { ::setenv("VOXSPRING_REQUIRE", value, 1); }
-    ~Requiring() { ::setenv("VOXSPRING_REQUIRE", before_.c_str(), 1); }
-    Requiring(const Requiring&) = delete;
-    Requiring& operator=(const Requiring&) = delete;
-
-private:
-    static std::string read() {
-        const char* value = std::getenv("VOXSPRING_REQUIRE");
-        return value == nullptr ? "" : value;
-    }
-    const std::string before_;
-};
-
 TEST(Required, TakesAListOfPrefixes) {
     {
-        const Requiring required(" cuda , gl_fragment ,,");
+        const Variable required("VOXSPRING_REQUIRE", " cuda , gl_fragment ,,");
         EXPECT_THAT(required_prefixes(), ElementsAre("cuda", "gl_fragment"));
         EXPECT_TRUE(is_required("cuda_march"));
         EXPECT_TRUE(is_required("gl_fragment_implicit"));
         EXPECT_FALSE(is_required("gl_compute_implicit"));
     }
-    const Requiring nothing("");
+    const Variable nothing("VOXSPRING_REQUIRE", "");
     EXPECT_THAT(required_prefixes(), IsEmpty());
     EXPECT_FALSE(is_required("cpu_parallel"));
 }

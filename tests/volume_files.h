@@ -8,7 +8,6 @@
 
 #include <algorithm>
 #include <array>
-#include <cstdint>
 #include <cstring>
 #include <filesystem>
 #include <fstream>
@@ -16,31 +15,9 @@
 #include <string>
 #include <vector>
 
-#include "harness/base/bad_input.h"
+#include "tests/surroundings.h"
 
 namespace voxspring::testing {
-
-/// The message with which `use` refuses an input, or "accepted".
-template <class Use>
-std::string refusal(const Use& use) {
-    try {
-        use();
-    } catch (const BadInput& refused) {
-        return refused.what();
-    }
-    return "accepted";
-}
-
-/// What `use` refuses: "KEY: VALUE" or "KEY is missing", without the name of the file and what is expected
-/// instead; or "accepted".
-template <class Use>
-std::string refused(const Use& use) {
-    const std::string message = refusal(use);
-    const auto begin = message.find(": "), end = message.find("; expected ");
-    if (end == std::string::npos) return message;
-    const std::string text = message.substr(begin + 2, end - begin - 2);
-    return text.substr(0, text.rfind(" is not accepted"));
-}
 
 /// The bytes of `values` as scalars of type T, in this machine's order or reversed.
 template <class T>
@@ -139,31 +116,5 @@ inline std::string nrrd_file(const std::string& fields, const std::string& data)
 inline std::string metaimage_file(const std::string& fields, const std::string& data) {
     return "ObjectType = Image\n" + fields + "ElementDataFile = LOCAL\n" + data;
 }
-
-/// A temporary folder that is removed with the object.
-class TemporaryFolder {
-public:
-    TemporaryFolder() {
-        std::string name = (std::filesystem::temp_directory_path() / "voxspring-XXXXXX").string();
-        if (mkdtemp(name.data()) == nullptr) throw std::runtime_error("no temporary folder");
-        path_ = name;
-    }
-    ~TemporaryFolder() {
-        std::error_code ignored;
-        std::filesystem::remove_all(path_, ignored);
-    }
-    TemporaryFolder(const TemporaryFolder&) = delete;
-    TemporaryFolder& operator=(const TemporaryFolder&) = delete;
-
-    std::string write(const std::string& name, const std::string& bytes) const {
-        const std::filesystem::path file = path_ / name;
-        std::ofstream(file, std::ios::binary) << bytes;
-        return file.string();
-    }
-    const std::filesystem::path& path() const { return path_; }
-
-private:
-    std::filesystem::path path_;
-};
 
 }  // namespace voxspring::testing

@@ -21,6 +21,7 @@
 #include "tests/required.h"
 #include "tests/shader_support.h"
 #include "tests/support.h"
+#include "tests/surroundings.h"
 
 namespace voxspring::testing {
 namespace {
@@ -29,39 +30,9 @@ using ::testing::AllOf;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
 
-/// Sets an environment variable for its lifetime.
-class Variable {
-public:
-    Variable(std::string name, const std::string& value) : name_(std::move(name)) {
-        const char* before = std::getenv(name_.c_str());
-        was_set_ = before != nullptr;
-        if (was_set_) before_ = before;
-        setenv(name_.c_str(), value.c_str(), 1);
-    }
-    Variable(const Variable&) = delete;
-    Variable& operator=(const Variable&) = delete;
-    ~Variable() {
-        if (was_set_) {
-            setenv(name_.c_str(), before_.c_str(), 1);
-        } else {
-            unsetenv(name_.c_str());
-        }
-    }
-
-private:
-    const std::string name_;
-    bool was_set_;
-    std::string before_;
-};
-
 /// Why a backend is not available; empty if it is.
 std::string absence(const std::string& specification) {
-    try {
-        (void)BackendSpec::parse(specification).make();
-    } catch (const Unavailable& absent) {
-        return absent.what();
-    }
-    return {};
+    return message_of<Unavailable>([&] { (void)BackendSpec::parse(specification).make(); });
 }
 
 TEST(NoVulkan, AMissingLoaderIsASkip) {
@@ -134,12 +105,8 @@ TEST_F(Vulkan, WhatValidationLayersSayIsAnError) {
     EXPECT_NO_THROW(device.check("testing"));
     // A buffer without any usage.
     const vk::raii::Buffer useless(device.get(), vk::BufferCreateInfo({}, 16, {}));
-    try {
-        device.check("testing");
-        FAIL() << "no DeviceError";
-    } catch (const DeviceError& error) {
-        EXPECT_THAT(error.what(), AllOf(HasSubstr("VUID-VkBufferCreateInfo"), HasSubstr("while testing")));
-    }
+    EXPECT_THAT(message_of<DeviceError>([&] { device.check("testing"); }),
+                AllOf(HasSubstr("VUID-VkBufferCreateInfo"), HasSubstr("while testing")));
     EXPECT_NO_THROW(device.check("testing")) << "a message is told once";
 }
 
@@ -211,13 +178,12 @@ TEST_F(Vulkan, ALostDeviceIsAnErrorOfItsOwnBackendAlone) {
         const Replaced lost(
             functions_of(vulkan::device_of(*backend).get()).vkQueueSubmit,
             [](VkQueue, std::uint32_t, const VkSubmitInfo*, VkFence) { return VK_ERROR_DEVICE_LOST; });
-        try {
+        const auto step = [&] {
             backend->step(3);
             backend->synchronize();
-            FAIL() << "no DeviceError";
-        } catch (const DeviceError& error) {
-            EXPECT_THAT(error.what(), AllOf(HasSubstr("DeviceLost"), HasSubstr("while stepping")));
-        }
+        };
+        EXPECT_THAT(message_of<DeviceError>(step),
+                    AllOf(HasSubstr("DeviceLost"), HasSubstr("while stepping")));
         EXPECT_THROW((void)backend->download(), DeviceError);
         EXPECT_THROW(backend->upload(problem, random_state(problem, 0.05, 3)), DeviceError);
     }
@@ -427,9 +393,8 @@ TEST(VulkanModule, SetsUniformsWhereTheModuleHasThem) {
 // --------------------------------------------------------------------------
 
 TEST_F(Vulkan, KeepsWhatItCompiledInTheUsersCacheFolder) {
-    const std::filesystem::path folder = std::filesystem::path(::testing::TempDir()) / "vulkan_cache";
-    std::filesystem::remove_all(folder);
-    const Variable cache("VOXSPRING_CACHE", folder.string());
+    const TemporaryFolder folder;
+    const Variable cache("VOXSPRING_CACHE", folder.path().string());
     const Problem problem = plain_problem();
     const auto compiled = [&] {
         const auto backend = BackendSpec::parse("vulkan_implicit").make();
@@ -444,25 +409,22 @@ TEST_F(Vulkan, KeepsWhatItCompiledInTheUsersCacheFolder) {
     const CompileTime cold = compiled();
     EXPECT_GT(cold.spent, 0);
     EXPECT_EQ(cold.cold, cold.spent);
-    const auto files = std::distance(std::filesystem::directory_iterator(folder), {});
+    const auto files = std::distance(std::filesystem::directory_iterator(folder.path()), {});
     EXPECT_GT(files, 0);
     const CompileTime warm = compiled();
     EXPECT_EQ(warm.cold, cold.cold) << "what it took when it was compiled";
-    EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder), {}), files);
-    std::filesystem::remove_all(folder);
+    EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder.path()), {}), files);
 }
 
 TEST_F(Vulkan, ADamagedCacheIsNoCache) {
-    const std::filesystem::path folder = std::filesystem::path(::testing::TempDir()) / "vulkan_damaged";
-    std::filesystem::remove_all(folder);
-    const Variable cache("VOXSPRING_CACHE", folder.string());
+    const TemporaryFolder folder;
+    const Variable cache("VOXSPRING_CACHE", folder.path().string());
     const Problem problem = plain_problem();
     const auto run = [&] { return after(*BackendSpec::parse("vulkan_explicit").make(), problem, 5); };
     const State state = run();
-    for (const auto& entry : std::filesystem::directory_iterator(folder))
+    for (const auto& entry : std::filesystem::directory_iterator(folder.path()))
         std::filesystem::resize_file(entry.path(), 5);
     expect_same_bits(run(), state);
-    std::filesystem::remove_all(folder);
 }
 
 }  // namespace

@@ -40,7 +40,7 @@ public:
     void step(int count) override { inner().step(count); }
 };
 
-/// The same with monitors, to which its particles are always within bounds.
+/// WrappedBackend with monitors, to which its particles are always within bounds.
 class MonitoredBackend : public Wrapping<MonitoredCpuBackend> {
 protected:
     void begin(const Problem& problem, const State& state) override { inner().upload(problem, state); }
