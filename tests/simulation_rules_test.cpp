@@ -6,7 +6,6 @@
 #include <stdexcept>
 #include <system_error>
 
-#include "backends/cpu/cpu_backend.h"
 #include "harness/export/export_formats.h"
 #include "harness/export/saved_state.h"
 #include "harness/scene/scene_runner.h"
@@ -14,6 +13,7 @@
 #include "harness/simulation/measures.h"
 #include "harness/simulation/simulation.h"
 #include "tests/simulated_box.h"
+#include "tests/wrapped_backend.h"
 
 namespace voxspring::testing {
 namespace {
@@ -29,35 +29,32 @@ struct Faults {
 Faults faults;
 
 /// cpu_reference with faults.
-class Wayward final : public CpuBackend, public ToolFacet {
+class Wayward final : public WrappedBackend, public ToolFacet {
 public:
     Wayward() {
         if (faults.absent) throw Unavailable("it is not here");
     }
-    Capabilities capabilities() const override { return sound_->capabilities(); }
     std::string unsupported(const Problem& problem) const override {
         return faults.refuses ? "it does not want to" : Backend::unsupported(problem);
     }
     ToolFacet* tool() override { return faults.has_tool ? this : nullptr; }
-    void move_tool(const glm::dvec3& moved) override { sound_->tool()->move_tool(moved); }
-    glm::dvec3 tool_force() override { return sound_->tool()->tool_force(); }
+    void move_tool(const glm::dvec3& moved) override { inner().tool()->move_tool(moved); }
+    glm::dvec3 tool_force() override { return inner().tool()->tool_force(); }
     void upload(const Problem& problem, const State& state) override {
         fail_if(faults.in_upload);
         uploaded_ = &problem;
         mask_ = problem.lattice.mask;
-        sound_->upload(problem, state);
+        WrappedBackend::upload(problem, state);
     }
-    void edit(const Problem& edited, const SpringEdit& edit) override { sound_->edit(edited, edit); }
     void step(int count) override {
         fail_if(faults.in_step);
         EXPECT_EQ(uploaded_->lattice.mask, mask_) << "what was uploaded has changed";
-        sound_->step(count);
+        WrappedBackend::step(count);
     }
     State download() override {
         fail_if(faults.in_download);
-        return sound_->download();
+        return WrappedBackend::download();
     }
-    StepWork step_work(const Problem& problem) const override { return sound_->limits()->step_work(problem); }
 
 private:
     void fail_if(bool fault) {
@@ -71,17 +68,9 @@ private:
     bool has_failed_ = false;
     const Problem* uploaded_ = nullptr;
     std::vector<std::uint32_t> mask_;
-    std::unique_ptr<Backend> sound_ = BackendSpec::parse("cpu_reference").make();
 };
 
-const Registered wayward({.name = "wayward",
-                          .api = "wayward",
-                          .summary = "A backend for a test.",
-                          .precisions = {Precision::float64},
-                          .formulations = {Formulation::increment},
-                          .tuning = {},
-                          .make = [](const Options&) { return std::make_unique<Wayward>(); },
-                          .bytes = [](const Problem&, const Options&) { return std::uint64_t(0); }});
+const Registered wayward = registered_for_test("wayward", [] { return std::make_unique<Wayward>(); });
 
 class SimulationOfOne : public ::testing::Test {
 protected:
@@ -161,17 +150,6 @@ TEST_F(SimulationOfOne, AnotherHoldTakesThePlaceOfTheFirst) {
     ASSERT_EQ(simulation.compare(true), "");
     simulation.step(5);
     for (const double error : simulation.errors()) EXPECT_LT(error, 1e-13) << "nor has its companion's";
-}
-
-TEST_F(SimulationOfOne, TheBitsOfFloat64AreCarriedOver) {
-    const BackendSpec parallel = BackendSpec::parse("cpu_parallel:precision=float64");
-    Simulation simulation(box(), parallel);
-    simulation.step(9);
-    const State before = simulation.state();
-    ASSERT_EQ(simulation.switch_to(reference()), "");
-    expect_same_bits(simulation.state(), before);
-    ASSERT_EQ(simulation.switch_to(parallel), "");
-    expect_same_bits(simulation.state(), before);
 }
 
 // --- The time step ---------------------------------------------------------------------------------------
