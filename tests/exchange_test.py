@@ -9,9 +9,7 @@ import json
 import os
 import pathlib
 import re
-import subprocess
 import sys
-import tempfile
 import unittest
 import xml.etree.ElementTree
 
@@ -24,22 +22,18 @@ if pathlib.Path(sys.prefix) != PYTHON.parent.parent:
     os.execv(PYTHON, [PYTHON, "-W", "error", *sys.argv])
 
 import numpy  # noqa: E402
+from program import InTemporaryFolder, json_of, succeeds, voxspring  # noqa: E402
 from vtkmodules.util.numpy_support import vtk_to_numpy  # noqa: E402
 from vtkmodules.vtkIOXML import vtkXMLImageDataReader, vtkXMLUnstructuredGridReader  # noqa: E402
 
-VOXSPRING = os.environ["VOXSPRING"]
 ENDINGS = (".csv", ".npz", ".vti", ".vtu")
 VTK_LINE = 3
 # Springs are cut after steps 50, 250, ... and sutured again after steps 150, 350, ...
 EDITED = "scalpel_10"
 
 
-def voxspring(*arguments):
-    return subprocess.run([VOXSPRING, *map(str, arguments)], capture_output=True, text=True, timeout=300)
-
-
 def info(scene):
-    return json.loads(voxspring("info", scene, "--json").stdout)
+    return json_of("info", scene, "--json")
 
 
 def read_csv(path):
@@ -76,19 +70,13 @@ def lines(grid):
     return numpy.sort(ends, axis=1)
 
 
-class InTemporaryFolder(unittest.TestCase):
-    def setUp(self):
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.folder = pathlib.Path(folder.name)
-
+class Exported(InTemporaryFolder):
     def run_scene(self, scene, *endings, steps=40, every=None, backend="cpu_parallel"):
         # The grid needs another name, since two series of one name would share a .pvd.
         paths = [self.folder / ("grid.vti" if ending == ".vti" else f"body{ending}") for ending in endings]
         out = [word for path in paths for word in ("--out", path)]
-        result = voxspring("run", scene, "--backend", backend, "--steps", steps, *out,
-                           *([] if every is None else ["--every", every]))
-        self.assertEqual(result.returncode, 0, result.stderr)
+        succeeds("run", scene, "--backend", backend, "--steps", steps, *out,
+                 *([] if every is None else ["--every", every]))
         return paths
 
     def assert_same(self, a, b):
@@ -98,7 +86,7 @@ class InTemporaryFolder(unittest.TestCase):
         self.assertTrue(a.any())
 
 
-class Formats(InTemporaryFolder):
+class Formats(Exported):
     def test_particles_and_springs_of_every_format_are_the_same(self):
         self.addTypeEqualityFunc(numpy.ndarray, self.assert_same)
         for scene in ("heart", "beam"):
@@ -206,7 +194,7 @@ class Formats(InTemporaryFolder):
         self.assertEqual(first, again)
 
 
-class Islands(InTemporaryFolder):
+class Islands(Exported):
     def test_neither_the_report_nor_a_picture_follows_what_nothing_holds(self):
         scene = self.folder / "island.json"
         scene.write_text(json.dumps({"dataset": {"type": "volume", "file": "island.nrrd"}, "gravity": [0, 0, -1e-3],
@@ -226,7 +214,7 @@ class Islands(InTemporaryFolder):
         self.assertEqual(json.loads(about)["largest"], moved[~alone].max())
 
 
-class Series(InTemporaryFolder):
+class Series(Exported):
     def listed(self, name):
         """(time, path) of each dataset of a collection."""
         root = xml.etree.ElementTree.parse(self.folder / name).getroot()
@@ -305,7 +293,7 @@ class Series(InTemporaryFolder):
         self.assert_same(lines(read_vtk(body)[0]), loaded["springs"].astype(int))
 
 
-class Refusals(InTemporaryFolder):
+class Refusals(Exported):
     def assert_refused(self, arguments, *words):
         result = voxspring("run", "box@5", "--backend", "cpu_parallel", *arguments)
         self.assertEqual(result.returncode, 2, result.stderr)

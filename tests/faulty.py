@@ -38,7 +38,7 @@ class FaultyStudies(InTemporaryFolder):
         self.before = set(processes())
 
     def study(self, **study):
-        (self.folder / "study.json").write_text(json.dumps(self.defaults | study))
+        self.write("study.json", self.defaults | study)
 
     def result(self):
         result = json.loads(self.out.read_text())

@@ -125,7 +125,7 @@ class Faults(Overnight):
                       {"kind": "stability", "scenes": [{"scene": "box@3"}]},
                       {"kind": "stress", "suites": [{"lengths": "shortest"}]},
                       {"kind": "fastest", "scenes": [{"scene": "box@4", "rewind": False}]}):
-            (self.folder / "study.json").write_text(json.dumps(study | {"backends": backends}))
+            self.write("study.json", study | {"backends": backends})
             self.run_study(code=1)
             result = self.result()
             self.assertEqual([row["backend"] for row in result["failed"]], ["faulty_crashes"], study)
@@ -217,7 +217,7 @@ class Kills(Overnight):
                  "measurement", 35),
                 ({"kind": "stress", "suites": [{"lengths": "shortest"}], "backends": ["cpu_parallel:formulation=*"]},
                  "measurement", None)):
-            (self.folder / "study.json").write_text(json.dumps(study))
+            self.write("study.json", study)
             self.out.unlink(missing_ok=True)
             self.kill_and_resume(4, word, 0.05, seed=2)
             result = self.result()
@@ -377,7 +377,7 @@ class JournalFile(Overnight):
     def setUp(self):
         super().setUp()
         self.study(**self.STUDY)
-        (self.folder / "own.json").write_text(json.dumps(self.SCENE))
+        self.write("own.json", self.SCENE)
 
     def cut_short(self):
         ran = self.start()
@@ -405,9 +405,9 @@ class JournalFile(Overnight):
         self.study(**self.STUDY | {"backends": ["cpu_reference"]})
         self.assert_refused(self.run_study("--resume", code=2), ".journal", "backends", "slow")
         self.study(**self.STUDY)
-        (self.folder / "own.json").write_text(json.dumps(self.SCENE | {"gravity": [0, 0, -0.02]}))
+        self.write("own.json", self.SCENE | {"gravity": [0, 0, -0.02]})
         self.assert_refused(self.run_study("--resume", code=2), ".journal", "files", "own.json")
-        (self.folder / "own.json").write_text(json.dumps(self.SCENE))
+        self.write("own.json", self.SCENE)
         self.assertEqual(self.journal.read_bytes(), before)
 
     def test_says_in_words_what_differs(self):
@@ -421,9 +421,9 @@ class JournalFile(Overnight):
     def test_knows_a_resized_scene_file_beside_the_study(self):
         self.study(**self.STUDY | {"scenes": [{"scene": "own.json@4"}]})
         self.cut_short()
-        (self.folder / "own.json").write_text(json.dumps(self.SCENE | {"gravity": [0, 0, -0.02]}))
+        self.write("own.json", self.SCENE | {"gravity": [0, 0, -0.02]})
         self.assert_refused(self.run_study("--resume", code=2), ".journal", "files", "own.json@4")
-        (self.folder / "own.json").write_text(json.dumps(self.SCENE))
+        self.write("own.json", self.SCENE)
         self.run_study("--resume")
         self.assertEqual({row["particles"] for row in self.result()["verification"]}, {64})
 

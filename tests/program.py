@@ -30,6 +30,12 @@ class InTemporaryFolder(unittest.TestCase):
         self.addCleanup(folder.cleanup)
         self.folder = pathlib.Path(folder.name)
 
+    def write(self, name, document):
+        """The path of a file of that name, which has the document as JSON."""
+        path = self.folder / name
+        path.write_text(json.dumps(document))
+        return path
+
     def assert_refused(self, result, *words):
         """Exit code 2 and one line that has every word; nothing on disk."""
         self.assertEqual(result.returncode, 2, result.stderr)

@@ -159,11 +159,9 @@ class Resume(InTemporaryFolder):
 
     def scene(self, name, **keys):
         """A box of 5^3 particles on its base, and the path of its file."""
-        path = self.folder / f"{name}.json"
-        path.write_text(json.dumps({"dataset": {"type": "box", "dims": [5, 5, 5]}, "spring_groups": ["face", "edge"],
-                                    "damping": 0.01, "pinned": {"side": "z-", "slices": 1}, "gravity": [0, 0.001, -0.002],
-                                    "time_step": 0.2} | keys))
-        return path
+        return self.write(f"{name}.json", {"dataset": {"type": "box", "dims": [5, 5, 5]}, "spring_groups": ["face", "edge"],
+                                           "damping": 0.01, "pinned": {"side": "z-", "slices": 1},
+                                           "gravity": [0, 0.001, -0.002], "time_step": 0.2} | keys)
 
     CUT = {"step": 5, "cut": {"plane": {"point": [2.5, 0, 0], "normal": [1, 0, 0]}}}
     SUTURE = {"step": 8, "suture": {"pairs": [[[1, 2, 2], [3, 2, 2]], [[0, 0, 4], [4, 4, 4]]], "stiffness": 0.3}}

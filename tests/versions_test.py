@@ -6,12 +6,10 @@ VOXSPRING names the executable; the current directory is the source tree.
 import copy
 import gzip
 import json
-import os
 import pathlib
 import re
 import subprocess
 import sys
-import tempfile
 import unittest
 
 import jsonschema
@@ -19,7 +17,8 @@ import jsonschema
 sys.path.insert(0, "results")
 import result_files  # noqa: E402
 
-VOXSPRING = os.environ["VOXSPRING"]
+from program import VOXSPRING, InTemporaryFolder  # noqa: E402
+
 RESULTS = pathlib.Path("results")
 SCHEMAS = {"scene": RESULTS / "scene.schema.json", "study": RESULTS / "study.schema.json",
            "result": RESULTS / "schema.json"}
@@ -87,23 +86,6 @@ class Schemas(unittest.TestCase):
                 self.assertFalse(schema.is_valid(good | {"schema_version": version}), version)
 
 
-class InTemporaryFolder(unittest.TestCase):
-    def setUp(self):
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.folder = pathlib.Path(folder.name)
-
-    def write(self, name, document):
-        path = self.folder / name
-        path.write_text(json.dumps(document))
-        return path
-
-    def assert_refused(self, result, *words):
-        self.assertEqual(result.returncode, 2, result.stdout + result.stderr)
-        for word in words:
-            self.assertIn(str(word), result.stderr)
-
-
 class OtherVersions(InTemporaryFolder):
     def test_what_the_program_writes_says_its_version(self):
         out = self.folder / "result.json"
@@ -157,7 +139,7 @@ class OtherVersions(InTemporaryFolder):
             for version in (2, 0, 1.5, "one") if name in ("diff.py", "advise") else (2,):
                 with self.subTest(name, version=version):
                     path = self.write("newer.json", good | {"schema_version": version})
-                    self.assert_refused(reader(path), path, "schema_version", str(version), "1")
+                    self.assert_refused(reader(path), str(path), "schema_version", str(version), "1")
         self.assertEqual([p.name for p in self.folder.iterdir()], ["newer.json"])
 
     def test_the_program_refuses_a_newer_scene_or_study(self):
@@ -165,9 +147,9 @@ class OtherVersions(InTemporaryFolder):
         study = {"backends": ["cpu_reference"], "scenes": [{"scene": "box@2", "steps": 2}], "repetitions": 1}
         for version in (2, 0, 1.5, "one", None):
             path = self.write("newer.json", scene | {"schema_version": version})
-            self.assert_refused(run(VOXSPRING, "info", path), path, "schema_version", json.dumps(version), "1")
+            self.assert_refused(run(VOXSPRING, "info", path), str(path), "schema_version", json.dumps(version), "1")
             path = self.write("newer.json", study | {"schema_version": version})
-            self.assert_refused(run(VOXSPRING, "study", path), path, "schema_version", json.dumps(version), "1")
+            self.assert_refused(run(VOXSPRING, "study", path), str(path), "schema_version", json.dumps(version), "1")
         for document, arguments in ((scene, ("info",)), (study, ("study",))):
             path = self.write("explicit.json", document | {"schema_version": 1})
             self.assertEqual(run(VOXSPRING, *arguments, path).returncode, 0)
