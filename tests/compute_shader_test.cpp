@@ -89,9 +89,7 @@ TEST_P(ComputeShader, LosesNoMoreThanItsFormulationDoes) {
     const int steps = 300;
     const auto run = [&](const std::string& specification) {
         const auto backend = make(specification);
-        backend->upload(problem, state_at_rest(problem));
-        backend->step(steps);
-        return backend->download();
+        return stepped(*backend, problem, state_at_rest(problem), steps);
     };
     const Comparison comparison =
         compare(problem, run(GetParam()), run("cpu_reference"), Precision::float32, steps);

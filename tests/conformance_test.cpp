@@ -174,16 +174,13 @@ TEST_P(Conformance, UploadRewindsAndRepeatsToTheBit) {
     const Problem problem = lattice(random_grid({19, 17, 13}, 0.5, 9));
     if (!backend->unsupported(problem).empty() && may_refuse(spec, problem)) GTEST_SKIP();
     const State start = random_state(problem, 0.05, 8);
-    backend->upload(problem, start);
-    backend->step(10);
-    const State once = backend->download();
+    const State once = stepped(*backend, problem, start, 10);
     const std::string fingerprint = backend->state_fingerprint();
     backend->upload(problem, start);
     for (int n = 0; n < 10; ++n) backend->step(1);
     const State again = backend->download();
     if (backend->capabilities().deterministic) {
-        EXPECT_EQ(once.displacement, again.displacement);
-        EXPECT_EQ(once.increment, again.increment);
+        expect_same_bits(once, again);
         EXPECT_EQ(fingerprint, backend->state_fingerprint());
     }
     if (fingerprint.empty()) return;
@@ -209,9 +206,7 @@ TEST_P(Conformance, RewindsToTheStartThatItKeptToTheBit) {
         backend->step(steps);
         const State rewound = backend->download();
         const auto fresh = spec.make();
-        fresh->upload(problem, start);
-        fresh->step(steps);
-        const State uploaded = fresh->download();
+        const State uploaded = stepped(*fresh, problem, start, steps);
         if (!backend->capabilities().deterministic) continue;
         EXPECT_EQ(rewound.displacement, uploaded.displacement) << steps << " steps";
         EXPECT_EQ(rewound.increment, uploaded.increment) << steps << " steps";
@@ -317,11 +312,8 @@ TEST_P(Conformance, RestStaysRestToTheBit) {
     problem.time_step = 0.25;
     problem.damping = 0.01;
     const State rest = state_at_rest(problem);
-    backend->upload(problem, rest);
-    backend->step(1000);
-    const State state = backend->download();
-    EXPECT_EQ(state.displacement, rest.displacement);
-    EXPECT_EQ(state.increment, rest.increment);
+    const State state = stepped(*backend, problem, rest, 1000);
+    expect_same_bits(state, rest);
 }
 
 // --- The tool --------------------------------------------------------------------------------------------
@@ -401,11 +393,7 @@ TEST_P(ConformanceWithATool, ThatPullsNobodyChangesNoBitAndARewindLetsItRest) {
     const State start = random_state(without, 0.05, 8);
     Problem problem = held_by_a_tool(without, start);
     if (!backend->unsupported(problem).empty()) GTEST_SKIP() << "has no tool";
-    const auto play = [&](const Problem& played) {
-        backend->upload(played, start);
-        backend->step(7);
-        return backend->download();
-    };
+    const auto play = [&](const Problem& played) { return stepped(*backend, played, start, 7); };
     const State plain = play(without);
     const State pulled = play(problem);
     EXPECT_NE(pulled.displacement, plain.displacement);
@@ -537,8 +525,7 @@ TEST_P(Conformance, AnEditedProblemIsTheOneBuiltSoToTheBit) {
             const State played = play(c.problem, edits);
             const State built = play(edited, {});
             if (backend->capabilities().deterministic) {
-                EXPECT_EQ(played.displacement, built.displacement);
-                EXPECT_EQ(played.increment, built.increment);
+                expect_same_bits(played, built);
             } else {
                 const Comparison comparison = compared(edited, played, built, 13);
                 EXPECT_TRUE(comparison.passed()) << comparison.reason;
@@ -588,11 +575,8 @@ TEST_P(Conformance, EditsBetweenStepsAgreeWithTheReference) {
             const State midway = backend->download();
             backend->step(5);
             const State played = backend->download();
-            backend->upload(now, midway);
-            backend->step(5);
-            const State built = backend->download();
-            EXPECT_EQ(played.displacement, built.displacement);
-            EXPECT_EQ(played.increment, built.increment);
+            const State built = stepped(*backend, now, midway, 5);
+            expect_same_bits(played, built);
         }
     }
 }

@@ -7,7 +7,6 @@
 #include <cmath>
 #include <glm/geometric.hpp>
 #include <limits>
-#include <memory>
 #include <string>
 #include <vector>
 
@@ -59,10 +58,7 @@ std::vector<Scene> scenes() {
 }
 
 State run(const std::string& spec, const Problem& problem, int steps = 20) {
-    const auto backend = BackendSpec::parse(spec).make();
-    backend->upload(problem, random_state(problem, 0.05, 34));
-    backend->step(steps);
-    return backend->download();
+    return stepped(spec, problem, random_state(problem, 0.05, 34), steps);
 }
 
 class CpuParallel : public ::testing::TestWithParam<std::string> {
@@ -329,10 +325,7 @@ TEST_P(CpuParallel, SubnormalsAreZeroWhileSteppingUnlessKept) {
     const int steps = options.precision == Precision::float32 ? 100 : 400;
     const Poked poked({steps + 30, 3, 3});
     const auto end = [&](const std::string& tuning) {
-        const auto backend = BackendSpec::parse(spec + tuning).make();
-        backend->upload(poked.problem, poked.start);
-        backend->step(steps);
-        return backend->download();
+        return stepped(spec + tuning, poked.problem, poked.start, steps);
     };
     const State kept = end(",subnormals=keep"), flushed = end("");
     EXPECT_GT(count_subnormals(kept, options.precision), 0u);
@@ -395,10 +388,7 @@ double root_error(const std::string& formulation, const std::string& root) {
     problem.gravity = {8e-4, 0, -2e-3};
     problem.time_step = 0.28;
     const auto end = [&](const std::string& spec) {
-        const auto backend = BackendSpec::parse(spec).make();
-        backend->upload(problem, state_at_rest(problem));
-        backend->step(100);
-        return backend->download();
+        return stepped(spec, problem, state_at_rest(problem), 100);
     };
     return compare(problem, end("cpu_parallel:formulation=" + formulation + ",root=" + root),
                    end("cpu_reference"), Precision::float32, 100)
@@ -450,9 +440,7 @@ TEST(SleepingTiles, SleepCostsWhatItsThresholdLeadsToExpect) {
     const Poked poked;
     const auto run = [&](const std::string& how, WorkCount& work) {
         const auto backend = BackendSpec::parse("cpu_parallel:rest=step,threads=3," + how).make();
-        backend->upload(poked.problem, poked.start);
-        backend->step(1500);
-        const State end = backend->download();
+        const State end = stepped(*backend, poked.problem, poked.start, 1500);
         work = backend->count_work();
         if (!work.empty() && work.at("tiles_stepped") == 0) {
             // A sleeping tile stands still.

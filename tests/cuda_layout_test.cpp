@@ -8,9 +8,7 @@
 #include <glm/geometric.hpp>
 #include <limits>
 #include <map>
-#include <memory>
 #include <set>
-#include <stdexcept>
 #include <string>
 #include <tuple>
 #include <utility>
@@ -121,6 +119,21 @@ std::map<std::string, Problem> networks() {
     return problems;
 }
 
+std::map<std::string, Problem> lattices_and_networks() {
+    std::map<std::string, Problem> problems = lattices();
+    problems.merge(networks());
+    return problems;
+}
+
+template <class V>
+auto lists_by_springs(const Problem& problem, ListLayout layout = ListLayout::vertical) {
+    return list_by_springs<typename V::Real>(problem, layout, V::formulation);
+}
+template <class V>
+auto lists_by_groups(const Problem& problem, ListLayout layout = ListLayout::vertical) {
+    return list_by_groups<typename V::Real>(problem, layout, V::formulation);
+}
+
 // --- Every kernel body against the oracle ----------------------------------------------------------------
 
 template <class V>
@@ -150,9 +163,7 @@ TYPED_TEST(KernelBodies, TheTool) {
         const auto oracle = BackendSpec::parse("cpu_reference").make();
         oracle->upload(problem, start);
         ImplicitSimulation<TypeParam> implicit(problem, start, BlockShape{8, 8, 4});
-        ExplicitSimulation<TypeParam> by_springs(
-            problem, start,
-            list_by_springs<typename TypeParam::Real>(problem, ListLayout::vertical, TypeParam::formulation));
+        ExplicitSimulation<TypeParam> by_springs(problem, start, lists_by_springs<TypeParam>(problem));
         DeltaSimulation<TypeParam> by_deltas(problem, start);
         ScatterSimulation<TypeParam> scatter(problem, start);
         const std::array<Simulation<TypeParam>*, 4> all{&implicit, &by_springs, &by_deltas, &scatter};
@@ -208,9 +219,8 @@ TYPED_TEST(KernelBodies, ExplicitByGroups) {
         const State start = random_state(problem, 0.05, 7);
         for (const ListLayout layout : {ListLayout::vertical, ListLayout::concatenated}) {
             SCOPED_TRACE(name);
-            ExplicitSimulation<TypeParam> simulation(
-                problem, start,
-                list_by_groups<typename TypeParam::Real>(problem, layout, TypeParam::formulation));
+            ExplicitSimulation<TypeParam> simulation(problem, start,
+                                                     lists_by_groups<TypeParam>(problem, layout));
             this->expect_reference(problem, start, simulation);
         }
     }
@@ -218,15 +228,12 @@ TYPED_TEST(KernelBodies, ExplicitByGroups) {
 }
 
 TYPED_TEST(KernelBodies, ExplicitBySprings) {
-    auto problems = lattices();
-    problems.merge(networks());
-    for (const auto& [name, problem] : problems) {
+    for (const auto& [name, problem] : lattices_and_networks()) {
         const State start = random_state(problem, 0.05, 7);
         for (const ListLayout layout : {ListLayout::vertical, ListLayout::concatenated}) {
             SCOPED_TRACE(name);
-            ExplicitSimulation<TypeParam> simulation(
-                problem, start,
-                list_by_springs<typename TypeParam::Real>(problem, layout, TypeParam::formulation));
+            ExplicitSimulation<TypeParam> simulation(problem, start,
+                                                     lists_by_springs<TypeParam>(problem, layout));
             this->expect_reference(problem, start, simulation);
         }
     }
@@ -234,10 +241,7 @@ TYPED_TEST(KernelBodies, ExplicitBySprings) {
 
 // If both can run, the bits equal those of implicit addressing and of lists with one counter per group.
 TYPED_TEST(KernelBodies, ExplicitByDeltas) {
-    using Real = typename TypeParam::Real;
-    auto problems = lattices();
-    problems.merge(networks());
-    for (const auto& [name, problem] : problems) {
+    for (const auto& [name, problem] : lattices_and_networks()) {
         SCOPED_TRACE(name);
         const State start = random_state(problem, 0.05, 7);
         DeltaSimulation<TypeParam> simulation(problem, start);
@@ -250,17 +254,14 @@ TYPED_TEST(KernelBodies, ExplicitByDeltas) {
         implicit.step(5);
         EXPECT_EQ(simulation.download().displacement, implicit.download().displacement);
         if (!grouped_list_refusal(problem).empty()) continue;
-        ExplicitSimulation<TypeParam> by_groups(
-            problem, start, list_by_groups<Real>(problem, ListLayout::vertical, TypeParam::formulation));
+        ExplicitSimulation<TypeParam> by_groups(problem, start, lists_by_groups<TypeParam>(problem));
         by_groups.step(5);
         EXPECT_EQ(simulation.download().displacement, by_groups.download().displacement);
     }
 }
 
 TYPED_TEST(KernelBodies, Scatter) {
-    auto problems = lattices();
-    problems.merge(networks());
-    for (const auto& [name, problem] : problems) {
+    for (const auto& [name, problem] : lattices_and_networks()) {
         SCOPED_TRACE(name);
         const State start = random_state(problem, 0.05, 7);
         ScatterSimulation<TypeParam> simulation(problem, start);
@@ -278,17 +279,12 @@ TYPED_TEST(KernelBodies, RestStaysRestToTheBit) {
     const auto expect_rest = [&](Simulation<TypeParam>&& simulation) {
         simulation.step(20);
         const State state = simulation.download();
-        EXPECT_EQ(state.displacement, rest.displacement);
-        EXPECT_EQ(state.increment, rest.increment);
+        testing::expect_same_bits(state, rest);
     };
     expect_rest(ImplicitSimulation<TypeParam>(problem, rest, BlockShape{8, 8, 4}));
     expect_rest(TileSimulation<TypeParam, 32, 4>(problem, rest));
-    expect_rest(ExplicitSimulation<TypeParam>(
-        problem, rest,
-        list_by_groups<typename TypeParam::Real>(problem, ListLayout::vertical, TypeParam::formulation)));
-    expect_rest(ExplicitSimulation<TypeParam>(
-        problem, rest,
-        list_by_springs<typename TypeParam::Real>(problem, ListLayout::vertical, TypeParam::formulation)));
+    expect_rest(ExplicitSimulation<TypeParam>(problem, rest, lists_by_groups<TypeParam>(problem)));
+    expect_rest(ExplicitSimulation<TypeParam>(problem, rest, lists_by_springs<TypeParam>(problem)));
     expect_rest(DeltaSimulation<TypeParam>(problem, rest));
     expect_rest(ScatterSimulation<TypeParam>(problem, rest));
 }
@@ -319,8 +315,7 @@ TYPED_TEST(KernelBodies, SkipsChangeNoBit) {
         EXPECT_EQ(other->download().displacement, expected.displacement);
     }
 
-    const auto lists =
-        list_by_groups<typename TypeParam::Real>(problem, ListLayout::vertical, TypeParam::formulation);
+    const auto lists = lists_by_groups<TypeParam>(problem);
     ExplicitSimulation<TypeParam> paper(problem, start, lists);
     ExplicitSimulation<TypeParam> general(problem, start, lists);
     general.use_general_kernel();
@@ -336,8 +331,7 @@ TYPED_TEST(KernelBodies, ThePapersWaysChangeNoBit) {
     const auto expect_same = [](Simulation<TypeParam>& papers, Simulation<TypeParam>&& own) {
         papers.step(2);
         own.step(2);
-        EXPECT_EQ(papers.download().displacement, own.download().displacement);
-        EXPECT_EQ(papers.download().increment, own.download().increment);
+        testing::expect_same_bits(papers.download(), own.download());
     };
     auto problems = networks();
     const auto all = lattices();
@@ -346,10 +340,9 @@ TYPED_TEST(KernelBodies, ThePapersWaysChangeNoBit) {
         SCOPED_TRACE(name);
         const State start = random_state(problem, 0.05, 7);
         for (const ListLayout layout : {ListLayout::vertical, ListLayout::concatenated}) {
-            std::vector<NeighbourLists<Real>> kinds = {
-                list_by_springs<Real>(problem, layout, TypeParam::formulation)};
+            std::vector<NeighbourLists<Real>> kinds = {lists_by_springs<TypeParam>(problem, layout)};
             if (problem.springs.empty() && grouped_list_refusal(problem).empty())
-                kinds.push_back(list_by_groups<Real>(problem, layout, TypeParam::formulation));
+                kinds.push_back(lists_by_groups<TypeParam>(problem, layout));
             for (const NeighbourLists<Real>& lists : kinds) {
                 ExplicitSimulation<TypeParam> rows(problem, start, lists);
                 rows.use_rows();
@@ -416,8 +409,7 @@ TYPED_TEST(KernelBodies, BlocksAtRestAreLeftOutToTheBit) {
                 looking.step(1);
                 fewest = std::min(fewest, resting.blocks_stepped());
                 for (const auto* skipping : {&resting, &looking}) {
-                    EXPECT_EQ(skipping->download().displacement, plain.download().displacement);
-                    EXPECT_EQ(skipping->download().increment, plain.download().increment);
+                    testing::expect_same_bits(skipping->download(), plain.download());
                 }
                 // The block of the corner, and the blocks around those that it pulls at.
                 if (n > 0) {
@@ -564,9 +556,7 @@ TEST(BeyondGroups, SaysWhyNot) {
 
 TYPED_TEST(KernelBodies, EditedListsAreThoseOfTheEditedProblem) {
     using Real = typename TypeParam::Real;
-    auto problems = lattices();
-    problems.merge(networks());
-    for (const auto& [name, problem] : problems) {
+    for (const auto& [name, problem] : lattices_and_networks()) {
         for (const ListLayout layout : {ListLayout::vertical, ListLayout::concatenated}) {
             for (const bool by_groups : {true, false}) {
                 SCOPED_TRACE(name + (by_groups ? " by groups" : " by springs"));
@@ -632,9 +622,7 @@ TYPED_TEST(KernelBodies, EditedListsAreThoseOfTheEditedProblem) {
 }
 
 TYPED_TEST(KernelBodies, EditedDeltaListsStepLikeThoseOfTheEditedProblem) {
-    auto problems = lattices();
-    problems.merge(networks());
-    for (const auto& [name, problem] : problems) {
+    for (const auto& [name, problem] : lattices_and_networks()) {
         for (const bool beyond : {false, true}) {
             SCOPED_TRACE(name + (beyond ? " beyond the lattice" : ""));
             Problem edited = problem;
@@ -725,9 +713,7 @@ TYPED_TEST(KernelBodies, SpringSlotsHoldTheSpringsOfTheEditedProblem) {
         std::sort(springs.begin(), springs.end());
         return springs;
     };
-    auto problems = lattices();
-    problems.merge(networks());
-    for (const auto& [name, problem] : problems) {
+    for (const auto& [name, problem] : lattices_and_networks()) {
         SCOPED_TRACE(name);
         Problem edited = problem;
         std::vector<SpringEdit> edits = edit_everything(edited, true);

@@ -354,14 +354,8 @@ using Variants = ::testing::Types<
 TYPED_TEST_SUITE(MarchBody, Variants);
 
 TYPED_TEST(MarchBody, AgreesWithTheReferenceAndStaysAtRest) {
-    for (const auto& [name, problem] : lattices()) {
-        SCOPED_TRACE(name);
-        const State start = random_state(problem, 0.05, 7);
-        Simulation<TypeParam> simulation(problem, start);
-        testing::expect_reference(problem, start, simulation, TypeParam::precision);
-        if (name == "anisotropic" && on_positions(TypeParam::formulation)) continue;  // x are rounded
-        testing::expect_rest<Simulation<TypeParam>>(problem, 3);
-    }
+    testing::expect_agreement<Simulation<TypeParam>>(lattices(), TypeParam::precision,
+                                                     TypeParam::formulation);
 }
 
 // A cut may make a warp use masks that did without. It must change nothing but the springs.
@@ -379,9 +373,7 @@ TYPED_TEST(MarchBody, MasksChangeNoBit) {
             continue;
         for (const MarchItem& item : items) warps += std::popcount(item.full_stencils);
         masked.mask_everything();
-        simulation.step(3);
-        masked.step(3);
-        testing::expect_same_bits(simulation.download(), masked.download());
+        testing::expect_same_steps(simulation, masked, {3});
     }
     // In tiles this narrow and high some of these lattices have whole warps beside others.
     const bool in_some = TypeParam::shape.width() == 16 && TypeParam::shape.high > 1;
@@ -440,9 +432,7 @@ TYPED_TEST(MarchCopies, OfThreadsGiveTheBitsOfTheCopyEngine) {
         Simulation<TypeParam> by_engine(problem, start, multiprocessors);
         Simulation<TypeParam> by_threads(problem, start, multiprocessors);
         by_threads.copy_async();
-        by_engine.step(2);
-        by_threads.step(2);
-        testing::expect_same_bits(by_threads.download(), by_engine.download());
+        testing::expect_same_steps(by_threads, by_engine, {2});
     }
 }
 

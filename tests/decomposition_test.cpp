@@ -7,10 +7,8 @@
 
 #include <algorithm>
 #include <barrier>
-#include <cstdlib>
 #include <memory>
 #include <mutex>
-#include <optional>
 #include <stdexcept>
 #include <string>
 #include <thread>

@@ -2,7 +2,6 @@
 // context takes the place of the window.
 #include "cuda/kernels/feed.h"
 
-#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <glm/geometric.hpp>

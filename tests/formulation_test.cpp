@@ -6,7 +6,6 @@
 #include <cmath>
 #include <glm/geometric.hpp>
 #include <string>
-#include <vector>
 
 #include "backends/registry.h"
 #include "harness/verification/verify.h"
@@ -19,10 +18,7 @@ namespace {
 const double half_critical = 1 / std::sqrt(12.0);
 
 State end_of(const std::string& spec, const Problem& problem, const State& start, int steps) {
-    const auto backend = BackendSpec::parse(spec).make();
-    backend->upload(problem, start);
-    backend->step(steps);
-    return backend->download();
+    return stepped(spec, problem, start, steps);
 }
 
 /// The error of float32 against float64, relative to the displacement.

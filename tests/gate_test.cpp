@@ -1,11 +1,9 @@
 // The error gate: honest backends pass it, and models that are wrong in one respect fail it.
 #include <fmt/format.h>
-#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <cstdio>
 #include <cstdlib>
-#include <filesystem>
 #include <fstream>
 #include <functional>
 #include <map>

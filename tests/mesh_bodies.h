@@ -2,12 +2,9 @@
 #pragma once
 
 #include <algorithm>
-#include <cmath>
-#include <cstring>
 #include <functional>
 #include <glm/geometric.hpp>
 #include <map>
-#include <numbers>
 #include <string>
 #include <utility>
 #include <vector>

@@ -27,12 +27,6 @@ std::unique_ptr<Backend> oracle(const std::string& name) {
     return BackendSpec::parse("cpu_reference:formulation=" + name).make();
 }
 
-State run(Backend& backend, const Problem& problem, const State& start, int steps) {
-    backend.upload(problem, start);
-    backend.step(steps);
-    return backend.download();
-}
-
 glm::dvec3 position(const Problem& problem, const State& state, std::size_t i) {
     return problem.rest_position[i] + state.displacement[i];
 }
@@ -86,7 +80,7 @@ TEST_P(Oracle, ARotatingStretchedPairStaysOnItsCircle) {
     const State start = state_at(
         problem, [&](std::size_t i) { return at(0, i); }, [&](std::size_t i) { return at(-1, i); });
     constexpr int steps = 1000;  // 32 turns
-    const State end = run(*backend, problem, start, steps);
+    const State end = stepped(*backend, problem, start, steps);
     for (const std::size_t i : {0, 1}) {
         // Rounding in float64, 1e-16 per step, summed twice in the worst case: 1e-10.
         EXPECT_LT(glm::length(position(problem, end, i) - at(steps, i)), 1e-9) << i;
@@ -177,7 +171,7 @@ TEST_P(Oracle, AColumnSagsByItsWeight) {
     problem.gravity = {0, 0, gravity};  // away from the pinned end
     problem.damping = 0.1;
     problem.time_step = 0.4;
-    const State end = run(*backend, problem, state_at_rest(problem), 8000);
+    const State end = stepped(*backend, problem, state_at_rest(problem), 8000);
     double sag = 0;
     for (int i = 1; i < count; ++i) {
         sag += (count - i) * mass * gravity / stiffness;
@@ -205,8 +199,8 @@ TEST_P(Oracle, ARotatedBodyMovesTheSameWay) {
         problem, [&](std::size_t i) { return turned * position(problem, start, i); },
         [&](std::size_t i) { return turned * (position(problem, start, i) - start.increment[i]); });
     constexpr int steps = 300;
-    const State plain = run(*backend, problem, start, steps);
-    const State end = run(*backend, rotated, turned_start, steps);
+    const State plain = stepped(*backend, problem, start, steps);
+    const State end = stepped(*backend, rotated, turned_start, steps);
     double worst = 0;
     for (std::size_t i = 0; i < problem.particle_count(); ++i)
         worst =
@@ -232,7 +226,7 @@ TEST_P(Oracle, AFreeBodyKeepsItsMomenta) {
         return std::pair(linear, angular);
     };
     const auto [linear, angular] = momenta(start);
-    const auto [linear_end, angular_end] = momenta(run(*backend, problem, start, 2000));
+    const auto [linear_end, angular_end] = momenta(stepped(*backend, problem, start, 2000));
     EXPECT_LT(glm::length(linear_end - linear), 1e-10 * glm::length(linear));
     EXPECT_LT(glm::length(angular_end - angular), 1e-10 * glm::length(angular));
 }
@@ -286,7 +280,7 @@ double measured_deflection(Backend& backend, Cantilever beam, double gravity) {
     const double omega = beam.theory_frequency();
     beam.problem.damping = std::min(1.0, 2 * omega * beam.problem.time_step);
     const int steps = int(14 / (omega * beam.problem.time_step));
-    return beam.tip(run(backend, beam.problem, state_at_rest(beam.problem), steps));
+    return beam.tip(stepped(backend, beam.problem, state_at_rest(beam.problem), steps));
 }
 
 double measured_frequency(Backend& backend, Cantilever beam) {
@@ -366,7 +360,7 @@ TEST_P(Oracle, RepeatsThePublishedLatticeRun) {
         problem.group_stiffness = {100, 100, 100};
         problem.gravity = {0, 0, -1};
         problem.time_step = 0.01;
-        const State end = run(*backend, problem, state_at_rest(problem), 200);
+        const State end = stepped(*backend, problem, state_at_rest(problem), 200);
         double sum = 0, top = 0;
         const double base = problem.rest_position[0].z;
         for (std::size_t i = 0; i < problem.particle_count(); ++i) {

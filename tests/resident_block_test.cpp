@@ -285,29 +285,17 @@ TYPED_TEST_SUITE(Resident, Formulations);
 
 const std::vector<int> launches = {1, 4, 1, 3};
 
-TYPED_TEST(Resident, StepsAsTheImplicitKernelDoes) {
-    const Problem problem = lattice(mixed.dims);
+template <class V, const Body& body>
+void expect_steps_as_implicit(const Problem& problem) {
     const State start = random_state(problem, 0.05, 1);
-    ImplicitSimulation<TypeParam> expected(problem, start, {8, 4, 4});
-    Simulation<TypeParam::formulation, mixed, ToolMode::none> resident(problem, start);
-    for (const int count : launches) {
-        expected.step(count);
-        resident.step(count);
-        expect_same_bits(resident.download(), expected.download());
-    }
+    testing::expect_same_steps(Simulation<V::formulation, body, ToolMode::none>(problem, start),
+                               ImplicitSimulation<V>(problem, start, {8, 4, 4}), launches);
 }
 
-// Pins are in the tables there.
-TYPED_TEST(Resident, StepsInTurnsAsTheImplicitKernelDoes) {
-    const Problem problem = testing::pinned(lattice(turns.dims));
-    const State start = random_state(problem, 0.05, 1);
-    ImplicitSimulation<TypeParam> expected(problem, start, {8, 4, 4});
-    Simulation<TypeParam::formulation, turns, ToolMode::none> resident(problem, start);
-    for (const int count : launches) {
-        expected.step(count);
-        resident.step(count);
-        expect_same_bits(resident.download(), expected.download());
-    }
+// In turns, pins are in the tables.
+TYPED_TEST(Resident, StepsAsTheImplicitKernelDoes) {
+    expect_steps_as_implicit<TypeParam, mixed>(lattice(mixed.dims));
+    expect_steps_as_implicit<TypeParam, turns>(testing::pinned(lattice(turns.dims)));
 }
 
 /// A body with repeated edits steps as one that is uploaded again after each edit.

@@ -7,7 +7,6 @@
 #include <map>
 #include <random>
 #include <set>
-#include <tuple>
 
 #include "backends/layout/blocks.h"
 #include "backends/layout/decomposition.h"
@@ -294,22 +293,6 @@ TEST(ResidentLayout, TheBoxOfThePaperIsInRowsWhoseBordersAreOnOneSide) {
     EXPECT_EQ(block_refusal(layout, card_of(132)), "");
 }
 
-// The paper's own bodies are on the chip of small cards, whatever the tool.
-TEST(ResidentLayout, SmallCardsHoldTheBodiesOfThePaper) {
-    for (const char* scene : {"box", "heart"}) {
-        const Problem problem = load_scene(scene).problem;
-        for (const voxspring::testing::CardProfile& profile : voxspring::testing::card_profiles()) {
-            SCOPED_TRACE(std::string(scene) + " on " + profile.name);
-            const ResidentCard card{profile.device.multiprocessors, profile.device.block_shared_bytes};
-            const ResidentLayout layout = lay_out_resident(problem, card, 256, Partition::automatic, true);
-            const std::string refusal = block_refusal(layout, card, ToolMode::ticks);
-            // 16 blocks of 48 KiB have room for 32,768 points, and none for those of their neighbours.
-            EXPECT_EQ(refusal.empty(), card.shared_bytes > 48U << 10U) << refusal;
-            EXPECT_EQ(layout.turns > 1, card.blocks < 100);
-        }
-    }
-}
-
 // In turns the box took 4.3 us on 24 multiprocessors of an H100, and bricks 2.3 us.
 TEST(ResidentLayout, PredictsWhatFewMultiprocessorsTook) {
     MarchDevice few = voxspring::testing::march_device_of(24);
@@ -330,8 +313,9 @@ TEST(ResidentLayout, PredictsWhatFewMultiprocessorsTook) {
     EXPECT_EQ(outpaced_by_bricks(large, BrickPlan{.seconds = 1e-9}, few.hertz), "");
 }
 
-// Bricks compute their whole box, whether it is full or not. So the heart stays where it is.
-TEST(ResidentLayout, LeavesBoxesToBricksOnSmallCardsAlone) {
+// The paper's own bodies are on the chip of small cards, whatever the tool. Bricks compute their whole box,
+// whether it is full or not: small cards leave the box to them, and the heart stays where it is.
+TEST(ResidentLayout, SmallCardsHoldTheBodiesOfThePaperAndLeaveTheBoxAloneToBricks) {
     int kept = 0, left = 0;
     for (const char* scene : {"box", "heart"}) {
         const Problem problem = load_scene(scene).problem;
@@ -339,20 +323,20 @@ TEST(ResidentLayout, LeavesBoxesToBricksOnSmallCardsAlone) {
             SCOPED_TRACE(std::string(scene) + " on " + profile.name);
             const ResidentCard card{profile.device.multiprocessors, profile.device.block_shared_bytes};
             const ResidentLayout layout = lay_out_resident(problem, card, 256, Partition::automatic, true);
-            if (!block_refusal(layout, card).empty()) continue;  // 16 multiprocessors hold neither
+            const std::string refusal = block_refusal(layout, card, ToolMode::ticks);
+            // 16 blocks of 48 KiB have room for 32,768 points, and none for those of their neighbours.
+            EXPECT_EQ(refusal.empty(), card.shared_bytes > 48U << 10U) << refusal;
+            EXPECT_EQ(layout.turns > 1, card.blocks < 100);
+            if (!block_refusal(layout, card).empty()) continue;
             for (const Formulation formulation : {Formulation::position, Formulation::increment}) {
                 const auto bricks =
                     plan_bricks(problem, formulation, profile.device, profile.architecture >= 90);
                 const std::string why = outpaced_by_bricks(layout, bricks, profile.device.hertz);
-                if (layout.turns == 1) {
-                    EXPECT_EQ(why, "");
-                    ++kept;
-                } else {
-                    EXPECT_EQ(!why.empty(),
-                              bricks && bricks->seconds < seconds_in_turns(layout, profile.device.hertz));
-                    EXPECT_EQ(!why.empty(), scene == std::string("box")) << why;
-                    ++left;
-                }
+                const bool in_turns = layout.turns > 1;
+                ++(in_turns ? left : kept);
+                EXPECT_EQ(!why.empty(), in_turns && scene == std::string("box")) << why;
+                EXPECT_EQ(!why.empty(), in_turns && bricks &&
+                                            bricks->seconds < seconds_in_turns(layout, profile.device.hertz));
             }
         }
     }

@@ -69,9 +69,7 @@ TEST_P(Resting, SkippingChangesNoBitAndSkips) {
 TEST_P(Resting, ARewoundStartSkipsFromTheFirstStepOn) {
     const Poked poked;
     const auto plain = make("rest=step"), resting = make("rest=skip");
-    plain->upload(poked.problem, poked.start);
-    plain->step(20);
-    const State end = plain->download();
+    const State end = stepped(*plain, poked.problem, poked.start, 20);
     resting->upload(poked.problem, poked.start);
     if (!resting->keep_start()) GTEST_SKIP() << "keeps none";
     for (int turn = 0; turn < 3; ++turn) {

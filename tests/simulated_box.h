@@ -40,15 +40,6 @@ inline bool parts_box(const Problem& problem, double at) {
     });
 }
 
-inline void expect_same_springs(const Problem& problem, const Problem& expected) {
-    EXPECT_EQ(problem.lattice.mask, expected.lattice.mask);
-    ASSERT_EQ(problem.springs.size(), expected.springs.size());
-    for (std::size_t s = 0; s < problem.springs.size(); ++s) {
-        EXPECT_EQ(problem.springs[s].first, expected.springs[s].first);
-        EXPECT_EQ(problem.springs[s].second, expected.springs[s].second);
-    }
-}
-
 inline std::string contents_of(const std::filesystem::path& file) {
     std::ifstream in(file, std::ios::binary);
     return {std::istreambuf_iterator<char>(in), {}};

@@ -8,12 +8,14 @@
 #include <functional>
 #include <glm/vec3.hpp>
 #include <random>
+#include <string>
 #include <utility>
 #include <vector>
 
 #include "backends/physics/edit.h"
 #include "backends/physics/neighbours.h"
 #include "backends/physics/problem.h"
+#include "backends/registry.h"
 
 namespace voxspring::testing {
 
@@ -79,9 +81,25 @@ inline State random_state(const Problem& problem, double amplitude, unsigned see
     return state;
 }
 
+/// The state that a backend reaches from `start`.
+inline State stepped(Backend& backend, const Problem& problem, const State& start, int steps) {
+    backend.upload(problem, start);
+    backend.step(steps);
+    return backend.download();
+}
+inline State stepped(const std::string& specification, const Problem& problem, const State& start,
+                     int steps) {
+    return stepped(*BackendSpec::parse(specification).make(), problem, start, steps);
+}
+
 inline void expect_same_bits(const State& a, const State& b) {
     EXPECT_EQ(a.displacement, b.displacement);
     EXPECT_EQ(a.increment, b.increment);
+}
+
+inline void expect_same_springs(const Problem& problem, const Problem& expected) {
+    EXPECT_EQ(problem.lattice.mask, expected.lattice.mask);
+    EXPECT_TRUE(problem.springs == expected.springs);
 }
 
 /// A free lattice with one corner pulled out: a wave runs into the part at rest.

@@ -8,7 +8,6 @@
 #include <map>
 #include <set>
 #include <string>
-#include <utility>
 #include <vector>
 
 #include "backends/layout/decomposition.h"
@@ -128,14 +127,7 @@ TYPED_TEST_SUITE(TileBody, Variants);
 TYPED_TEST(TileBody, AgreesWithTheReferenceAndStaysAtRest) {
     constexpr Precision precision =
         sizeof(typename TypeParam::Real) == sizeof(float) ? Precision::float32 : Precision::float64;
-    for (const auto& [name, problem] : lattices()) {
-        SCOPED_TRACE(name);
-        const State start = random_state(problem, 0.05, 7);
-        Simulation<TypeParam> simulation(problem, start);
-        testing::expect_reference(problem, start, simulation, precision);
-        if (name == "anisotropic" && on_positions(TypeParam::formulation)) continue;  // x are rounded
-        testing::expect_rest<Simulation<TypeParam>>(problem, 3);
-    }
+    testing::expect_agreement<Simulation<TypeParam>>(lattices(), precision, TypeParam::formulation);
 }
 
 // After a series of edits the masks are those of lists made for the edited problem, and each edit names
@@ -160,9 +152,7 @@ TYPED_TEST(TileBody, AnEditLeavesTheMasksAndTheStepsOfTheEditedProblem) {
             EXPECT_EQ(patched, anew.lists().masks());
             EXPECT_EQ(simulation.lists().masks(), anew.lists().masks());
             EXPECT_EQ(simulation.lists().rows(), anew.lists().rows());
-            simulation.step(2);
-            anew.step(2);
-            expect_same_bits(simulation.download(), anew.download());
+            testing::expect_same_steps(simulation, anew, {2});
             changed += words.size();
         }
     }

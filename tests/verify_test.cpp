@@ -178,10 +178,7 @@ TEST_F(Verify, ToleranceAllowsWhatAConstantForceLosesInRounding) {
     falling.gravity = {0, 0, -1e-3};
     falling.time_step = 0.02;
     const auto run = [&](const std::string& specification) {
-        const auto backend = BackendSpec::parse(specification).make();
-        backend->upload(falling, state_at_rest(falling));
-        backend->step(2000);
-        return backend->download();
+        return stepped(specification, falling, state_at_rest(falling), 2000);
     };
     const State exact = run("cpu_reference");
     for (const Formulation formulation : all_formulations) {
