@@ -11,6 +11,7 @@
 // built in that the macro STRATEGIES names. Exit code 3: a strategy is not built in.
 #include <algorithm>
 #include <cstdio>
+#include <cstring>
 #include <fstream>
 #include <iostream>
 #include <memory>

@@ -1,5 +1,6 @@
 // A backend outside of Voxspring's tree: it consists of this file and its line in CMakeLists.txt. It keeps
 // displacements and increments in float32 and sums the force of every spring, particle by particle.
+#include <glm/geometric.hpp>
 #include <glm/vec3.hpp>
 #include <memory>
 #include <vector>
