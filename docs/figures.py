@@ -189,7 +189,7 @@ def peers_by_size(one):
     def name(row):
         if row.get("lines_of_code"):
             return one["context"]["voxspring"]["backends"][row["backend"]]["api"]
-        return f"Voxspring, `{row['backend']}`, `{row['formulation']}`"
+        return f"Voxspring, `{row['formulation']}`"
 
     rows = {(row["scene"], name(row)): row for row in results.medians_of(one)}
     scenes = sorted({(row["scene"], row["particles"]) for row in rows.values()}, key=lambda scene: scene[1])
@@ -203,7 +203,8 @@ def peers_by_size(one):
         row = rows.get((scene, system))
         if row is None:
             return "-"
-        return f"{results.time_of(row)}, {results.ratio_text(row, own[scene])} x, {row['error_max']:.0e}"
+        backend = "" if lines[system] else f" (`{row['backend']}`)"
+        return f"{results.time_of(row)}{backend}, {results.ratio_text(row, own[scene])} x, {row['error_max']:.0e}"
 
     order = [scene for scene, _ in scenes]
     systems = sorted(lines, key=lambda system: min((order.index(scene), row["real_time"]) for (scene, other), row in rows.items()

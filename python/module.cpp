@@ -665,8 +665,8 @@ NB_MODULE(_core, m) {
     nb::class_<CardArray>(
         m, "CardArray",
         "Displacements in the card's memory, float32, shape (n, 3), strides (16, 4) bytes. For "
-        "torch.from_dlpack(), cupy.asarray(), jax.dlpack.from_dlpack() and the like. Read-only "
-        "by convention. The next request for one writes to the same memory.")
+        "torch.from_dlpack(), cupy.asarray() and the like. JAX takes compact arrays alone: give it a copy. "
+        "Read-only by convention. The next request for one writes to the same memory.")
         .def(
             "__init__",
             [](CardArray* self, nb::object owner, std::uintptr_t address, std::size_t count, int device) {

@@ -62,9 +62,9 @@ class Pages(unittest.TestCase):
         text = str(figures.tables().peers([one]))
         lines = [line for line in text.split("\n") if line.startswith("| ")]
         self.assertEqual(lines[0], "|  | lines of code | small, 27 particles | large, 8,000 particles |")
-        self.assertEqual(lines[2:], ["| Voxspring, `cpu_parallel`, `position` | - | 2, 1.00 x, 2e-06 | 100, 1.00 x, 2e-06 |",
+        self.assertEqual(lines[2:], ["| Voxspring, `position` | - | 2 (`cpu_parallel`), 1.00 x, 2e-06 | 100 (`cpu_parallel`), 1.00 x, 2e-06 |",
                                      "| numba 1.2 | 34 | 50, 25.0 x, 2e-06 | 300 ± 8 %, 3.0 x, 2e-06 |",
-                                     "| Voxspring, `cpu_parallel`, `increment` | - | - | 200, 2.00 x, 2e-06 |"])
+                                     "| Voxspring, `increment` | - | - | 200 (`cpu_parallel`), 2.00 x, 2e-06 |"])
         self.assertEqual(text.count(f"Not here: cupy, because {reason}."), 1)
         self.assertIn("a processor; commit 01234567.", text)
         self.assertIn("No committed result has it yet.", str(figures.tables().peers([])))
