@@ -588,6 +588,17 @@ TEST(CarriedMesh, PartsWhereTheLatticeIsCut) {
     const CarriedMesh parted = carried(body.source, problem, displacement);
     EXPECT_GT(parted.copies, 10);
     EXPECT_EQ(parted.rest.size(), mesh.points.size() + parted.copies);
+    // A live view binds the mesh once, and then moves it alike.
+    const BoundMesh bound(body.source, problem);
+    EXPECT_EQ(bound.triangles, parted.triangles);
+    ASSERT_EQ(bound.rest.size(), parted.rest.size());
+    const std::vector<glm::dvec3> moved = bound.at_vertices<glm::dvec3>(displacement);
+    const double scale = body.source.pitch / problem.lattice.spacing.x;
+    for (std::size_t v = 0; v < moved.size(); ++v) {
+        // Weights are float32, and some of them are a few times larger than their sum, which is one.
+        EXPECT_LT(glm::distance(scale * moved[v], parted.displacement[v]), 1e-6);
+        EXPECT_LT(glm::distance(body.source.origin + scale * bound.rest[v], parted.rest[v]), 1e-12);
+    }
     EXPECT_EQ(parted.tetrahedra, mesh.tetrahedra);
     // Below the end of the cut, less the box of a vertex, every triangle goes with one side.
     std::size_t near = 0;

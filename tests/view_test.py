@@ -4,6 +4,7 @@ VOXSPRING names the program, FAULTY one with tests/faulty_backends.cpp in it; th
 window is shown and its pointer moved.
 """
 
+import itertools
 import json
 import os
 import pathlib
@@ -188,6 +189,26 @@ class View(unittest.TestCase):
         self.drag((x - 25, top + 30), (x + 25, top + 30))
         joined = int(window.hear(r"joined (\d+) springs")[1])
         self.assertTrue(0 < joined < cut)
+        self.assert_closes(window)
+
+    def test_the_mesh_that_came_in_moves_with_the_body(self):
+        # A cube with a needle that is too thin for a voxel: the voxels' surface has no needle.
+        corners, faces = [], []
+        for low, high in (((0, 0, 0), (6, 6, 6)), ((2.8, 2.8, 5.9), (3.2, 3.2, 14))):
+            first = len(corners) + 1
+            corners += [[side[axis] for axis, side in enumerate(sides)] for sides in itertools.product((low, high), repeat=3)]
+            faces += [[first + n for n in face] for face in ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4),
+                                                             (1, 5, 7, 3))]
+        (self.folder / "cube.obj").write_text("".join(f"v {x} {y} {z}\n" for x, y, z in corners) +
+                                              "".join(f"f {' '.join(map(str, face))}\n" for face in faces))
+        self.scene.write_text(json.dumps(SCENE | {"dataset": {"type": "mesh", "file": "cube.obj", "pitch": 1}}))
+        window = self.open("--backend", "cpu_parallel")
+        body = is_body(self.display.pixels())
+        left, right, top, bottom = extent(body)
+        self.assertLess(body.sum() / ((right - left) * (bottom - top)), 0.55, "the cube without its needle")
+        y, x = numpy.median(numpy.nonzero(body), axis=1).astype(int)  # on the cube
+        self.drag((x, y), (x + 150, y), release=False)
+        self.wait_until(lambda: (is_body(self.display.pixels()) & ~body).sum() > 500, "a pulled body")
         self.assert_closes(window)
 
     def test_keys_pause_step_and_reset(self):

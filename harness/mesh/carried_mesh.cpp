@@ -8,6 +8,7 @@
 #include <glm/geometric.hpp>
 #include <limits>
 #include <unordered_map>
+#include <utility>
 
 #include "backends/physics/neighbours.h"
 
@@ -36,14 +37,95 @@ struct Box {
 /// Which cells of a box have a particle that springs connect to one of them.
 using Connected = std::array<bool, cells>;
 
+/// The weights of the particles in the affine motion that fits those cells best, at the box's place. They
+/// sum up to one.
+std::array<double, cells> weights(const Box& box, const Connected& of) {
+    std::array<double, cells> weight{};
+    double sum = 0;
+    const auto offset = [&](std::size_t n) {
+        return Eigen::Vector3d(box.offset[n].x, box.offset[n].y, box.offset[n].z);
+    };
+    Eigen::Vector3d centre = Eigen::Vector3d::Zero();
+    for (std::size_t n = 0; n < cells; ++n) {
+        if (!of[n]) continue;
+        double w = 1;
+        for (int axis = 0; axis < 3; ++axis) {
+            const double share = box.offset[n][axis] / reach;
+            w *= (1 - share * share) * (1 - share * share);
+        }
+        weight[n] = w;
+        sum += w;
+        centre += w * offset(n);
+    }
+    if (!(sum > 0)) {
+        weight[std::size_t(box.nearest)] = 1;
+        return weight;
+    }
+    centre /= sum;
+    Eigen::Matrix3d spread = Eigen::Matrix3d::Zero();
+    for (std::size_t n = 0; n < cells; ++n) {
+        if (weight[n] > 0) spread += weight[n] * (offset(n) - centre) * (offset(n) - centre).transpose();
+    }
+    // Along a direction in which the particles have no extent there is no gradient.
+    const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> axes(spread / sum);
+    constexpr double none = 1e-6;  // voxels squared; the next layer is 1 away and weighs more than that
+    Eigen::Vector3d slope = Eigen::Vector3d::Zero();
+    for (int k = 0; k < 3; ++k) {
+        if (axes.eigenvalues()[k] <= none) continue;
+        const Eigen::Vector3d axis = axes.eigenvectors().col(k);
+        slope += axis * (axis.dot(centre) / axes.eigenvalues()[k]);
+    }
+    for (std::size_t n = 0; n < cells; ++n) {
+        if (weight[n] > 0) weight[n] *= (1 - slope.dot(offset(n) - centre)) / sum;
+    }
+    return weight;
+}
+
+/// Gives vertices their motion in one state.
+struct Motions {
+    using Item = Motion;
+    std::span<const glm::dvec3> displacement;
+    std::span<const double> value;
+
+    Item of_particle(std::uint32_t i) const {
+        const glm::dvec3& u = displacement[i];
+        return {u.x, u.y, u.z, value.empty() ? 0 : value[i]};
+    }
+    Item fit(const Box& box, const Connected& of) const {
+        const std::array<double, cells> weight = weights(box, of);
+        Motion sum = Motion::Zero();
+        for (std::size_t n = 0; n < cells; ++n) {
+            if (weight[n] != 0) sum += weight[n] * of_particle(box.particle[n]);
+        }
+        return sum;
+    }
+};
+
+/// Gives vertices the particles that they follow, with their weights.
+struct Followed {
+    using Item = std::vector<std::pair<std::uint32_t, float>>;
+
+    static Item of_particle(std::uint32_t i) { return {{i, 1.0F}}; }
+    static Item fit(const Box& box, const Connected& of) {
+        const std::array<double, cells> weight = weights(box, of);
+        Item item;
+        for (std::size_t n = 0; n < cells; ++n) {
+            if (weight[n] != 0) item.emplace_back(box.particle[n], float(weight[n]));
+        }
+        return item;
+    }
+};
+
+/// Carries a mesh; `Vertices` says what a vertex gets.
+template <class Vertices>
 class Carrier {
 public:
-    Carrier(const MeshInGrid& source, const Problem& problem, std::span<const glm::dvec3> displacement,
-            std::span<const double> value)
+    using Item = typename Vertices::Item;
+
+    Carrier(const MeshInGrid& source, const Problem& problem, Vertices vertices)
         : source_(source),
           problem_(problem),
-          displacement_(displacement),
-          value_(value),
+          vertices_(std::move(vertices)),
           particle_(particle_of_voxel(problem.lattice)) {
         for (const Direction& direction : directions()) {
             const auto bit = std::size_t(direction.bit);
@@ -51,11 +133,12 @@ public:
         }
     }
 
-    CarriedMesh carry() {
+    /// `items` gets what each vertex has, copies included. The mesh has no displacements yet.
+    CarriedMesh carry(std::vector<Item>& items) {
         const Mesh& mesh = source_.mesh;
         CarriedMesh out{.rest = mesh.points, .triangles = mesh.triangles, .tetrahedra = mesh.tetrahedra};
         const auto count = std::ptrdiff_t(mesh.points.size());
-        std::vector<Motion> motion(mesh.points.size());
+        items.assign(mesh.points.size(), Item());
         std::vector<std::uint8_t> is_cut(mesh.points.size()), is_alone(mesh.points.size());
 #pragma omp parallel for schedule(dynamic, 256)
         for (std::ptrdiff_t v = 0; v < count; ++v) {
@@ -66,19 +149,13 @@ public:
                 continue;
             }
             const Connected now = connected_to(box, box.nearest, true);
-            motion[at] = fit(box, now);
+            items[at] = vertices_.fit(box, now);
             is_cut[at] = now != connected_to(box, box.nearest, false);
         }
-        if (std::find(is_alone.begin(), is_alone.end(), 1) != is_alone.end())
-            follow_nearest(is_alone, motion);
-        part(out.triangles, is_cut, motion, out);
-        part(out.tetrahedra, is_cut, motion, out);
+        if (std::find(is_alone.begin(), is_alone.end(), 1) != is_alone.end()) follow_nearest(is_alone, items);
+        part(out.triangles, is_cut, items, out);
+        part(out.tetrahedra, is_cut, items, out);
         out.copies = out.rest.size() - mesh.points.size();
-        const double scale = source_.pitch / problem_.lattice.spacing.x;
-        for (const Motion& m : motion) {
-            out.displacement.emplace_back(scale * m[0], scale * m[1], scale * m[2]);
-            if (!value_.empty()) out.value.push_back(m[3]);
-        }
         return out;
     }
 
@@ -145,55 +222,9 @@ private:
         return reached;
     }
 
-    Motion motion_of(std::uint32_t i) const {
-        const glm::dvec3& u = displacement_[i];
-        return {u.x, u.y, u.z, value_.empty() ? 0 : value_[i]};
-    }
-
-    /// The motion at the box's place of the affine motion that fits those cells best.
-    Motion fit(const Box& box, const Connected& of) const {
-        std::array<double, cells> weight{};
-        double sum = 0;
-        Eigen::Vector3d centre = Eigen::Vector3d::Zero();
-        Motion mean = Motion::Zero();
-        for (std::size_t n = 0; n < cells; ++n) {
-            if (!of[n]) continue;
-            double w = 1;
-            for (int axis = 0; axis < 3; ++axis) {
-                const double share = box.offset[n][axis] / reach;
-                w *= (1 - share * share) * (1 - share * share);
-            }
-            weight[n] = w;
-            sum += w;
-            centre += w * Eigen::Vector3d(box.offset[n].x, box.offset[n].y, box.offset[n].z);
-            mean += w * motion_of(box.particle[n]);
-        }
-        if (!(sum > 0)) return motion_of(box.particle[std::size_t(box.nearest)]);
-        centre /= sum;
-        mean /= sum;
-        Eigen::Matrix3d spread = Eigen::Matrix3d::Zero();
-        Eigen::Matrix<double, 4, 3> along = Eigen::Matrix<double, 4, 3>::Zero();
-        for (std::size_t n = 0; n < cells; ++n) {
-            if (!(weight[n] > 0)) continue;
-            const Eigen::Vector3d r =
-                Eigen::Vector3d(box.offset[n].x, box.offset[n].y, box.offset[n].z) - centre;
-            spread += weight[n] * r * r.transpose();
-            along += weight[n] * (motion_of(box.particle[n]) - mean) * r.transpose();
-        }
-        // Along a direction in which the particles have no extent there is no gradient.
-        const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> axes(spread / sum);
-        constexpr double none = 1e-6;  // voxels squared; the next layer is 1 away and weighs more than that
-        for (int k = 0; k < 3; ++k) {
-            if (axes.eigenvalues()[k] <= none) continue;
-            const Eigen::Vector3d axis = axes.eigenvectors().col(k);
-            mean -= along * axis * (axis.dot(centre) / (sum * axes.eigenvalues()[k]));
-        }
-        return mean;
-    }
-
     /// Moves vertices without a particle in their box like the nearest one, which spreads from voxel to
     /// voxel.
-    void follow_nearest(const std::vector<std::uint8_t>& is_alone, std::vector<Motion>& motion) const {
+    void follow_nearest(const std::vector<std::uint8_t>& is_alone, std::vector<Item>& items) const {
         const glm::ivec3 dims = problem_.lattice.dims;
         std::vector<std::uint32_t> nearest = particle_, front = problem_.lattice.voxel, next;
         for (; !front.empty(); front.swap(next)) {
@@ -220,15 +251,15 @@ private:
             if (is_alone[v] == 0) continue;
             const glm::ivec3 at = glm::clamp(glm::ivec3(glm::floor(in_voxels(source_.mesh.points[v]) + 0.5)),
                                              glm::ivec3(0), dims - 1);
-            motion[v] = motion_of(
+            items[v] = vertices_.of_particle(
                 nearest[(std::size_t(at.z) * std::size_t(dims.y) + std::size_t(at.y)) * std::size_t(dims.x) +
                         std::size_t(at.x)]);
         }
     }
 
-    /// Gives cells at cuts the vertices of their side. `motion` and `out.rest` get copies of vertices.
+    /// Gives cells at cuts the vertices of their side. `items` and `out.rest` get copies of vertices.
     template <class Cell>
-    void part(std::vector<Cell>& all, const std::vector<std::uint8_t>& is_cut, std::vector<Motion>& motion,
+    void part(std::vector<Cell>& all, const std::vector<std::uint8_t>& is_cut, std::vector<Item>& items,
               CarriedMesh& out) {
         for (Cell& cell : all) {
             if (std::none_of(cell.begin(), cell.end(), [&](std::uint32_t v) { return is_cut[v] != 0; }))
@@ -239,13 +270,13 @@ private:
             if (around.nearest < 0) continue;
             const std::uint32_t guide = around.particle[std::size_t(around.nearest)];
             for (std::uint32_t& v : cell) {
-                if (is_cut[v] != 0) v = vertex_beside(v, guide, motion, out);
+                if (is_cut[v] != 0) v = vertex_beside(v, guide, items, out);
             }
         }
     }
 
     /// Vertex `v`, or the copy of it that goes with the particle `guide`.
-    std::uint32_t vertex_beside(std::uint32_t v, std::uint32_t guide, std::vector<Motion>& motion,
+    std::uint32_t vertex_beside(std::uint32_t v, std::uint32_t guide, std::vector<Item>& items,
                                 CarriedMesh& out) {
         const Box box = box_at(source_.mesh.points[v]);
         const int cell = box.cell_of(guide);
@@ -259,15 +290,14 @@ private:
         const auto [copy, is_new] = copies_.try_emplace(name, std::uint32_t(out.rest.size()));
         if (is_new) {
             out.rest.push_back(source_.mesh.points[v]);
-            motion.push_back(fit(box, side));
+            items.push_back(vertices_.fit(box, side));
         }
         return copy->second;
     }
 
     const MeshInGrid& source_;
     const Problem& problem_;
-    std::span<const glm::dvec3> displacement_;
-    std::span<const double> value_;
+    Vertices vertices_;
     std::vector<std::uint32_t> particle_;  ///< in each voxel, or no_particle
     std::array<int, neighbour_count> stride_{};
     std::unordered_map<std::uint64_t, std::uint32_t> copies_;
@@ -277,7 +307,45 @@ private:
 
 CarriedMesh carried(const MeshInGrid& source, const Problem& problem,
                     std::span<const glm::dvec3> displacement, std::span<const double> value) {
-    return Carrier(source, problem, displacement, value).carry();
+    std::vector<Motion> motion;
+    CarriedMesh out = Carrier(source, problem, Motions{displacement, value}).carry(motion);
+    const double scale = source.pitch / problem.lattice.spacing.x;
+    for (const Motion& m : motion) {
+        out.displacement.emplace_back(scale * m[0], scale * m[1], scale * m[2]);
+        if (!value.empty()) out.value.push_back(m[3]);
+    }
+    return out;
 }
+
+BoundMesh::BoundMesh(const MeshInGrid& source, const Problem& problem) {
+    std::vector<Followed::Item> items;
+    CarriedMesh mesh = Carrier(source, problem, Followed{}).carry(items);
+    const double scale = problem.lattice.spacing.x / source.pitch;
+    for (const glm::dvec3& point : mesh.rest) rest.push_back(scale * (point - source.origin));
+    triangles = std::move(mesh.triangles);
+    first_.reserve(items.size() + 1);
+    for (const Followed::Item& item : items) {
+        first_.push_back(followed_.size());
+        followed_.insert(followed_.end(), item.begin(), item.end());
+    }
+    first_.push_back(followed_.size());
+}
+
+template <class Value>
+std::vector<Value> BoundMesh::at_vertices(std::span<const Value> of_particles) const {
+    std::vector<Value> all(rest.size());
+    const auto count = std::ptrdiff_t(all.size());
+#pragma omp parallel for
+    for (std::ptrdiff_t v = 0; v < count; ++v) {
+        Value sum(0);
+        for (std::size_t n = first_[std::size_t(v)]; n < first_[std::size_t(v) + 1]; ++n)
+            sum += double(followed_[n].second) * of_particles[followed_[n].first];
+        all[std::size_t(v)] = sum;
+    }
+    return all;
+}
+
+template std::vector<glm::dvec3> BoundMesh::at_vertices(std::span<const glm::dvec3>) const;
+template std::vector<double> BoundMesh::at_vertices(std::span<const double>) const;
 
 }  // namespace voxspring

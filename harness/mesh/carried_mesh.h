@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <glm/vec3.hpp>
 #include <span>
+#include <utility>
 #include <vector>
 
 #include "backends/physics/problem.h"
@@ -40,5 +41,24 @@ struct CarriedMesh {
 /// cut by walls. A mesh of tetrahedra has its own.
 CarriedMesh carried(const MeshInGrid& source, const Problem& problem,
                     std::span<const glm::dvec3> displacement, std::span<const double> value = {});
+
+/// A mesh bound to the body that was made of it, for many states of it between two edits: carried(), but
+/// vertices keep the particles that they follow. Places are in the coordinates of the problem. Weights are
+/// float32, about 60 per vertex.
+class BoundMesh {
+public:
+    BoundMesh(const MeshInGrid& source, const Problem& problem);
+
+    std::vector<glm::dvec3> rest{};  ///< vertices as in CarriedMesh, copies at cuts last
+    std::vector<Triangle> triangles{};
+
+    /// What vertices have if particles have this: displacements (dvec3) or values (double).
+    template <class Value>
+    std::vector<Value> at_vertices(std::span<const Value> of_particles) const;
+
+private:
+    std::vector<std::size_t> first_{};                         ///< into followed_, one per vertex and the end
+    std::vector<std::pair<std::uint32_t, float>> followed_{};  ///< particles and their weights
+};
 
 }  // namespace voxspring

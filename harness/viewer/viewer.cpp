@@ -21,6 +21,7 @@
 #include "harness/base/progress.h"
 #include "harness/choice/auto_choice.h"
 #include "harness/drawing/body_painter.h"
+#include "harness/mesh/carried_mesh.h"
 #include "harness/scene/parts.h"
 #include "harness/simulation/measures.h"
 #include "harness/simulation/simulation.h"
@@ -46,6 +47,8 @@ constexpr int moves_per_frame = 8;
 /// Intervals between two readings of values on the body, and between two kept states.
 constexpr double range_seconds = 0.5, keep_seconds = 1, keep_seconds_of_large = 20;
 constexpr std::size_t large = 1'000'000;
+/// The largest number of vertices of a mesh that moves with its body, some milliseconds per frame.
+constexpr std::size_t max_carried_vertices = 200'000;
 
 /// Chooses a backend by the rules of `auto`, among those that support a tool.
 AutoChoice choose_for_hand(const std::string& text, const Scene& scene) {
@@ -76,6 +79,7 @@ public:
         controls_.steps_per_frame = options.steps.value_or(1);
         figures_.scene = simulation_->scene().name;
         name_backend();
+        carries_mesh_ = carries_mesh();
         take_mesh();
         orbit_.show(painter_.mesh().low, painter_.mesh().high);
         scale_controls();
@@ -133,9 +137,42 @@ private:
 
     void take_mesh() {
         drop_feed();  // the feed fills the old mesh's buffer
-        painter_.set_mesh(mesh_of(simulation_->problem()));
+        const Problem& problem = simulation_->problem();
+        loose_ = parts_of(problem).loose();
+        if (carries_mesh_) {
+            bound_.emplace(*simulation_->scene().mesh, problem);
+            painter_.set_mesh(mesh_of(bound_->rest, bound_->triangles));
+            std::vector<double> looseness(problem.particle_count());
+            for (const std::uint32_t i : loose_) looseness[i] = 1;
+            loose_.clear();
+            const std::vector<double> of_vertices = bound_->at_vertices<double>(looseness);
+            for (std::size_t v = 0; v < of_vertices.size(); ++v) {
+                if (of_vertices[v] > 0.5) loose_.push_back(std::uint32_t(v));
+            }
+        } else {
+            painter_.set_mesh(mesh_of(problem));
+        }
         springs_version_ = simulation_->springs_version();
-        loose_ = parts_of(simulation_->problem()).loose();
+    }
+
+    /// Whether the window shows the mesh that the body was made of. A large one takes too long per frame.
+    bool carries_mesh() {
+        const MeshInGrid* const source = simulation_->scene().mesh.get();
+        if (source == nullptr) return false;
+        if (source->mesh.points.size() <= max_carried_vertices) return true;
+        say(fmt::format("the mesh has {} vertices, more than {}: the surface of the voxels is shown",
+                        source->mesh.points.size(), max_carried_vertices));
+        return false;
+    }
+
+    void put_displacements() {
+        const std::vector<glm::dvec3>& displacement = simulation_->state().displacement;
+        painter_.put_displacements(bound_ ? bound_->at_vertices<glm::dvec3>(displacement) : displacement);
+    }
+
+    /// One value per particle.
+    void put_values(const std::vector<double>& values) {
+        painter_.put_values(bound_ && !values.empty() ? bound_->at_vertices<double>(values) : values);
     }
 
     void drop_feed() {
@@ -149,7 +186,8 @@ private:
         if (simulation_->springs_version() != springs_version_) take_mesh();
         if (simulation_->uploads() != uploads_) {
             drop_feed();
-            FeedFacet* const feeds = simulation_->backend().feeds();
+            // A backend can feed what particles follow, but not what a mesh needs of many particles.
+            FeedFacet* const feeds = bound_ ? nullptr : simulation_->backend().feeds();
             feed_ =
                 feeds != nullptr ? feeds->feed(painter_.mesh().particles, painter_.displacements()) : nullptr;
             uploads_ = simulation_->uploads();
@@ -159,14 +197,14 @@ private:
             window_.context().make_current();
             feed_->write();
         } else {
-            painter_.put_displacements(simulation_->state().displacement);
+            put_displacements();
         }
         if (controls_.shown == Shown::tension) {
-            painter_.put_values(tensions(simulation_->problem(), simulation_->state()));
+            put_values(tensions(simulation_->problem(), simulation_->state()));
         } else if (controls_.shown == Shown::error) {
-            painter_.put_values(simulation_->errors());
+            put_values(simulation_->errors());
         } else {
-            painter_.put_values({});
+            put_values({});
         }
     }
 
@@ -387,7 +425,10 @@ private:
     std::vector<std::string> backends_;
     std::unique_ptr<Feed> feed_;  ///< null: displacements go through the host
     std::uint64_t springs_version_ = 0, uploads_ = 0;
-    /// Particles of parts that nothing holds. They fall for ever, and do not count for the colours' range.
+    bool carries_mesh_ = false;
+    std::optional<BoundMesh> bound_;  ///< the mesh on screen, if it is the one that the body was made of
+    /// Particles of parts that nothing holds, or vertices that follow them. They fall for ever, and do not
+    /// count for the colours' range.
     std::vector<std::uint32_t> loose_;
     bool failed_ = false, was_on_body_ = false;
     glm::dvec3 hand_before_{0};
