@@ -26,8 +26,9 @@ struct Bandwidth {
 /// What simple programs that do only one thing reach on a device, in the kind of program that its backends
 /// run: CUDA kernels, fragment shaders, SIMD code on all cores.
 struct DeviceLimits {
-    /// From arrays that fit into the cache to arrays far larger than it, for some shares of writing each.
-    /// Empty if only the two rates below are known.
+    /// The bandwidth from arrays that fit into the cache to arrays far larger than it. At each footprint
+    /// there are several values, which differ in `written_share`. Empty if only the two rates below are
+    /// known.
     std::vector<Bandwidth> bandwidth = {};
     /// Bytes read and written per second by a pass that reads two arrays and overwrites one, as a step does.
     /// Each array is far larger than any cache.

@@ -63,7 +63,7 @@ ERRORS = {"error_relative_l2": "divergence", "error_max": None, "total_error_rel
           "force_error": None, "model_error": "continuum_error"}
 STRESS_ERRORS = ("relative", "spacings")  # units of errors; growth, energies and counts only have gates
 
-FALSE_ALARMS = 0.05  # how many files in which nothing changed have any row called slower or faster
+FALSE_ALARMS = 0.05  # the fraction of files without any change in which some row is still called slower or faster
 CONFIDENCE = 0.95
 # How many rows it takes to tell the shift of a run, and what runs differ by.
 SHIFT_ROWS, NOISE_ROWS = 8, 4

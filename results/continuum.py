@@ -5,9 +5,9 @@ Not needed to build or run: the file is committed. It needs scikit-fem 12 from P
 units of Young's modulus; nu is 1/4. Elements are quadratic hexahedra, finer towards the clamped side and its edges. `error` is the
 difference from a coarser mesh.
 
-Laws, which agree for small strain:
-  linear  small strain
-  springs W = E/5 sum_s w_s (|F n_s| - 1)^2 over 3 faces (w = 1) and 6 edges (w = 2): the limit of the lattice as its pitch goes to 0
+The material follows one of these laws, which agree for small strain:
+  linear: linear elasticity, for small strain only
+  springs: W = E/5 sum_s w_s (|F n_s| - 1)^2 over 3 faces (w = 1) and 6 edges (w = 2): the limit of the lattice as its pitch goes to 0
   neo_hookean, st_venant_kirchhoff: what other programs compute
 """
 import json
@@ -42,7 +42,7 @@ def pattern_of(name, x):
 
 
 def graded(low, high, count, power, ends):
-    """Points from `low` to `high`, denser towards both ends, the lower or the upper one."""
+    """Points from `low` to `high`. They are denser towards `ends`, which is "lower", "upper" or "both"."""
     t = np.linspace(0, 1, count + 1)
     if ends == "upper":
         t = 1 - (1 - t) ** power

@@ -475,8 +475,8 @@ void expect_rate(double rate) {
     EXPECT_GT(rate, 0);
 }
 
-/// Expects three shares of writing at each of several footprints, from within the cache, if its size is
-/// known, to far beyond it.
+/// Expects the bandwidth at several footprints, from within the cache, if its size is known, to far beyond
+/// it. At each there are three values, which differ in the share of the bytes moved that is written.
 void expect_table(const DeviceLimits& limits) {
     std::map<double, std::set<double>> shares;
     for (const Bandwidth& one : limits.bandwidth) {

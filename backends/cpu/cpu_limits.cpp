@@ -200,7 +200,8 @@ public:
             [&](std::size_t thread, std::size_t) { std::fill_n(memory_[thread].get(), floats, 1.0F); });
     }
 
-    /// Measures the three shares of writing at one footprint.
+    /// Measures the bandwidth at one footprint three times: if none, a third or half of the bytes moved are
+    /// written.
     void add(std::size_t footprint, std::vector<Bandwidth>& table) const {
         const auto bytes = double(floats_of(footprint) * memory_.size() * sizeof(float));
         // A byte of the footprint is moved once, or twice if it is overwritten.

@@ -45,8 +45,9 @@ struct Opposites {
     T rest_length;
     T rest_deficit;
     T stiffness;
-    /// Where force densities wait, by the particle's element in its slice. The lower neighbour has left the
-    /// density of the spring to it; that of the spring to the higher neighbour is left for the latter. Null:
+    /// Force densities of springs, indexed by the particle's element in its slice. A spring is evaluated at
+    /// its lower end, which keeps the density for the higher end. A particle reads from `lower_density` what
+    /// its lower neighbour kept, and writes to `higher_density` what its higher neighbour will read. Null:
     /// both ends evaluate the spring.
     const T* lower_density;
     T* higher_density;

@@ -9,8 +9,9 @@
 
 namespace voxspring::cpu_parallel {
 
-/// The lattice with rows of whole blocks. Before and after it lies a guard as long as the distance of the
-/// farthest neighbour, so every register of neighbours can be loaded.
+/// The lattice in memory. Each row is padded to whole blocks of block_size elements. Before the lattice and
+/// after it lies a guard, as long as the distance of the farthest neighbour. So a SIMD register can be loaded
+/// with the neighbours of any block.
 template <class T>
 struct PaddedGrid {
     glm::ivec3 dims;

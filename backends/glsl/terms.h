@@ -21,7 +21,9 @@ inline std::string text(bool value) { return value ? "true" : "false"; }
 /// The macros of shaders/motion.glsl that select a formulation.
 Defines formulation_defines(Formulation formulation);
 
-/// The constants of shaders/terms.glsl. With `all` every term is set.
+/// The values of the constants in shaders/terms.glsl. Each says whether the shaders compute a term, such as
+/// gravity or a group of springs. A term is on if the problem has it; with `all` every term is on. DEFICITS
+/// is on only for formulations by increments.
 Constants term_constants(const Problem& problem, Formulation formulation, bool all);
 bool needs_loads(const Problem& problem, bool all_terms);
 bool needs_materials(const Problem& problem, bool all_terms);

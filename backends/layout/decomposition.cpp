@@ -79,7 +79,8 @@ std::vector<int> equal_parts(const std::vector<std::size_t>& particles_of_layer,
         if (at == std::ptrdiff_t(before.size()) || (at > 0 && wanted - double(before[std::size_t(at - 1)]) <
                                                                   double(before[std::size_t(at)]) - wanted))
             --at;
-        // Each part gets a layer with particles, and leaves one for each part to come.
+        // The part before this one gets at least one layer with particles. At least one is left for this part
+        // and for each part after it.
         at = std::clamp(at, previous + 1, std::ptrdiff_t(layer.size()) - (parts - part));
         begins.push_back(layer[std::size_t(at)]);
         previous = at;
@@ -245,7 +246,8 @@ private:
         return bits;
     }
 
-    /// Each particle that the tool holds is held where it is stepped.
+    /// Particle `i` of the whole body is particle `here` of this part, which steps it. If the tool holds the
+    /// particle, the tool of this part holds it.
     void take_hold_of(std::uint32_t i, std::uint32_t here) {
         const auto held = index_in(whole_.tool.particles, i);
         if (!held) return;

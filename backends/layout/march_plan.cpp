@@ -154,9 +154,9 @@ std::vector<Run> cut_by_interior(const MarchInterior& interior, const std::vecto
 /// The number of items of each length, which is the index.
 using LengthCounts = std::vector<int>;
 
-/// When the last of `slots` is done, if each of them always takes the longest item that is left. A block
-/// takes three planes' time more than its item has: two for planes that it shares with others, and one for
-/// the wait for its first plane.
+/// The time until all items are done, in units of the time that a plane takes. `slots` blocks run at once,
+/// and each always takes the longest item that is left. An item of n planes takes the time of n + 3 planes:
+/// it shares two more planes with other items, and the wait for its first plane is as long as another one.
 int finished_at(const LengthCounts& counts, int slots) {
     constexpr int extra = 3;
     std::priority_queue<int, std::vector<int>, std::greater<>> ends;

@@ -173,8 +173,8 @@ unit_strain_density(Real squared, Real rest_length, Real deficit) {
 }
 
 #ifndef VOXSPRING_GLSL
-/// unit_strain_density() as deficit / (|d|^2 + l |d|), which in float32 saves a multiplication if the
-/// hardware has a root.
+/// unit_strain_density() by another formula, deficit / (|d|^2 + l |d|). In float32 this saves a
+/// multiplication if the hardware has a square root instruction.
 VOXSPRING_HOST_DEVICE inline float lean_strain_density(float squared, float rest_length, float deficit) {
 #ifdef __CUDA_ARCH__
     float length;

@@ -81,8 +81,8 @@ public:
         buffer_.fill_with_zeros(stream);
     }
 
-    /// Measures the three shares of writing at one footprint; where something is written, both in place and
-    /// not.
+    /// Measures the bandwidth at one footprint three times: if none, a third or half of the bytes moved are
+    /// written. Passes that write are tried both in place and with a separate array to write.
     void add(std::size_t footprint, std::vector<Bandwidth>& table) {
         const auto add_best = [&](double written_share, double bytes_per_second) {
             table.push_back({double(footprint), written_share, bytes_per_second});

@@ -414,7 +414,7 @@ private:
         }
     }
 
-    /// A thread's place in the ticks.
+    /// How far a thread has come. The host orders steps in ticks (backends/layout/records/ticks.h).
     struct Turn {
         std::uint32_t next_tick;
         std::uint32_t steps;  ///< still to be taken in this tick

@@ -45,8 +45,8 @@ int run_scene(const std::string& scene, const RunOptions& options, std::ostream&
 int run_and_print_study(const std::string& study, const StudyOptions& options, std::ostream& out);
 
 struct AdviseOptions {
-    /// The largest total error that is acceptable, relative L2. Empty: the question is whether several ranks
-    /// pay.
+    /// The largest total error that is acceptable, relative L2. Empty: the advice is not about errors, but
+    /// about whether several ranks are faster than one.
     std::optional<double> error;
     /// The error is that of a deflection at rest against the continuum, and the scene is a case of the study
     /// `truth`.

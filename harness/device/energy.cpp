@@ -47,7 +47,7 @@ private:
 /// The counter of one package. It wraps to zero after `range`.
 struct Package {
     std::filesystem::path counter;
-    std::uint64_t range = 0, last = 0, before = 0;  ///< microjoules; `before`: all finished ranges
+    std::uint64_t range = 0, last = 0, before = 0;  ///< microjoules; `before`: `range` times the wraps so far
 };
 
 std::optional<std::uint64_t> number_in(const std::filesystem::path& path) {

@@ -13,7 +13,8 @@
 
 namespace voxspring {
 
-/// The limits that apply as JSON, with the names of the result's schema; and the reverse.
+/// Writes limits as a JSON object, with the names that the schema of results has. Limits that a device does
+/// not have are left out. device_limits_of() reads such an object.
 nlohmann::json to_json(const DeviceLimits& limits);
 DeviceLimits device_limits_of(const nlohmann::json& json);
 

@@ -27,7 +27,7 @@ struct Mesh {
     /// mesh of tetrahedra: the faces that no two of them share, outwards.
     std::vector<Triangle> triangles{};
     std::vector<Tetrahedron> tetrahedra{};
-    std::vector<std::string> notes{};  ///< as Scene::notes
+    std::vector<std::string> notes{};  ///< for the user, like Scene::notes
 };
 
 /// Reads a mesh; its format follows from its name. Throws BadInput.

@@ -15,9 +15,9 @@ namespace voxspring {
 struct MeshFacts {
     std::size_t vertices = 0, triangles = 0, tetrahedra = 0;
     std::size_t parts = 0;               ///< pieces that share no point
-    std::size_t open_edges = 0;          ///< of one triangle
+    std::size_t open_edges = 0;          ///< edges that belong to one triangle only
     std::size_t holes = 0;               ///< connected sets of open edges
-    std::size_t non_manifold_edges = 0;  ///< of three triangles or more
+    std::size_t non_manifold_edges = 0;  ///< edges that belong to three triangles or more
     std::size_t flat = 0;                ///< triangles without an area
     std::size_t turned = 0;              ///< triangles that were turned over, see Surface
     glm::dvec3 low{0}, high{0};          ///< the box around the triangles

@@ -26,14 +26,16 @@ struct MeshInGrid {
     glm::dvec3 origin{0};  ///< centre of voxel (0, 0, 0), in the mesh's coordinates
     double pitch = 1;      ///< edge of a voxel, in the mesh's unit of length
     double fill = default_fill;
-    double volume = 0;       ///< of the points where the mesh's winding number exceeds 1/2, by their shares
-    double body_volume = 0;  ///< of the active voxels
+    /// The volume inside the mesh, where its winding number exceeds 1/2. It is the sum over all voxels of the
+    /// part of each that lies inside.
+    double volume = 0;
+    double body_volume = 0;  ///< volume of the active voxels
 };
 
 struct Voxelised {
     VoxelGrid grid;  ///< of labels 0 and 1
     MeshInGrid source;
-    std::vector<std::string> notes;  ///< as Scene::notes, those of the mesh first
+    std::vector<std::string> notes;  ///< for the user, like Scene::notes; those of the mesh's file come first
 };
 
 /// The pitch of a mesh that nobody chose: default_voxels along the longest side, in two significant digits.

@@ -377,8 +377,8 @@ int TimedCase::repetitions_judged() const {
     return all ? done_ : done_ - known_before_;
 }
 
-/// Why a repetition before the last one is wrong; empty if none is. If batches continue from each other, the
-/// last state depends on all of them.
+/// Why a repetition before the last one is wrong; empty if none is. It is empty, too, if each batch continues
+/// from the one before: then the last state depends on all batches, and is judged for all of them.
 std::string TimedCase::other_repetition() const {
     if (!context_.batch.rewind) return {};
     for (int n = 1; n < done_; ++n) {

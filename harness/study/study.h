@@ -22,7 +22,7 @@ struct StudyScene {
     std::string scene;                   ///< argument of load_scene(), or a name that the kind interprets
     int steps = 0;                       ///< per batch; errors are measured after it, unless the kind differs
     std::vector<std::string> backends;   ///< backend patterns; empty: those of the study
-    std::vector<std::string> only = {};  ///< StudyOptions::backends for this scene, by select_backends()
+    std::vector<std::string> only = {};  ///< globs of --backend for this scene (select_backends())
     std::shared_ptr<const Scene> built = nullptr;        ///< a scene in memory, instead of load_scene(scene)
     nlohmann::json settings = nlohmann::json::object();  ///< the kind's keys of a study file
 };

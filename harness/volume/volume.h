@@ -102,7 +102,7 @@ struct Volume {
     std::size_t layers = 1, inner = 1;
     std::vector<Segment> segments{};
     VolumeFacts facts{};
-    std::vector<std::string> notes{};  ///< as Scene::notes
+    std::vector<std::string> notes{};  ///< for the user, like Scene::notes
 
     std::size_t voxel_count() const { return data.size() / bytes_of(type) / layers; }
 };
@@ -130,7 +130,7 @@ struct LabelledGrid {
     std::vector<Label> labels;
     /// Name and number of voxels of each label that was asked for or, in a segmentation, of each segment.
     std::vector<std::pair<std::string, std::uint64_t>> counts{};
-    std::vector<std::string> notes{};  ///< as Scene::notes
+    std::vector<std::string> notes{};  ///< for the user, like Scene::notes
 };
 
 /// A label whose only word is its number.

@@ -330,7 +330,7 @@ def ratios_between(some, others, *keys):
 as_paper_addressing = of_as_paper(lambda found: addressing_verdict(datasets("paper", found)))
 as_paper_vertical = of_as_paper(lambda found: verdict(ratios_between(found, filter(is_concatenated, as_paper()), "scene", "backend")))
 as_paper_linear = of_as_paper(lambda found: linear_verdict(papers_lists, [one for one in found if one["scene"].startswith("box@")]))
-# How the implicit strategies fetch a neighbour, each with its microseconds on a scene.
+# The ways in which the implicit strategies fetch a neighbour, each with the microseconds that a step on a scene takes; fastest first.
 as_paper_fetches = of_as_paper(lambda found, scene: fastest_first(
     (one["real_time"], one["backend"]) for one in found if one["scene"] == scene and one["backend"] in IMPLICIT))
 

@@ -18,7 +18,8 @@ constexpr double error_of_roots(Root root, double approximation) {
         case Root::exact:
             return 0;
         case Root::refined:
-            // A Newton step squares the error, times 3/2 for the root, and rounds by one unit each.
+            // A Newton step turns an error e into e^2 for a reciprocal, and into 3/2 e^2 for a reciprocal
+            // root. Each of the two results is then rounded, by one unit of 2^-23 at most.
             return 2.5 * approximation * approximation + 0x1p-22;
         case Root::raw:
             return 2 * approximation;

@@ -38,7 +38,7 @@ struct BrickShape {
     VOXSPRING_HOST_DEVICE constexpr int pitch() const { return row_length() + row_pad; }
     VOXSPRING_HOST_DEVICE constexpr int plane() const { return (ny() + 2) * pitch() + plane_pad; }
     VOXSPRING_HOST_DEVICE constexpr int axis() const { return (nz() + 2) * plane(); }
-    /// Words for the points of one of two alternating steps.
+    /// Number of words in each half of the memory for points. Steps alternate between the two halves.
     VOXSPRING_HOST_DEVICE constexpr int half() const { return 3 * axis(); }
     /// A word before the first row, where X = -1 may be read.
     static constexpr int guard = 1;

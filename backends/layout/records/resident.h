@@ -86,7 +86,7 @@ struct ResidentStep : ImplicitStep<float> {
     const std::uint32_t* polled_word;  ///< index of that particle's word
     const std::uint16_t* polled_slot;
     std::uint32_t lane_count;       ///< of all blocks
-    std::uint32_t published_count;  ///< words of `exchange` for one of two alternating steps
+    std::uint32_t published_count;  ///< points in each half of `exchange`; steps alternate
     TaggedPoint* exchange;          ///< 2 x published_count
     std::uint32_t* started_blocks;  ///< blocks that have read their start, over all launches
     WaitLimit wait;
@@ -109,7 +109,7 @@ struct HeldResidentStep : ResidentStep {
 /// The exchange of a part of a body beside this one. It may be in the memory of another device.
 struct ResidentNeighbour {
     TaggedPoint* exchange;
-    std::uint32_t words;  ///< for one of two alternating steps
+    std::uint32_t words;  ///< points in each half of `exchange`; steps alternate between the halves
 };
 /// Where a part of a body sends its points to the parts beside it.
 struct ResidentLinks {
