@@ -194,8 +194,9 @@ private:
         for (const MarchTile& tile : tiles_)
             needed = std::min(needed, std::size_t(tile.shape.shared_bytes(sizeof(Real))));
         if (needed > this->device().shared_bytes())
-            return "tiles of " + std::to_string(needed) + " bytes exceed the " +
-                   std::to_string(this->device().shared_bytes()) + " of shared memory that a block may have";
+            return "the smallest tile needs " + std::to_string(needed) +
+                   " bytes of shared memory, but a block may have at most " +
+                   std::to_string(this->device().shared_bytes());
         return {};
     }
     std::uint64_t bytes_needed(const Problem& problem) const override {

@@ -86,7 +86,7 @@ SAID_SHIFT = 0.002
 FLOAT64_NOISE = 1e-15
 
 CLOCKS = ("min_card_mhz", "min_mhz")
-NEAR = {"the card's least clock in MHz, as rows were measured": 20, "load_avg per processor": 0.25}  # less is no difference
+NEAR = {"the card's lowest clock in MHz while rows were measured": 20, "load_avg per processor": 0.25}  # less is no difference
 # What a context says that is of a run, not of how the machine was set up.
 OF_A_RUN = ("date", "executable", "caches", "mhz_per_cpu", "commit", "clean", "counters", "limits", "study", "backends", "unfinished",
             "load_avg", "temperature_celsius")
@@ -538,7 +538,7 @@ def setup(old, new):
         context = {(key, ""): value for key, value in flat(result.json["context"]).items()}
         context |= {(key, name): value for name, on in result.backends.items() for key, value in on.items() if key != "device"}
         if clocks := [row[key] for name in PLACES for row in result.json.get(name, []) for key in CLOCKS if row.get(key)]:
-            context["the card's least clock in MHz, as rows were measured", ""] = statistics.median(clocks)
+            context["the card's lowest clock in MHz while rows were measured", ""] = statistics.median(clocks)
         if load := result.json["context"].get("load_avg"):
             context["load_avg per processor", ""] = round((load[0] or 0) / (result.json["context"].get("num_cpus") or 1), 2)
         said.append(context)

@@ -184,7 +184,7 @@ def clocks(target):
     said = target.gate(down)
     target.require(said, "setup: driver")
     if any(row.get(key) for _, row in target.measured for key in comparison.CLOCKS):
-        target.require(said, "setup: the card's least clock")
+        target.require(said, "setup: the card's lowest clock")
     if not said["shifts"]:
         return target.failed(said, "slower") + "; as rows, for fewer than eight of a kind tell no shift"
     if counted := sum(row["verdict"] == "slower" for row in said["rows"] if row["time"] and row["time"]["shift"]):

@@ -512,9 +512,10 @@ TEST(Volume, PairsOfHeaderAndImage) {
         EXPECT_EQ(values_of(read_volume(folder.path() / "b.hdr.gz", large)), values);
     }
     const TemporaryFolder folder;
-    EXPECT_THAT(refusal([&] { (void)read_volume(folder.write("alone.img", data), large); }),
-                EndsWith(": an image without its header is not accepted; expected alone.hdr beside it, or "
-                         "alone.hdr.gz if that has no other image"));
+    EXPECT_THAT(
+        refusal([&] { (void)read_volume(folder.write("alone.img", data), large); }),
+        EndsWith(": an image without its header is not accepted; expected the header alone.hdr beside it, or "
+                 "alone.hdr.gz if that is not the header of another image"));
 }
 
 TEST(Volume, NrrdAxesAreWhatTheirKindsSay) {

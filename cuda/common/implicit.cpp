@@ -108,8 +108,9 @@ private:
     std::string refused(const Problem& problem) const override {
         if (std::string why = implicit_refusal(problem); !why.empty()) return why;
         if (tiled_ && tile_bytes() > this->device().shared_bytes())
-            return "tiles of " + std::to_string(tile_bytes()) + " bytes exceed the " +
-                   std::to_string(this->device().shared_bytes()) + " of shared memory that a block may have";
+            return "a tile needs " + std::to_string(tile_bytes()) +
+                   " bytes of shared memory, but a block may have at most " +
+                   std::to_string(this->device().shared_bytes());
         if (launches_all_ && !fits_launch(problem.lattice, shape_))
             return "more blocks lie along y or z than one launch has: those with a particle have to be "
                    "listed";

@@ -157,7 +157,7 @@ void add_device(CLI::App& command, const Api& api) {
                 setenv(device_variable(api.name).c_str(), wanted.c_str(), 1);
             },
             "Device of " + api.title +
-                "'s backends, by number or part of its name; the card that CUDA measures")
+                "'s backends, by number or part of its name (default: the card that CUDA measures)")
         ->type_name("DEVICE");
 }
 void add_devices(CLI::App& command) {
@@ -173,7 +173,7 @@ void add_volume_options(CLI::App& command, VolumeOptions& volume) {
         return command.add_option_function<std::string>(name, take, description)->type_name(type);
     };
     CLI::Option* threshold = add_number(command, "--threshold", volume.threshold, -max_quantity, max_quantity,
-                                        "Voxels above it are active; 0");
+                                        "Voxels above it are active (default: 0)");
     std::vector<CLI::Option*> options = {
         threshold,
         add_text(
@@ -188,18 +188,20 @@ void add_volume_options(CLI::App& command, VolumeOptions& volume) {
             [&volume](const std::string& text) {
                 volume.spacing = vector_of("--spacing", text, min_quantity, max_quantity, true);
             },
-            "Distance of voxels, one or three as X,Y,Z; the file's"),
+            "Distance of voxels, one or three as X,Y,Z (default: the file's)"),
         add_number<std::optional<double>>(
             command, "--pitch", volume.pitch, min_quantity, max_quantity,
             "Edge of the voxels to make of a mesh, or to replace those of a volume"),
-        add_number<std::optional<double>>(command, "--fill", volume.fill, min_quantity, 1.0,
-                                          "Share of a voxel in the body from which on it is active; 0.5"),
+        add_number<std::optional<double>>(
+            command, "--fill", volume.fill, min_quantity, 1.0,
+            "Share of a voxel in the body from which on it is active (default: 0.5)"),
         add_text(
             "--gravity", "X,Y,Z",
             [&volume](const std::string& text) {
                 volume.gravity = vector_of("--gravity", text, -max_quantity, max_quantity, false);
             },
-            "Acceleration as X,Y,Z; that of the scene heart, times the spacing; with --young in m/s2, 9.81"),
+            "Acceleration as X,Y,Z, with --young in m/s2 (default: that of the scene heart, times the "
+            "spacing; with --young 9.81 in its direction)"),
         add_text(
             "--parts", "largest|N",
             [&volume](const std::string& text) {
@@ -213,7 +215,7 @@ void add_volume_options(CLI::App& command, VolumeOptions& volume) {
                 volume.parts->least = std::size_t(least);
             },
             "Parts of the body to keep, where no spring joins two parts: the largest alone, or those of N "
-            "particles or more; without it, all")};
+            "particles or more (default: all)")};
     CLI::Option* young = add_text(
         "--young", "MODULUS",
         [&volume](const std::string& text) {
@@ -237,10 +239,10 @@ void add_volume_options(CLI::App& command, VolumeOptions& volume) {
                  if (!metres_in(text)) refuse("--unit", text, accepted_lengths());
                  volume.unit = text;
              },
-             "Unit of the spacing, with --young; the file's")
+             "Unit of the spacing; needs --young (default: the file's)")
              ->needs(young),
          add_number(command, "--damping", volume.damping, 0.0, max_quantity,
-                    "Share of its velocity that a particle loses per second; 0.00115 per step"),
+                    "Share of its velocity that a particle loses per second (default: 0.00115 per step)"),
          command.add_flag("--corners", volume.corners,
                           "Particles at the corners of voxels: the body is as wide as its voxels, and its "
                           "surface as stiff as the material")});
@@ -305,8 +307,9 @@ void add_run(CLI::App& app, Values& values, std::ostream& out) {
     add_number(*run, "--time", options.time, min_quantity, max_quantity,
                "Simulated time in the scene's unit, instead of --steps")
         ->excludes(steps);
-    add_number(*run, "--time-step", options.time_step, min_quantity, max_quantity,
-               "The same motion in steps of this size, as `voxspring advise` measures it; the scene's");
+    add_number(
+        *run, "--time-step", options.time_step, min_quantity, max_quantity,
+        "Time step (default: the scene's); damping is adapted to it, so that the motion stays the same");
     run->add_option("--resume", options.resume,
                     "A .npz that --out or `voxspring view` wrote: go on from its step, with its springs");
     add_export_options(*run, options.out);
@@ -389,9 +392,11 @@ void add_view(CLI::App& app, Values& values, std::ostream& out, const ViewScene&
     CLI::App* command = app.add_subcommand("view", "The live body in a window: pull it, cut it, sew it");
     ViewOptions& options = values.view;
     add_scene(*command, values);
-    command->add_option("--backend", options.backend, "As of `voxspring run`; may be changed in the window")
+    command
+        ->add_option("--backend", options.backend,
+                     "The same as for `voxspring run`; may be changed in the window")
         ->default_str("auto");
-    add_number(*command, "--steps", options.steps, 1, 1'000'000, "Steps per frame; as many as fit");
+    add_number(*command, "--steps", options.steps, 1, 1'000'000, "Steps per frame (default: as many as fit)");
     command
         ->add_option_function<std::string>(
             "--size", [&options](const std::string& text) { options.size = parse_size(text); },
@@ -400,7 +405,8 @@ void add_view(CLI::App& app, Values& values, std::ostream& out, const ViewScene&
         ->default_str("1280x800");
     add_number(*command, "--seconds", options.seconds, min_timeout, max_timeout,
                "Close the window after this time");
-    command->add_option("--save", options.save, "File (.npz) to which the key w saves the state; SCENE.npz");
+    command->add_option("--save", options.save,
+                        "File (.npz) to which the key w saves the state (default: SCENE.npz)");
     add_devices(*command);
     add_volume_options(*command, options.volume);
     command->callback([&] { values.exit_code = view(values.scene, options, out); });

@@ -142,8 +142,8 @@ private:
         const bool edited = !scene_->edits.empty();
         if (edited || scene_->problem.has_tool())
             throw BadInput("command line", "--time-step", fmt::format("{:g}", time_step),
-                           fmt::format("no --time-step for {}, whose {} at given numbers of steps",
-                                       scene_->name, edited ? "edits come" : "tool moves"));
+                           fmt::format("no --time-step, since {} has {} at given numbers of steps",
+                                       scene_->name, edited ? "edits" : "moves of the tool"));
         const Problem& problem = scene_->problem;
         const double before = problem.time_step, damping = problem.damping;
         *scene_ = at_time_step(*scene_, time_step);

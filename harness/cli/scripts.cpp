@@ -32,8 +32,9 @@ std::filesystem::path find_scripts(const std::string& name) {
         }
     }
     throw BadInput("command line", "command", std::filesystem::path(name).stem().string(),
-                   "a " + name + " in results/ or share/voxspring/results/ beside or above " +
-                       first.string() + ", where the program is");
+                   "a folder results/ or share/voxspring/results/ that has " + name +
+                       ", in the program's folder " + first.string() +
+                       " or in one of the three folders above it");
 }
 
 /// Runs a line of code in `python`. Returns why that failed, the last line of its output; empty if it did not

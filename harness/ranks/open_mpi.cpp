@@ -19,9 +19,9 @@ namespace voxspring {
 namespace {
 
 [[noreturn]] void refuse_mpirun(const std::string& reason) {
-    throw BadInput(
-        "command line", "mpirun", reason,
-        "Open MPI (Debian: libopenmpi-dev where it is built, openmpi-bin where it runs), or no mpirun");
+    throw BadInput("command line", "mpirun", reason,
+                   "Open MPI (Debian's packages: libopenmpi-dev to build Voxspring, openmpi-bin to run it), "
+                   "or a start without mpirun");
 }
 
 #ifdef VOXSPRING_HAS_MPI

@@ -52,8 +52,8 @@ std::string header_of(const std::filesystem::path& image) {
     const std::string name = image.filename().string();
     const std::string plain = name.substr(0, lower_case(name).rfind(".img")) + ".hdr";
     const bool gzipped = lower_case(name).ends_with(".gz");
-    return fmt::format("{0}{1} beside it, or {0}{2} if that has no other image", plain, gzipped ? ".gz" : "",
-                       gzipped ? "" : ".gz");
+    return fmt::format("the header {0}{1} beside it, or {0}{2} if that is not the header of another image",
+                       plain, gzipped ? ".gz" : "", gzipped ? "" : ".gz");
 }
 
 /// Reads the pair to which `file` belongs. Messages about the header name the header's file.
