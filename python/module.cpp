@@ -350,7 +350,8 @@ struct CardArray {
     nb::object dlpack_array() const {
         const std::size_t shape[2] = {count, 3};
         const std::int64_t strides[2] = {4, 1};
-        // Without array_api nanobind gives a capsule, which has no __dlpack__ to ask for a version and a stream.
+        // Without array_api nanobind gives a capsule, which has no __dlpack__ to ask for a version and a
+        // stream.
         return nb::cast(nb::ndarray<nb::array_api, float, nb::device::cuda>(
             reinterpret_cast<void*>(address), 2, shape, keeps, strides, nb::dtype<float>(),
             nb::device::cuda::value, device));

@@ -551,7 +551,8 @@ TEST(ResidentRefusal, IsOfBodiesThatNoLayoutHolds) {
     EXPECT_NE(resident_refusal(several, 132, true).find("several materials"), std::string::npos);
 
     problem.springs.push_back({0, 2000, 1, 1});
-    EXPECT_EQ(resident_refusal(problem, 132, true), "addressing by the lattice has no springs beyond the lattice");
+    EXPECT_EQ(resident_refusal(problem, 132, true),
+              "addressing by the lattice has no springs beyond the lattice");
 }
 
 }  // namespace

@@ -49,7 +49,8 @@ glm::vec3 stored(Formulation formulation, const Problem& problem, const State& s
 
 /// Operations on vectors in one step of a particle, after its forces are summed.
 std::uint64_t motion_operations(Formulation formulation, bool gravity, bool damping) {
-    // paper_position() and next_position() take seven operations each, one for gravity and one for damping included.
+    // paper_position() and next_position() take seven operations each, one for gravity and one for damping
+    // included.
     if (!by_increments(formulation)) return 5U + (gravity ? 1 : 0) + (damping ? 1 : 0);
     const std::uint64_t change = 2U + (gravity ? 1 : 0) + (damping ? 2 : 0);
     // Two sums, or twice split_high() with split_low(), one of these without a low part to add.

@@ -10,7 +10,7 @@ namespace voxspring {
 /// Empty, or why a backend cannot run `problem` that finds a neighbour by its place in the grid.
 inline std::string implicit_refusal(const Problem& problem) {
     if (problem.lattice.voxel_count() == 0)
-        return "addressing by the lattice needs one, and the particles lie on none";
+        return "addressing by the lattice needs a lattice, and the particles lie on none";
     if (!problem.springs.empty()) return "addressing by the lattice has no springs beyond the lattice";
     return {};
 }

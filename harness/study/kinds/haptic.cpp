@@ -340,8 +340,9 @@ private:
     }
 
     /// The largest number of steps per tick for which a tick, with the tool's place sent and the force read,
-    /// takes no longer than the period. Ticks run back to back, with pictures if the motion had some. The median
-    /// brackets the number; the mean decides, over enough time that some pictures, if drawn, fall into it.
+    /// takes no longer than the period. Ticks run back to back, with pictures if the motion had some. The
+    /// median brackets the number; the mean decides, over enough time that some pictures, if drawn, fall into
+    /// it.
     int steps_that_fit(Backend& backend, double period) {
         constexpr int most = 1 << 16, least_ticks = 9;
         const double long_enough = drawing_ ? 0.1 : 0.03;
