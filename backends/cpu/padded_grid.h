@@ -10,8 +10,8 @@
 namespace voxspring::cpu_parallel {
 
 /// The lattice in memory. Each row is padded to whole blocks of block_size elements. Before the lattice and
-/// after it lies a guard, as long as the distance of the farthest neighbour. So a SIMD register can be loaded
-/// with the neighbours of any block.
+/// after it lies a guard, at least as long as the distance of the farthest neighbour. So a SIMD register can
+/// be loaded with the neighbours of any block.
 template <class T>
 struct PaddedGrid {
     glm::ivec3 dims;

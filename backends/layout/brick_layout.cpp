@@ -231,7 +231,7 @@ double seconds_of(const BrickPlan& plan, double conflicts, const MarchDevice& de
     const double instructions = 15.5 * mask.springs + 25.0 * mask.particles + 50;
     const int warps = units_of(shape.lanes() / warp, 4);
     const double issued = warps == 1 ? 0.62 : warps == 2 ? 0.83 : 0.89;
-    // To fetch and publish 32 points of the frame takes 40 issue slots. They are spread evenly over the four
+    // To fetch and publish 32 points of the frame takes 40 cycles of issue, spread evenly over the four
     // quarters of the multiprocessor.
     const double exchange = double(frame_of(shape)) / warp * 40 / 4;
     const double work = (warps * instructions / issued * (1 + 0.2 * conflicts) + exchange) / device.hertz;
