@@ -136,7 +136,7 @@ std::filesystem::path partner_of(const std::filesystem::path& file) {
         }
         return {};
     };
-    if (const auto alike = found(!is_header, gzipped); !alike.empty()) return alike;
+    if (auto alike = found(!is_header, gzipped); !alike.empty()) return alike;
     // The other file of the pair may be compressed differently, unless it belongs to a file compressed alike.
     return found(is_header, !gzipped).empty() ? found(!is_header, !gzipped) : std::filesystem::path{};
 }
