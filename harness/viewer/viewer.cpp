@@ -167,12 +167,18 @@ private:
 
     void put_displacements() {
         const std::vector<glm::dvec3>& displacement = simulation_->state().displacement;
-        painter_.put_displacements(bound_ ? bound_->at_vertices<glm::dvec3>(displacement) : displacement);
+        if (bound_)
+            painter_.put_displacements(bound_->at_vertices<glm::dvec3>(displacement));
+        else
+            painter_.put_displacements(displacement);
     }
 
     /// One value per particle.
     void put_values(const std::vector<double>& values) {
-        painter_.put_values(bound_ && !values.empty() ? bound_->at_vertices<double>(values) : values);
+        if (bound_ && !values.empty())
+            painter_.put_values(bound_->at_vertices<double>(values));
+        else
+            painter_.put_values(values);
     }
 
     void drop_feed() {
