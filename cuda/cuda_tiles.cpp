@@ -1,4 +1,5 @@
-// The active tiles of 2 x 2 x 2 voxels as a list, one thread per tile: explicit addressing of tiles.
+// The active tiles of 2 x 2 x 2 voxels as a list, one or several threads per tile: explicit addressing of
+// tiles.
 #include <algorithm>
 #include <limits>
 #include <memory>
@@ -15,13 +16,15 @@
 namespace voxspring::cuda {
 namespace {
 
-constexpr unsigned block_tiles = 128;
+constexpr unsigned block_threads = 128;
+/// Blocks per multiprocessor in float32 where each thread steps a whole tile.
+constexpr int whole_tile_blocks = 4;
 constexpr int first_with_dependent_launches = 90;
 
 /// An upper bound of the device memory.
 template <class Real>
 std::uint64_t needed_bytes(const Problem& problem, Formulation formulation) {
-    return tile_bytes<Real>(problem, block_tiles, by_increments(formulation) ? 3 : 2);
+    return tile_bytes<Real>(problem, block_threads, by_increments(formulation) ? 3 : 2);
 }
 
 template <class Real>
@@ -29,12 +32,15 @@ class TilesBackend final : public AxesBackend<Real> {
 public:
     explicit TilesBackend(const Options& options)
         : AxesBackend<Real>(options.formulation),
+          tuned_threads_(options.tuning.at("threads")),
           dependent_(this->device().architecture() >= first_with_dependent_launches) {}
 
     void upload(const Problem& problem, const State& state) override {
         this->template begin_upload<Real>();
         this->set_problem(problem);
-        lists_.emplace(problem, block_tiles);
+        tile_threads_ = tuned_threads_ != "auto" ? unsigned(std::stoi(tuned_threads_))
+                                                 : threads_for(active_tile_count(problem));
+        lists_.emplace(problem, block_threads / tile_threads_);
         this->upload_state(problem, state);
         rows_.upload(lists_->rows(), this->stream());
         masks_.upload(lists_->masks(), this->stream());
@@ -73,10 +79,12 @@ private:
 
     KernelSource source(const Problem& problem) const {
         KernelSource source{"tiles.cu", class_macros(problem, this->formulation(), precision)};
-        source.macros["THREADS"] = std::to_string(block_tiles);
-        // Registers: 128 per thread in float32, 255 in float64. With fewer the tile does not fit, with more
-        // too few loads are in flight.
-        source.macros["BLOCKS"] = precision == Precision::float32 ? "4" : "2";
+        source.macros["THREADS"] = std::to_string(block_threads);
+        source.macros["TILE_THREADS"] = std::to_string(tile_threads_);
+        // Registers in float32: 128 per thread with a whole tile, 96 with a half, and in float64 255. With
+        // fewer the particles do not fit, with more too few loads are in flight.
+        const int float32_blocks = tile_threads_ == 1 ? whole_tile_blocks : 5;
+        source.macros["BLOCKS"] = std::to_string(precision == Precision::float32 ? float32_blocks : 2);
         if (dependent_) source.macros["DEPENDENT_LAUNCH"] = "1";
         return source;
     }
@@ -86,7 +94,7 @@ private:
                 Blocks... listed) const {
         const Real* const at = this->positions(std::size_t(reading));
         const MarchOutput<Real> output{this->positions(std::size_t(1 - reading)), this->increment()};
-        const dim3 grid{unsigned(blocks)}, block{block_tiles};
+        const dim3 grid{unsigned(blocks)}, block{block_threads};
         if (dependent_) {
             kernel.launch_dependent(in, grid, block, 0, step_, at, output, reading == 1, listed...);
         } else {
@@ -102,6 +110,7 @@ private:
         std::vector<std::uint32_t> tiles;
         for (const std::uint32_t i : border)
             tiles.push_back(lists_->tile_of(lattice.coordinates(lattice.voxel[i])));
+        const unsigned block_tiles = block_threads / tile_threads_;
         parts_ = part_blocks(std::size_t(lists_->blocks()) * block_tiles, block_tiles, tiles);
         blocks_.upload(parts_.blocks, this->stream());
         KernelSource listed = source(this->problem());
@@ -126,6 +135,16 @@ private:
         return this->state_bytes_held() + rows_.bytes() + masks_.bytes() + staging_.bytes() + blocks_.bytes();
     }
 
+    /// How many threads step a tile. Two have a tenth more springs to evaluate than one, but fill the card
+    /// for a body of few tiles.
+    unsigned threads_for(std::size_t tiles) const {
+        const std::size_t lanes =
+            std::size_t(this->device().multiprocessors()) * whole_tile_blocks * block_threads;
+        return tiles <= lanes ? 2 : 1;
+    }
+
+    const std::string tuned_threads_;
+    unsigned tile_threads_ = 1;
     const bool dependent_;  ///< whether a step is launched while the one before still runs
     std::optional<TileLists> lists_;
     TileStep<Real> step_{};
@@ -143,11 +162,11 @@ const Registered entry({
     .name = "cuda_tiles",
     .api = "cuda",
     .summary =
-        "One thread per active tile of 2x2x2 voxels, in a list: springs within a tile once, neighbours "
-        "by rows of tiles; one material, face and edge springs.",
+        "One or two threads per active tile of 2x2x2 voxels, in a list: springs within a thread's share "
+        "once, neighbours by rows of tiles; one material, face and edge springs.",
     .precisions = {Precision::float32, Precision::float64},
     .formulations = {Formulation::increment, Formulation::position, Formulation::displacement},
-    .tuning = {},
+    .tuning = {{"threads", {"auto", "1", "2"}}},
     .make = [](const Options& options) -> std::unique_ptr<Backend> {
         if (options.precision == Precision::float32) return std::make_unique<TilesBackend<float>>(options);
         return std::make_unique<TilesBackend<double>>(options);

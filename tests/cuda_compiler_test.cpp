@@ -468,17 +468,18 @@ TEST(Compiler, CompilesBricks) {
 
 TEST(Compiler, CompilesTiles) {
     struct Variant {
-        const char *real, *formulation;
+        const char *real, *formulation, *threads;
         int blocks, architecture;
     };
-    for (const auto& [real, formulation, blocks, architecture] :
-         {Variant{"float", "position", 4, 75}, Variant{"float", "displacement", 4, 80},
-          Variant{"float", "increment", 4, 90}, Variant{"double", "position", 2, 120}}) {
+    for (const auto& [real, formulation, threads, blocks, architecture] :
+         {Variant{"float", "position", "1", 4, 75}, Variant{"float", "displacement", "1", 4, 80},
+          Variant{"float", "increment", "2", 5, 90}, Variant{"double", "position", "1", 2, 120}}) {
         SCOPED_TRACE(formulation);
         const KernelSource source = source_of(
             "tiles.cu",
             {{"REAL", real},
              {"THREADS", "128"},
+             {"TILE_THREADS", threads},
              {"BLOCKS", std::to_string(blocks)},
              {"EQUAL_EDGES", "true"},
              {"TERMS", std::string("KernelTerms<Formulation::") + formulation + ",262143u,6u,false>"}});

@@ -186,11 +186,14 @@ std::vector<EditedWord> TileLists::edit(const SpringEdit& edit) {
     return edited;
 }
 
+std::size_t active_tile_count(const Problem& problem) {
+    const std::vector<std::uint8_t> active = active_tiles(problem.lattice, begin_in_tile(problem));
+    return std::size_t(std::count(active.begin(), active.end(), std::uint8_t(1)));
+}
+
 template <class Real>
 std::uint64_t tile_bytes(const Problem& problem, std::uint32_t block_tiles, int arrays) {
-    const std::vector<std::uint8_t> active = active_tiles(problem.lattice, begin_in_tile(problem));
-    const std::uint64_t listed =
-        listed_tiles(std::size_t(std::count(active.begin(), active.end(), std::uint8_t(1))), block_tiles);
+    const std::uint64_t listed = listed_tiles(active_tile_count(problem), block_tiles);
     return listed * (sizeof(TileMask) + tile_rows * sizeof(TileRow) +
                      std::uint64_t(arrays) * tile_particles * sizeof(Vector<Real>));
 }

@@ -63,6 +63,9 @@ private:
     std::uint32_t blocks_ = 0;
 };
 
+/// How many tiles have a particle.
+std::size_t active_tile_count(const Problem& problem);
+
 /// An upper bound of the device memory of the lists and of `arrays` arrays of vectors, for blocks of
 /// `block_tiles` tiles. It counts tiles, which takes no lists.
 template <class Real>

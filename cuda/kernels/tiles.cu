@@ -1,5 +1,5 @@
-// One thread per active tile. Steps sweep the list forth and back in turn: a step begins with what the step
-// before has left in L2.
+// TILE_THREADS threads per active tile, in warps side by side. Steps sweep the list forth and back in turn: a
+// step begins with what the step before has left in L2.
 #include "cuda/kernels/entry.h"
 #include "cuda/kernels/tiles.h"
 
@@ -12,10 +12,12 @@ KERNEL step(const __grid_constant__ TileStep<Real> step, const Real* at,
 #else
     const unsigned block = backwards ? gridDim.x - 1 - blockIdx.x : blockIdx.x;
 #endif
-    const std::uint32_t tile = group_tiles + block * THREADS + threadIdx.x;
+    const unsigned warp = threadIdx.x / group_tiles;
+    const std::uint32_t tile = group_tiles + block * (THREADS / TILE_THREADS) +
+                               warp / TILE_THREADS * group_tiles + threadIdx.x % group_tiles;
     const TileRows rows(step.rows, tile);  // which no step or edit writes
     AWAIT_STEP_BEFORE();
-    step_tile<Terms, EQUAL_EDGES>(step, rows, at, output, tile);
+    step_tile<Terms, EQUAL_EDGES, TILE_THREADS>(step, rows, at, output, tile, warp % TILE_THREADS);
 }
 
 }  // namespace voxspring::cuda

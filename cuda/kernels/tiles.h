@@ -1,7 +1,7 @@
-// Active tiles of 2 x 2 x 2 voxels as a list: every thread steps one tile. It computes the springs between
-// its particles once, and reads each neighbour of the tile once. This is the body of the kernel, which needs
-// no shared memory: neighbouring tiles lie side by side in memory, or nearly so, and L1 holds what several
-// read.
+// Active tiles of 2 x 2 x 2 voxels as a list: every thread steps one tile, or a share of one. It computes the
+// springs between its particles once, and reads each neighbour once. This is the body of the kernel, which
+// needs no shared memory: neighbouring tiles lie side by side in memory, or nearly so, and L1 holds what
+// several read.
 #pragma once
 
 #include "backends/layout/records/tiles.h"
@@ -42,8 +42,10 @@ struct TileRows {
     }
 };
 
-/// The particles of a thread's tile during a step. `at`: x or u at t.
-template <class Terms, bool equal_edges, class Real>
+/// A thread's particles during a step: the share of thread number `thread` of the `threads` threads of a
+/// tile. Springs are visited in the order of the whole tile, so that bits do not depend on the number of
+/// threads. `at`: x or u at t.
+template <class Terms, bool equal_edges, int threads, int thread, class Real>
 class SteppedTile {
 public:
     VOXSPRING_HOST_DEVICE SteppedTile(const TileStep<Real>& step, const TileRows& rows, const Real* at,
@@ -53,6 +55,7 @@ public:
         for (int n = 0; n < tile_particles; ++n) {
             const std::size_t element = tile_element(tile, n);
             own_[n] = load_axes(at + element, tile_axis);
+            if (!steps(n)) continue;
             before_[n] = load_tile_axes_once((Terms::increments ? output.increment : output.next) + element);
             force_[n] = {0, 0, 0};
         }
@@ -61,11 +64,11 @@ public:
     VOXSPRING_HOST_DEVICE void both(int bit, int n, int m) {
         const int dx = tile_x(m) - tile_x(n), dy = tile_y(m) - tile_y(n), dz = tile_z(m) - tile_z(n);
         const int c = spring_class(dx, dy, dz);
-        if (!has_class<Terms>(c)) return;
+        if (!has_class<Terms>(c) || !(steps(n) || steps(m))) return;
         const Pull<Real> spring =
             class_pull<Terms, equal_edges>(step_, step_.spacing, own_[n] - own_[m], c, dx, dy, dz);
-        add_predicated(spring.offset, spring.density, mask_.bit(bit), force_[n]);
-        add_predicated(spring.offset, -spring.density, mask_.bit(bit), force_[m]);
+        if (steps(n)) add_predicated(spring.offset, spring.density, mask_.bit(bit), force_[n]);
+        if (steps(m)) add_predicated(spring.offset, -spring.density, mask_.bit(bit), force_[m]);
     }
     VOXSPRING_HOST_DEVICE void point(int i, int j, int k) {
         const auto beyond = [](int c) { return c < 0 ? -1 : c > 1 ? 1 : 0; };
@@ -75,7 +78,7 @@ public:
     }
     VOXSPRING_HOST_DEVICE void half(int bit, int n, int i, int j, int k) {
         const int dx = i - tile_x(n), dy = j - tile_y(n), dz = k - tile_z(n), c = spring_class(dx, dy, dz);
-        if (!has_class<Terms>(c)) return;
+        if (!has_class<Terms>(c) || !steps(n)) return;
         const Pull<Real> spring =
             class_pull<Terms, equal_edges>(step_, step_.spacing, own_[n] - other_, c, dx, dy, dz);
         add_predicated(spring.offset, spring.density, mask_.bit(bit), force_[n]);
@@ -85,6 +88,7 @@ public:
     VOXSPRING_HOST_DEVICE void integrate() const {
         UNROLLED
         for (int n = 0; n < tile_particles; ++n) {
+            if (!steps(n)) continue;
             const std::size_t element = tile_element(tile_, n);
             const bool moves = mask_.bit(TileMask::moves(n)) != 0;
             const Vector<Real> before = before_[n];
@@ -104,6 +108,11 @@ public:
     }
 
 private:
+    /// Whether the thread steps particle `n`. It reads the others of the tile.
+    static VOXSPRING_HOST_DEVICE constexpr bool steps(int n) {
+        return n / (tile_particles / threads) == thread;
+    }
+
     const TileStep<Real>& step_;
     const TileRows& rows_;
     const Real* const at_;
@@ -113,11 +122,17 @@ private:
     Vector<Real> own_[tile_particles], before_[tile_particles], force_[tile_particles], other_{};
 };
 
-/// Steps tile number `tile` of the list.
-template <class Terms, bool equal_edges, class Real>
+/// Takes the step of thread number `thread` of the `threads` threads of a tile, number `tile` of the list.
+/// Each has its own code, in which what it does not step is left out; all lanes of a warp have the same
+/// number.
+template <class Terms, bool equal_edges, int threads, int coded = 0, class Real>
 VOXSPRING_HOST_DEVICE void step_tile(const TileStep<Real>& step, const TileRows& rows, const Real* at,
-                                     const MarchOutput<Real>& output, std::uint32_t tile) {
-    SteppedTile<Terms, equal_edges, Real> stepped(step, rows, at, output, tile);
+                                     const MarchOutput<Real>& output, std::uint32_t tile, unsigned thread) {
+    if constexpr (coded + 1 < threads) {
+        if (thread != coded)
+            return step_tile<Terms, equal_edges, threads, coded + 1>(step, rows, at, output, tile, thread);
+    }
+    SteppedTile<Terms, equal_edges, threads, coded, Real> stepped(step, rows, at, output, tile);
     visit_tile_springs(stepped);
     stepped.integrate();
 }

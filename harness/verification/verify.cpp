@@ -18,6 +18,17 @@ double largest_component(const glm::dvec3& v) {
     return std::max({std::abs(v.x), std::abs(v.y), std::abs(v.z)});
 }
 
+/// The largest coordinate, displacement and increment of any particle.
+struct Largest {
+    double position = 0, displacement = 0, increment = 0;
+    Largest& operator+=(const Largest& other) {
+        position = std::max(position, other.position);
+        displacement = std::max(displacement, other.displacement);
+        increment = std::max(increment, other.increment);
+        return *this;
+    }
+};
+
 constexpr std::size_t no_index = std::numeric_limits<std::size_t>::max();
 
 /// Differences of particles from the reference, the first particle with the largest one, and the first that
@@ -71,16 +82,15 @@ double forced_acceleration(const Problem& problem) {
 
 double rounding_tolerance(const Problem& problem, const State& reference, Precision precision, int steps,
                           Formulation formulation, double root_error) {
-    double extent = 0, moved = 0, increment = 0;
-    for (std::size_t i = 0; i < problem.particle_count(); ++i) {
-        extent = std::max(extent, largest_component(problem.rest_position[i] + reference.displacement[i]));
-        moved = std::max(moved, glm::length(reference.displacement[i]));
-        increment = std::max(increment, glm::length(reference.increment[i]));
-    }
+    const auto largest = sum_of<Largest>(problem.particle_count(), [&](Largest& part, std::size_t i) {
+        part += {largest_component(problem.rest_position[i] + reference.displacement[i]),
+                 glm::length(reference.displacement[i]), glm::length(reference.increment[i])};
+    });
+    const double extent = largest.position;
     const SpringLengths springs = spring_lengths(problem);
     const double rest_length = springs.longest;
     const double n = steps + 2;
-    moved += n * increment;
+    const double moved = largest.displacement + n * largest.increment;
     const double apart = std::min(2 * moved + springs.strain, 2 * rest_length);
     const double on_positions = extent + 16 * rest_length;
 
