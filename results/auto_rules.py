@@ -3,8 +3,8 @@
 
 Usage: auto_rules.py [--check]
 
-For each API, for bodies that fill less than half of their lattice and for others, and for ranges of particle counts around the
-bodies of `fastest` and `figure8`: its backends in the order of their times there, each with the tuning that was fastest. The
+For each API, for formulations by increments and for others, for bodies that fill less than half of their lattice and for others,
+and for ranges of particle counts around the bodies of `fastest` and `figure8`: its backends in the order of their times there, each with the tuning that was fastest. The
 first one that a device has and that takes the scene is chosen; of a scene that is edited the first one whose edits do not cost it
 its place: `edited` says how many steps there have to be between two of them. --check writes nothing and exits with 1 if the file is
 not what the results say.
@@ -24,6 +24,8 @@ FILE = pathlib.Path(__file__).resolve().parent.parent / "harness/choice/auto_rul
 LAST = {"CPU": ["cpu_explicit", "cpu_reference"]}
 # Ranges of the share of its lattice that a body fills.
 OCCUPANCIES = ((0, 0.5), (0.5, None))
+# Whether a spring is evaluated by increments, which takes about twice as many instructions (by_increments() in C++).
+BY_INCREMENTS = {"increment": True, "compensated": True}
 # Other bodies lack springs of their lattice; some of the fastest backends refuse these.
 DATASETS = ("box", "heart")
 
@@ -47,7 +49,7 @@ def families():
     return sorted(least, key=least.get)
 
 
-def bodies(family, machines, occupancy):
+def bodies(family, machines, increments, occupancy):
     """(particles, order of the contenders) of each body, ascending."""
     import pandas  # pylint: disable=import-outside-toplevel  # tests of other scripts import this one beside another NumPy
     low, high = occupancy
@@ -58,7 +60,7 @@ def bodies(family, machines, occupancy):
         {"particles": row["particles"], "machine": machine, "vote": f"{machine} {study} {row['formulation']}", "contender": contender(row),
          "backend": row["backend"], "time": row["real_time"]}
         for machine, study in files for row in rows.medians(study, machine)
-        if row["limits_of"] == family and row["scene"].split("@")[0] in DATASETS and row["precision"] == "float32"
+        if row["limits_of"] == family and BY_INCREMENTS.get(row["formulation"], False) == increments and row["scene"].split("@")[0] in DATASETS and row["precision"] == "float32"
         and low <= row["particles"] / row["voxels"] < (high or math.inf)])
     return [(particles, order_of(body)) for particles, body in times.groupby("particles")] if len(times) else []
 
@@ -85,8 +87,8 @@ def order_of(body):
 def rules():
     listed = []
     for name, machines in families():
-        for occupancy in OCCUPANCIES:
-            measured = bodies(name, machines, occupancy)
+        for increments, occupancy in itertools.product((False, True), OCCUPANCIES):
+            measured = bodies(name, machines, increments, occupancy)
             # Backends that were not measured on this body (it is too large or they are too slow) come last, in their order on
             # the nearest other body.
             orders = [list(order) for _, order in measured]
@@ -96,11 +98,11 @@ def rules():
                 order += LAST.get(name, [])
             bounds = [math.sqrt(one[0] * other[0]) for one, other in zip(measured, measured[1:])]
             for low, high, order in zip([0] + bounds, bounds + [None], orders):
-                if listed and listed[-1]["of"] == name and listed[-1]["order"] == order and listed[-1]["occupancy"] == list(occupancy):
+                kind = {"of": name, "increments": increments, "occupancy": list(occupancy)}
+                if listed and listed[-1]["order"] == order and listed[-1].items() >= kind.items():
                     listed[-1]["particles"][1] = high and round(high)
                 else:
-                    listed.append({"of": name, "occupancy": list(occupancy), "particles": [round(low), high and round(high)],
-                                   "order": order})
+                    listed.append(kind | {"particles": [round(low), high and round(high)], "order": order})
     return listed
 
 

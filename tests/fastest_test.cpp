@@ -210,7 +210,9 @@ TEST(Auto, SomeRuleHoldsForEveryWorkload) {
     };
     for (const std::uint64_t particles : {1ull, 30000ull, 1000000ull, 1ull << 31})
         for (const std::uint64_t voxels : {particles, 5 * particles, std::uint64_t(0)})
-            EXPECT_TRUE(of_processor({voxels, particles})) << particles << " of " << voxels;
+            for (const bool increments : {false, true})
+                EXPECT_TRUE(of_processor({voxels, particles, INFINITY, false, increments}))
+                    << particles << " of " << voxels;
 }
 
 TEST(Auto, DescribesWorkloads) {
@@ -244,12 +246,17 @@ TEST(Auto, AsksWhetherSpringsAreEdited) {
     EXPECT_EQ(choice_of(rows).at("name"), "a/cuda_march/position/float32");
     for (auto& row : rows) row["edits"] = 10;
     EXPECT_EQ(choice_of(rows).at("name"), "a/cpu_parallel/position/float32");
-    EXPECT_EQ(workload_of(load_scene("box@4")).steps_between_edits, INFINITY);
-    EXPECT_NEAR(workload_of(load_scene("scalpel_10")).steps_between_edits, 100, 10);
+    const auto between = [](const char* name) {
+        return workload_of(load_scene(name), Formulation::increment).steps_between_edits;
+    };
+    EXPECT_EQ(between("box@4"), INFINITY);
+    EXPECT_NEAR(between("scalpel_10"), 100, 10);
     // A choice that pays with rare edits does not with many.
     for (const Rule& rule : rules()) {
         if (rule.backend != "cuda_resident" || rule.min_particles > 0 || rule.min_occupancy > 0) continue;
-        const auto taken = [&](double between) { return holds(rule, {140760, 29449, between}); };
+        const auto taken = [&](double steps) {
+            return holds(rule, {140760, 29449, steps, false, rule.increments});
+        };
         EXPECT_TRUE(taken(INFINITY));
         EXPECT_TRUE(taken(rule.min_steps_between_edits));
         EXPECT_GT(rule.min_steps_between_edits, 0);
@@ -259,11 +266,23 @@ TEST(Auto, AsksWhetherSpringsAreEdited) {
 
 // A backend that takes thousands of steps per launch can take only few per launch while a tool moves.
 TEST(Auto, AsksWhetherAToolMoves) {
-    const Workload plain = workload_of(load_scene("heart")), held = workload_of(load_scene("grasp"));
+    const Workload plain = workload_of(load_scene("heart"), Formulation::increment),
+                   held = workload_of(load_scene("grasp"), Formulation::increment);
     EXPECT_EQ(held.particles, plain.particles);
     EXPECT_FALSE(plain.held);
     EXPECT_TRUE(held.held);
     for (const Rule& rule : rules()) EXPECT_EQ(holds(rule, held), holds(rule, plain) && rule.tool);
+}
+
+// A spring by increments takes more instructions, so another strategy may be the fastest.
+TEST(Auto, AsksForTheFormulation) {
+    Workload workload{140760, 29449};
+    for (const bool increments : {false, true}) {
+        workload.increments = increments;
+        for (const Rule& rule : rules()) EXPECT_LE(holds(rule, workload), rule.increments == increments);
+    }
+    EXPECT_TRUE(workload_of(load_scene("box@4"), Formulation::compensated).increments);
+    EXPECT_FALSE(workload_of(load_scene("box@4"), Formulation::position).increments);
 }
 
 TEST(Auto, PassesOverWhatTheSceneIsRefusedByAndSoftware) {

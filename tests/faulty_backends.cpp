@@ -97,6 +97,9 @@ const Registered backends[] = {
     backend("slow", nothing, take_time),
     backend("part_crashes", nothing, crash, Where::not_in_the_lowest_slab),
     backend("part_hangs", nothing, hang, Where::not_in_the_lowest_slab),
+    registered_for_test("has_threads_per_tile",
+                        [] { return std::make_unique<Faulty>(nothing, Where::everywhere); },
+                        Formulation::increment, {{"threads", {"auto", "1"}}}),
 };
 
 }  // namespace

@@ -51,6 +51,12 @@ class Scaling(FaultyStudies):
             self.assertEqual([row["same_bits"] for row in of_scene], [None] + 8 * [True])
         self.assertEqual(ran.stdout.count("written:"), 1, "rank 0 alone prints")
 
+    def test_threads_of_a_card_are_none_of_the_processor(self):
+        self.study(backends=["has_threads_per_tile"], ranks=[1, 2], scenes=[{"scene": "box@5"}])
+        self.run_study(2)
+        self.assertEqual(self.result()["failed"], [])
+        self.assertEqual({row["tuning"] for row in self.result()["scaling"]}, {"threads=auto"})
+
     def test_all_may_send_to_all_before_any_receives(self):
         """Simulates what ranks send about a task, for any number of repetitions."""
         ran = subprocess.run([*MPIRUN, "-n", "3", MESSAGES], capture_output=True, text=True, timeout=PATIENCE)

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <functional>
+#include <map>
 #include <memory>
 #include <string>
 #include <utility>
@@ -50,13 +51,14 @@ protected:
 
 /// Registers a backend of a test, in float64.
 inline Registered registered_for_test(const std::string& name, std::function<std::unique_ptr<Backend>()> make,
-                                      Formulation formulation = Formulation::increment) {
+                                      Formulation formulation = Formulation::increment,
+                                      std::map<std::string, TuningValues> tuning = {}) {
     return Registered({.name = name,
                        .api = name.substr(0, name.find('_')),
                        .summary = "A backend for this test.",
                        .precisions = {Precision::float64},
                        .formulations = {formulation},
-                       .tuning = {},
+                       .tuning = std::move(tuning),
                        .make = [make = std::move(make)](const Options&) { return make(); },
                        .bytes = [](const Problem&, const Options&) { return std::uint64_t(0); }});
 }

@@ -91,7 +91,7 @@ const std::vector<Rule>& rules() {
                                bound(particles[0]), bound(particles[1]), bound(occupancy[0]),
                                bound(occupancy[1]),
                                never_edited.contains(backend) ? any_number : edited.value(backend, 0.0),
-                               !never_held.contains(backend), reason_for(backend)});
+                               block.at("increments"), !never_held.contains(backend), reason_for(backend)});
             }
         }
         return all;
@@ -99,11 +99,11 @@ const std::vector<Rule>& rules() {
     return list;
 }
 
-Workload workload_of(const Scene& scene) {
+Workload workload_of(const Scene& scene, Formulation formulation) {
     double between = any_number;
     if (!scene.edits.empty()) between = double(scene.edits.back().step + 1) / double(scene.edits.size());
     return {scene.problem.lattice.voxel_count(), scene.problem.particle_count(), between,
-            scene.problem.has_tool()};
+            scene.problem.has_tool(), by_increments(formulation)};
 }
 
 bool holds(const Rule& rule, const Workload& workload) {
@@ -112,7 +112,8 @@ bool holds(const Rule& rule, const Workload& workload) {
     const double occupancy = workload.voxels == 0 ? 0 : workload.occupancy();
     return particles >= rule.min_particles && particles < rule.max_particles &&
            occupancy >= rule.min_occupancy && occupancy < rule.max_occupancy &&
-           workload.steps_between_edits >= rule.min_steps_between_edits && (rule.tool || !workload.held);
+           workload.steps_between_edits >= rule.min_steps_between_edits && (rule.tool || !workload.held) &&
+           workload.increments == rule.increments;
 }
 
 std::string describe(const Workload& workload) {
@@ -126,11 +127,11 @@ std::string describe(const Workload& workload) {
 
 bool asks_for_auto(const std::string& text) { return text == "auto" || text.starts_with("auto:"); }
 
-void check_auto(const std::string& text) {
+Formulation check_auto(const std::string& text) {
     check_options(text);
     // cpu_parallel has every formulation and precision, so it accepts all valid options.
     const std::string options = options_of(text);
-    if (!options.empty()) (void)BackendSpec::parse("cpu_parallel:" + options);
+    return BackendSpec::parse("cpu_parallel" + (options.empty() ? "" : ":" + options)).options.formulation;
 }
 
 std::string passed_over_text(const BackendSpec& spec, const std::string& why) {
@@ -141,8 +142,7 @@ bool may_be_chosen(const Capabilities& capabilities) { return !capabilities.is_s
 
 Chosen choose_by_rules(const std::string& text, const Scene& scene,
                        const std::function<bool(const BackendSpec&)>& takes) {
-    check_auto(text);
-    const Workload workload = workload_of(scene);
+    const Workload workload = workload_of(scene, check_auto(text));
     const std::string options = options_of(text);
     for (const Rule& rule : rules()) {
         if (!holds(rule, workload) || registry().count(rule.backend) == 0) continue;
@@ -179,7 +179,11 @@ nlohmann::json choose_among(const Result& result, const std::vector<Row>& rows) 
     const Row& first = rows.front();
     const Identity& of = first.identity;
     const double between = first.edits ? double(first.workpiece->steps) / first.edits->edits : any_number;
-    const Workload workload{first.reference.value().voxels, first.workpiece.value().particles, between};
+    const bool increments =
+        std::any_of(every_formulation.begin(), every_formulation.end(),
+                    [&](Formulation f) { return to_string(f) == of.formulation && by_increments(f); });
+    const Workload workload{first.reference.value().voxels, first.workpiece.value().particles, between, false,
+                            increments};
     // A backend without any row of this kind does not have the formulation or the precision.
     std::set<std::string> known, refused;
     for (const char* list : {"benchmarks", "skipped", "failed"}) {

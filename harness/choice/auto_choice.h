@@ -23,10 +23,11 @@ struct Workload {
     std::uint64_t voxels = 0, particles = 0;
     /// Steps between two edits that cut or join springs; infinite if the scene has no edits.
     double steps_between_edits = std::numeric_limits<double>::infinity();
-    bool held = false;  ///< whether a tool holds particles, and moves between steps
+    bool held = false;       ///< whether a tool holds particles, and moves between steps
+    bool increments = true;  ///< by_increments() of the formulation
     double occupancy() const { return double(particles) / double(voxels); }
 };
-Workload workload_of(const Scene& scene);
+Workload workload_of(const Scene& scene, Formulation formulation);
 
 /// A rule: a backend, and the workloads for which it was the fastest one measured. Bounds are inclusive below
 /// and exclusive above.
@@ -36,6 +37,7 @@ struct Rule {
     double min_particles, max_particles;
     double min_occupancy, max_occupancy;
     double min_steps_between_edits;  ///< infinite: only without edits
+    bool increments;                 ///< for which formulations
     bool tool;                       ///< whether the rule also holds if a tool moves
     std::string reason;              ///< as text for users
 };
@@ -73,7 +75,7 @@ std::string passed_over_text(const BackendSpec& spec, const std::string& why);
 /// Whether the rules may choose a backend: not if it is a graphics API in software.
 bool may_be_chosen(const Capabilities& capabilities);
 /// Checks the options that follow "auto". Throws BadSpecification.
-void check_auto(const std::string& text);
+Formulation check_auto(const std::string& text);
 
 /// The choice on the devices of a measured result. `rows` are the medians of one scene, formulation and
 /// precision. The result has the `name` of the chosen row, the `reason`, and its time as a multiple of the

@@ -36,6 +36,13 @@ namespace {
 
 // --- In the process of a case ---------------------------------------------------------------------------
 
+/// Whether the backend has any number of threads on the processor. On a card `threads` means something else,
+/// and has a list of values.
+bool has_host_threads(const BackendSpec& spec) {
+    const auto found = spec.entry->tuning.find("threads");
+    return found != spec.entry->tuning.end() && found->second.empty();
+}
+
 /// Runs all ranks as threads of the case's process.
 class ScalingRunner final : public CaseRunner {
 public:
@@ -380,10 +387,9 @@ ScalingRow RankedCase::row_from(const std::vector<RankReport>& reports, const st
     take_sizes(reports, row);
     take_times(reports, bench_.item().steps, row);
     take_cards(reports, way == "mpi", row);
-    const auto threads = spec_.options.tuning.find("threads");
-    const bool are_known = threads != spec_.options.tuning.end();
     // With MPI each rank has one more busy process, which carries the worker's messages.
-    const int busy = (are_known ? std::stoi(threads->second) : 1) + (way == "mpi" ? 1 : 0);
+    const int stepping = has_host_threads(spec_) ? std::stoi(spec_.options.tuning.at("threads")) : 1;
+    const int busy = stepping + (way == "mpi" ? 1 : 0);
     const int here = way == "mpi" ? std::min(row.ranks, bench_.options().mpi->ranks_here()) : row.ranks;
     const int most = ranks_of_a_device(reports);
     if (most > 1)
@@ -534,9 +540,8 @@ void ScalingStudy::run_backend(StudyBench& bench, const BackendSpec& spec, int t
     BackendSpec of_rank = spec;
     // Every rank has the same number of threads, however many ranks there are, so that one rank is a fair
     // baseline for several.
-    const auto tuning = of_rank.options.tuning.find("threads");
-    if (tuning != of_rank.options.tuning.end() && tuning->second == "auto")
-        tuning->second = std::to_string(threads);
+    if (has_host_threads(spec) && spec.options.tuning.at("threads") == "auto")
+        of_rank.options.tuning["threads"] = std::to_string(threads);
     Capabilities capabilities;
     const RankPlan any{.devices = bench.options().devices};
     if (const auto entered = bench.enter(of_rank, {.runner = "", .device = any.first_device()}); !entered) {
