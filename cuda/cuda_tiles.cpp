@@ -135,7 +135,7 @@ private:
         return this->state_bytes_held() + rows_.bytes() + masks_.bytes() + staging_.bytes() + blocks_.bytes();
     }
 
-    /// How many threads step a tile. Two have a tenth more springs to evaluate than one, but fill the card
+    /// How many threads a tile has. Two have a tenth more springs to evaluate than one, but fill the card
     /// for a body of few tiles.
     unsigned threads_for(std::size_t tiles) const {
         const std::size_t lanes =

@@ -64,7 +64,7 @@ class AutoRules(unittest.TestCase):
                 ([row("box@4", 100, "cuda_a", 2), row("box@4", 100, "cuda_b", 3), row("box@4", 100, "cuda_b", 1, "fetch=l1"),
                   row("box@9", 10000, "cuda_a", 5)],
                  [(full, [0, 1000], ["cuda_b:fetch=l1", "cuda_a"]), (full, [1000, None], ["cuda_a", "cuda_b:fetch=l1"])]),
-                # Of formulations that are alike the worst counts, and equal neighbours are one. By increments another one is first.
+                # The worst of formulations that are alike counts, and equal neighbours are one. By increments another one is first.
                 ([row("box@4", 100, "cuda_a", 1), row("box@4", 100, "cuda_b", 1.2), row("box@4", 100, "cuda_a", 3, formulation="paper"),
                   row("box@4", 100, "cuda_b", 2, formulation="paper"), row("box@9", 900, "cuda_b", 1), row("box@9", 900, "cuda_a", 2),
                   row("box@4", 100, "cuda_a", 3, formulation="increment"), row("box@4", 100, "cuda_b", 4, formulation="increment")],

@@ -8,6 +8,7 @@ columns.
 """
 
 import hashlib
+import itertools
 import json
 import math
 
@@ -98,6 +99,21 @@ def columns(keys, named=None):
     return [(key, *known.get(key, (key, None))) for word in keys.split(" ") for key in ABOUT["sets"].get(word, word).split(" ")]
 
 
+def near_each_other(ends, x, shown):
+    """The last rows of lines in groups: a label to the right of one would reach into the next one's, so that they share places.
+    `shown`: all values along x."""
+    reach = 0.25  # of the width of a chart; a label takes up to a third, but two seldom meet beyond this
+    forth = math.log if scale(shown)["type"] == "log" else float
+    ends = sorted(ends, key=lambda row: row[x])
+    near = reach * (forth(max(shown)) - forth(min(shown)))
+    found = [[ends[0]]]
+    for before, row in itertools.pairwise(ends):
+        if forth(row[x]) - forth(before[x]) > near:
+            found.append([])
+        found[-1].append(row)
+    return found
+
+
 def with_end_labels(rows, line, x, y, height):
     """Adds a label (`end_label`) and its place (`label_at`) to the last row of each line, such that labels do not overlap in a chart of
     this height, and to all rows what is along its axes (`ends`)."""
@@ -108,7 +124,7 @@ def with_end_labels(rows, line, x, y, height):
     gap = (LABEL_SIZE + 1) * ((high - low) / height or 1)
     ends = [max(group, key=lambda row: row[x]) for group in groups(rows, line).values()]
     at = {}
-    for beside in groups(ends, x).values():
+    for beside in near_each_other(ends, x, [row[x] for row in rows]):
         beside = sorted(beside, key=lambda row: row[y])
         # Places for labels: ascending, at least `gap` apart, as near to the ends of the lines as possible.
         steps = gap * numpy.arange(len(beside))

@@ -308,9 +308,23 @@ def is_concatenated(one):
     return "layout=concatenated" in name_of(one)
 
 
+def as_paper_machine():
+    """The machine whose study as_paper is judged: the page's own, otherwise another card; None before one has measured it."""
+    found = [folder.name for folder in sorted(RESULTS.iterdir()) if result_files.named(folder, "as_paper").exists()]
+    return GPU if GPU in found else next(iter(found), None)
+
+
+def as_paper_card():
+    """The card of these rows and the commit, where they are not of the page's own card."""
+    if as_paper_machine() in (None, GPU):
+        return ""
+    context = result("as_paper", as_paper_machine())["context"]["voxspring"]
+    return f", {context['gpu']}, commit {context['commit'][:8]}"
+
+
 def as_paper():
-    """The rows of the study as_paper. None before a card has measured it."""
-    return medians("as_paper") if result_files.named(RESULTS / GPU, "as_paper").exists() else []
+    """The rows of the study as_paper."""
+    return medians("as_paper", as_paper_machine()) if as_paper_machine() else []
 
 
 def of_as_paper(say):
