@@ -135,8 +135,8 @@ private:
         return this->state_bytes_held() + rows_.bytes() + masks_.bytes() + staging_.bytes() + blocks_.bytes();
     }
 
-    /// How many threads a tile has. Two have a tenth more springs to evaluate than one, but fill the card
-    /// for a body of few tiles.
+    /// Threads per tile. Two have a tenth more springs to evaluate than one, but fill the card for a body of
+    /// few tiles.
     unsigned threads_for(std::size_t tiles) const {
         const std::size_t lanes =
             std::size_t(this->device().multiprocessors()) * whole_tile_blocks * block_threads;
