@@ -1,5 +1,4 @@
-// The active tiles of 2 x 2 x 2 voxels as a list, one or several threads per tile: explicit addressing of
-// tiles.
+// The active tiles of 2 x 2 x 2 voxels as a list, one or two threads per tile: explicit addressing of tiles.
 #include <algorithm>
 #include <limits>
 #include <memory>
@@ -38,8 +37,9 @@ public:
     void upload(const Problem& problem, const State& state) override {
         this->template begin_upload<Real>();
         this->set_problem(problem);
-        tile_threads_ = tuned_threads_ != "auto" ? unsigned(std::stoi(tuned_threads_))
-                                                 : threads_for(active_tile_count(problem));
+        tile_threads_ = tuned_threads_ == "auto"
+                            ? threads_per_tile(active_tile_count(problem), resident_tiles())
+                            : unsigned(std::stoi(tuned_threads_));
         lists_.emplace(problem, block_threads / tile_threads_);
         this->upload_state(problem, state);
         rows_.upload(lists_->rows(), this->stream());
@@ -135,12 +135,9 @@ private:
         return this->state_bytes_held() + rows_.bytes() + masks_.bytes() + staging_.bytes() + blocks_.bytes();
     }
 
-    /// Threads per tile. Two have a tenth more springs to evaluate than one, but fill the card for a body of
-    /// few tiles.
-    unsigned threads_for(std::size_t tiles) const {
-        const std::size_t lanes =
-            std::size_t(this->device().multiprocessors()) * whole_tile_blocks * block_threads;
-        return tiles <= lanes ? 2 : 1;
+    /// Tiles that the card steps at once, one per thread.
+    std::size_t resident_tiles() const {
+        return std::size_t(this->device().multiprocessors()) * whole_tile_blocks * block_threads;
     }
 
     const std::string tuned_threads_;

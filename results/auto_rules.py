@@ -4,10 +4,10 @@
 Usage: auto_rules.py [--check]
 
 For each API, for formulations by increments and for others, for bodies that fill less than half of their lattice and for others,
-and for ranges of particle counts around the bodies of `fastest` and `figure8`: its backends in the order of their times there, each with the tuning that was fastest. The
-first one that a device has and that takes the scene is chosen; of a scene that is edited the first one whose edits do not cost it
-its place: `edited` says how many steps there have to be between two of them. --check writes nothing and exits with 1 if the file is
-not what the results say.
+and for ranges of particle counts around the bodies of `fastest` and `figure8`: its backends in the order of their times there, each
+with the tuning that was fastest. The first one that a device has and that takes the scene is chosen; of a scene that is edited the
+first one whose edits do not cost it its place: `edited` says how many steps there have to be between two of them. --check writes
+nothing and exits with 1 if the file is not what the results say.
 """
 
 import itertools
@@ -24,8 +24,8 @@ FILE = pathlib.Path(__file__).resolve().parent.parent / "harness/choice/auto_rul
 LAST = {"CPU": ["cpu_explicit", "cpu_reference"]}
 # Ranges of the share of its lattice that a body fills.
 OCCUPANCIES = ((0, 0.5), (0.5, None))
-# Whether a spring is evaluated by increments, which takes about twice as many instructions (by_increments() in C++).
-BY_INCREMENTS = {"increment": True, "compensated": True}
+# By these a spring takes about twice as many instructions (by_increments() in C++).
+BY_INCREMENTS = ("increment", "compensated")
 # Other bodies lack springs of their lattice; some of the fastest backends refuse these.
 DATASETS = ("box", "heart")
 
@@ -60,7 +60,8 @@ def bodies(family, machines, increments, occupancy):
         {"particles": row["particles"], "machine": machine, "vote": f"{machine} {study} {row['formulation']}", "contender": contender(row),
          "backend": row["backend"], "time": row["real_time"]}
         for machine, study in files for row in rows.medians(study, machine)
-        if row["limits_of"] == family and BY_INCREMENTS.get(row["formulation"], False) == increments and row["scene"].split("@")[0] in DATASETS and row["precision"] == "float32"
+        if row["limits_of"] == family and row["scene"].split("@")[0] in DATASETS and row["precision"] == "float32"
+        and (row["formulation"] in BY_INCREMENTS) == increments
         and low <= row["particles"] / row["voxels"] < (high or math.inf)])
     return [(particles, order_of(body)) for particles, body in times.groupby("particles")] if len(times) else []
 

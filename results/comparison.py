@@ -50,7 +50,7 @@ PLACES = {"benchmarks": (), "pareto": ("fraction_of_stable",), "stability": ("da
           "stress": ("part", "measurement", "steps", "detail"), "energy": (),
           "overhead": ("handed_over",), "scaling": ("ranks", "cut", "way"), "haptic": ("hertz", "edited", "drawn"),
           "truth": ("particles_at", "strain", "across")}
-# The values of such keys in files that lack them.
+# What a key of PLACES is in files that lack it.
 UNSAID = {"drawn": False}
 # The times of a row, by list; elsewhere it is `seconds`, the time to an end time. Each after the first is a row in the result.
 TIMES = {"benchmarks": ("real_time", "ready_seconds", "warm_ready_seconds", "edit_seconds_median"),

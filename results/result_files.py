@@ -245,8 +245,8 @@ LIMITS_OF_TIME = ("launch_seconds", "grid_barrier_seconds", "exchange_seconds")
 
 
 def best_limits(results):
-    """{device as results call it: its limits}, each limit the best of several results of one machine. What the host's processors take part
-    in, a launch of OpenGL for example, differs from process to process."""
+    """{device as results call it: its limits}, each limit the best of several results of one machine. A limit in which the host's
+    processors take part, such as a launch of OpenGL, differs from process to process."""
     best = {}
     for result in results:
         for name, limits in result["context"]["voxspring"].get("limits", {}).items():

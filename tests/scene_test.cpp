@@ -702,7 +702,7 @@ TEST(Scene, ARodByItselfIsPinnedAtItsEnd) {
     const glm::ivec3 one(1);
     EXPECT_THAT(refusal([&] { rod(one); }),
                 HasSubstr(R"(time_step: {"fraction_of_stable":0.5} is not accepted; )"
-                          "expected a number of units of time: every particle is"));
+                          "expected an absolute time step, as a number in units of time: every particle is"));
 }
 
 TEST(Scene, AVolumeByItselfSagsByAsManyVoxelsInAnyUnit) {
@@ -770,10 +770,11 @@ TEST(Scene, WhereNothingOscillatesItIsSaidWhy) {
         const std::string message = refusal([&] { box_with(keys); });
         return message.substr(message.rfind("time: "));
     };
-    const std::string so = ", so that nothing limits the time step";
+    const std::string so = ", so that there is no limit to take a fraction of";
     EXPECT_EQ(refused(R"("pinned": {"side": "z-", "slices": 2})"), "time: every particle is pinned" + so);
     EXPECT_EQ(refusal([] { parse(R"({"dataset": {"type": "box", "dims": [1, 1, 1]}})"); }),
-              "scene: time_step is missing; expected a number of units of time: there are no "
+              "scene: time_step is missing; expected an absolute time step, as a number in units of time: "
+              "there are no "
               "springs" +
                   so);
     // Two particles held and one that falls past them.

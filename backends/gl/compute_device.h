@@ -1,5 +1,5 @@
-// OpenGL as a device of the shared host of compute shaders (glsl/compute_backend.h): one dispatch and the
-// barrier after it (README.md).
+// OpenGL as a device (glsl/device.h) for the host code that all compute shaders share
+// (glsl/compute_backend.h). A step is a dispatch and a barrier (README.md).
 #pragma once
 
 #include <memory>

@@ -1,5 +1,5 @@
-// Explicit addressing in a compute shader of OpenGL: one invocation per particle, neighbours from vertical
-// lists. The host is in glsl/explicit.cpp.
+// Explicit addressing in a compute shader of OpenGL: one invocation per particle, neighbours from lists:
+// all first ones, then all second ones. The host is in glsl/explicit.cpp.
 #include "backends/gl/compute_device.h"
 #include "backends/glsl/compute_backend.h"
 #include "backends/glsl/explicit.h"
@@ -11,7 +11,8 @@ namespace {
 const Registered entry({
     .name = "gl_compute_explicit",
     .api = "opengl",
-    .summary = "OpenGL compute shader, one invocation per particle, neighbours from vertical lists.",
+    .summary = "OpenGL compute shader, one invocation per particle, neighbours from lists: all first ones, "
+               "then all second ones.",
     .precisions = {Precision::float32},
     .formulations = every_formulation,
     .tuning = {{"block", {"128", "256"}}, {"fetch", {"buffer", "texture"}}, {"terms", {"needed", "all"}}},

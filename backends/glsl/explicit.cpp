@@ -1,4 +1,5 @@
-// Explicit addressing in a compute shader: one invocation per particle, neighbours from vertical lists.
+// Explicit addressing in a compute shader: one invocation per particle, neighbours from lists: all first
+// ones, then all second ones.
 #include "backends/glsl/explicit.h"
 
 #include <algorithm>

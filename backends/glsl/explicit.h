@@ -20,7 +20,7 @@ struct ListKind {
 };
 ListKind list_kind(const Problem& problem, Formulation formulation);
 
-/// Bytes that upload() of a backend takes.
+/// Bytes of memory that upload() of a backend with explicit addressing takes (BackendEntry::bytes).
 std::uint64_t explicit_bytes(const Problem& problem, const Options& options);
 
 /// Bytes of each list by its name, empty lists included.

@@ -132,8 +132,9 @@ double MarchCost::start_seconds(std::size_t items) const {
 }
 
 double MarchCost::plane_seconds(double cycles, int count) const {
-    // A quarter has a whole number of warps.
     const int warps = count * warps_;
+    // A warp runs on one quarter of the multiprocessor, and the quarter with the most warps decides the time.
+    // So the number of warps is rounded up to a multiple of four.
     const double uneven = double(units_of(warps, quarters) * quarters) / warps;
     const double asking = device_.tensor_copies ? copy_cycles : 0;
     return (rates_.wait + count * asking + uneven * cycles / quarters) / device_.hertz;

@@ -29,7 +29,7 @@ struct Placement {
 /// One word per voxel, with enough guard words on either side that all 26 neighbours of every voxel are
 /// words.
 Placement place_on_grid(const Lattice& lattice);
-/// One word per particle.
+/// Particle i has word i, without guard words.
 Placement place_compact(const Problem& problem);
 
 /// The state of every particle in its word, in a formulation (formulation.h). Words without a particle are

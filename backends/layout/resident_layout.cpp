@@ -138,7 +138,8 @@ struct Banks {
     }
 };
 
-// The mask bits of a warp that is mirrored along y, along z, and along both.
+// The mask bit of each direction as a mirrored warp sees it. The first index is 0 without mirroring, 1 along
+// y, 2 along z, 3 along both.
 constexpr auto mirrored_bits = [] {
     std::array<std::array<int, neighbour_bits>, 4> bits{};
     for (unsigned how = 0; how < bits.size(); ++how) {

@@ -191,6 +191,8 @@ std::size_t active_tile_count(const Problem& problem) {
     return std::size_t(std::count(active.begin(), active.end(), std::uint8_t(1)));
 }
 
+unsigned threads_per_tile(std::size_t tiles, std::size_t resident) { return tiles <= resident ? 2 : 1; }
+
 template <class Real>
 std::uint64_t tile_bytes(const Problem& problem, std::uint32_t block_tiles, int arrays) {
     const std::uint64_t listed = listed_tiles(active_tile_count(problem), block_tiles);

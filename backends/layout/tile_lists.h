@@ -65,6 +65,9 @@ private:
 
 /// How many tiles have a particle.
 std::size_t active_tile_count(const Problem& problem);
+/// How many threads a kernel has per tile on a card that steps `resident` tiles at once with one. Two have a
+/// tenth more springs to evaluate in all, but fill the card for a body of few tiles.
+unsigned threads_per_tile(std::size_t tiles, std::size_t resident);
 
 /// An upper bound of the device memory of the lists and of `arrays` arrays of vectors, for blocks of
 /// `block_tiles` tiles. It counts tiles, which takes no lists.

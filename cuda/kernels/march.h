@@ -68,7 +68,9 @@ VOXSPRING_HOST_DEVICE Pull<Real> class_pull(const MarchStep<Real>& step, const V
         spring.density =
             lean_strain_density(squared, step.rest_length[k], strain_deficit(relative, spring.offset, rest));
     } else {
-        // (l - |d|) / |d| in units of l. It is zero to the bit at rest, like unit_force_density().
+        // The force density of stiffness 1, (l - |d|) / |d|, divided by l: 1 / |d| - 1 / l. Here
+        // `rest_length` is 1 / l, and `stiffness` has been multiplied by l. At rest the result is zero to the
+        // bit.
         spring.density = inverse_root(squared) - step.rest_length[k];
     }
     if (k < 3 || !equal_edges) spring.density = spring.density * step.stiffness[k];

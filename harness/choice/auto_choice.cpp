@@ -35,7 +35,7 @@ std::string reason_for(const std::string& backend) {
         {"cuda_tiles", "a list of active tiles alone, each stepped by one thread"},
         {"cuda_explicit_delta", "compressed lists of active particles alone, which runs of them share"},
         {"gl_fragment_implicit", "a lattice needs no lists, and the stencil mask skips what is empty"},
-        {"cpu_parallel", "every core and its registers"}};
+        {"cpu_parallel", "it steps on every core, with SIMD instructions"}};
     if (const auto found = reasons.find(backend); found != reasons.end()) return found->second;
     return backend.find("implicit") != std::string::npos ? "a lattice needs no lists"
                                                          : "lists, which take springs beyond the lattice";

@@ -246,7 +246,7 @@ void print(const Scene& scene, const nlohmann::json& facts, std::ostream& out) {
     row(out, "  limit",
         facts.at("time_step_limit").is_null()
             ? "unknown: " + facts.at("time_step_limit_unknown").get<std::string>()
-            : fmt::format("{:g} by Lanczos' iteration, of which the stable one is {:.4g}%",
+            : fmt::format("{:g} by Lanczos' iteration; the stable time step is {:.4g}% of it",
                           number("time_step_limit"), 100 * number("stable_over_limit")));
     out << "memory\n";
     for (const auto& [name, bytes] : facts.at("bytes").items())

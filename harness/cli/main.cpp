@@ -18,6 +18,6 @@ int main(int argc, char** argv) {
         const auto program = std::filesystem::read_symlink("/proc/self/exe").parent_path() / "voxspring-view";
         execv(program.c_str(), argv);
         throw std::system_error(errno, std::generic_category(),
-                                program.string() + ", which draws the window");
+                                "cannot start " + program.string() + ", which draws the window");
     });
 }

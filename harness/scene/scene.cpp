@@ -456,8 +456,9 @@ double choose_time_step(const TimeStep& chosen, double stable, const Problem& li
         time_step = chosen.fraction * stable_time_step(*frequency.squared, limiting.damping);
     }
     if (std::isfinite(time_step) && time_step > 0) return time_step;
-    const std::string accepted = "a number of units of time: " + why_nothing_oscillates(limiting) +
-                                 ", so that nothing limits the time step";
+    const std::string accepted =
+        "an absolute time step, as a number in units of time: " + why_nothing_oscillates(limiting) +
+        ", so that there is no limit to take a fraction of";
     if (chosen.source) chosen.source->refuse(accepted);
     throw BadInput(file, "time_step", missing, accepted);
 }

@@ -290,8 +290,8 @@ def figure8(_, group):
     sizes = sorted({row["particles"] for row in group})
     small, large = (fastest(row for row in group if row["particles"] == size) for size in (sizes[0], sizes[-1]))
     text = f"{large['label']} leads at {engineering(sizes[-1], 'particles')} with {time_text(large['microseconds'])} per step"
-    return (text, f"{text}; {sizes[-1] / sizes[0]:,.0f} times fewer take "
-            f"{large['microseconds'] / small['microseconds']:.0f} times less, "
+    return (text, f"{text}; the smallest body has 1/{sizes[-1] / sizes[0]:,.0f} of the particles and takes "
+            f"1/{large['microseconds'] / small['microseconds']:.0f} of the time, "
             f"{time_text(small['microseconds'])} with {small['label']}")
 
 

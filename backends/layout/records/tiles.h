@@ -89,7 +89,7 @@ VOXSPRING_HOST_DEVICE constexpr int visit_tile_springs(Visit& visit) {
             UNROLLED
             for (int i = -1; i <= 2; ++i) {
                 const int sides = int(i < 0 || i > 1) + int(j < 0 || j > 1) + int(k < 0 || k > 1);
-                if (sides == 0 || sides == 3) continue;  // the tile's own; beyond its corners
+                if (sides == 0 || sides == 3) continue;  // within the tile; beyond a corner
                 visit.point(i, j, k);
                 UNROLLED
                 for (int n = 0; n < tile_particles; ++n) {
