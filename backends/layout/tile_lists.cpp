@@ -134,7 +134,7 @@ void TileLists::find_rows() {
                 const std::uint32_t tile = number_[index_in(dims_, {x, y, z})];
                 if (tile == no_particle) continue;
                 TileRow* const rows = rows_.data() +
-                                      std::size_t(tile / group_tiles) * (tile_rows * group_tiles) +
+                                      std::size_t(tile / group_tiles) * tile_rows * group_tiles +
                                       tile % group_tiles;
                 for (int dz = -1; dz <= 1; ++dz) {
                     for (int dy = -1; dy <= 1; ++dy) {
@@ -143,7 +143,7 @@ void TileLists::find_rows() {
                             at.z >= dims_.z)
                             continue;
                         const std::size_t cell = index_in(dims_, at);
-                        rows[tile_row(dy, dz) * group_tiles] =
+                        rows[std::size_t(tile_row(dy, dz)) * group_tiles] =
                             TileRow::make(from[cell], number_[cell] != no_particle);
                     }
                 }

@@ -30,7 +30,7 @@ public:
     /// The tile of the particle at `voxel`, counted from the first one that is stepped.
     std::uint32_t tile_of(const glm::ivec3& voxel) const { return place_of(voxel).tile - group_tiles; }
     /// Elements of an array of vectors.
-    std::size_t elements() const { return 3 * tile_particles * masks_.size(); }
+    std::size_t elements() const { return 3 * std::size_t(tile_particles) * masks_.size(); }
     /// The element of a particle's x. y and z follow at distances of tile_axis.
     std::size_t element(const glm::ivec3& voxel) const;
 

@@ -36,7 +36,7 @@ struct TileRows {
 
     VOXSPRING_HOST_DEVICE explicit TileRows(const TileRow* rows, std::uint32_t tile) {
         const TileRow* const from =
-            rows + std::size_t(tile / group_tiles) * (tile_rows * group_tiles) + tile % group_tiles;
+            rows + std::size_t(tile / group_tiles) * tile_rows * group_tiles + tile % group_tiles;
         UNROLLED
         for (std::uint32_t r = 0; r < tile_rows; ++r) row[r] = from[r * group_tiles];
     }

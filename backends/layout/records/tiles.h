@@ -10,7 +10,7 @@ inline constexpr int tile_particles = 8;
 /// Memory holds tiles in groups. Each warp steps one group.
 inline constexpr std::uint32_t group_tiles = 32;
 /// Elements from x to y and from y to z of a particle: all particles of a group lie between.
-inline constexpr std::size_t tile_axis = tile_particles * group_tiles;
+inline constexpr std::size_t tile_axis = std::size_t(tile_particles) * group_tiles;
 /// The element of x of particle `n` of a tile. The n-th particles of a group's tiles lie side by side, so
 /// that the lanes of a warp read consecutive elements.
 VOXSPRING_HOST_DEVICE constexpr std::size_t tile_element(std::uint32_t tile, int n) {
