@@ -28,4 +28,4 @@ endfunction()
 
 # Headers of the physics that GLSL and CUDA include too.
 set(VOXSPRING_SHARED_PHYSICS backends/physics/inverse_root.h backends/physics/neighbours.h backends/physics/portable.h
-    backends/physics/spring.h)
+    backends/physics/spring.h backends/physics/state_hash.h)

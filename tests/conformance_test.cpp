@@ -189,6 +189,14 @@ TEST_P(Conformance, UploadRewindsAndRepeatsToTheBit) {
     backend->upload(problem, other);
     backend->step(10);
     EXPECT_NE(fingerprint, backend->state_fingerprint()) << "the last particle is elsewhere";
+    // On displacements this start consists of the same words as `start`.
+    State swapped = start;
+    std::swap(swapped.displacement.front(), swapped.displacement.back());
+    std::swap(swapped.increment.front(), swapped.increment.back());
+    backend->upload(problem, start);
+    const std::string at_start = backend->state_fingerprint();
+    backend->upload(problem, swapped);
+    EXPECT_NE(at_start, backend->state_fingerprint()) << "two particles have changed places";
 }
 
 TEST_P(Conformance, RewindsToTheStartThatItKeptToTheBit) {

@@ -9,7 +9,9 @@
 #include "backends/gl/limits.h"
 #include "backends/gl/texture.h"
 #include "backends/glsl/compute.h"
+#include "backends/huge_pages.h"
 #include "backends/layout/feed.h"
+#include "backends/layout/state_hash.h"
 #include "backends/layout/tool.h"
 #include "backends/layout/work.h"
 #include "backends/physics/neighbours.h"
@@ -129,7 +131,10 @@ void FragmentBackend::make_frames(const Problem& problem, const State& state, co
         const GLuint framebuffer = frame.framebuffer.get();
         std::vector<GLenum> attachments;
         for (std::size_t target = 0; target < target_count_of(formulation()); ++target) {
-            for (std::size_t i = 0; f <= current_ && i < layout.texel.size(); ++i) {
+            const auto filled = f <= current_ ? std::ptrdiff_t(layout.texel.size()) : 0;
+#pragma omp parallel for
+            for (std::ptrdiff_t n = 0; n < filled; ++n) {
+                const auto i = std::size_t(n);
                 const float w = target == 0 ? std::bit_cast<float>(layout.bits[i]) : 0;
                 image[layout.texel[i]] = {stored(formulation(), problem, state, i, current_ - f, target), w};
             }
@@ -393,15 +398,19 @@ void FragmentBackend::enqueue_tool() const {
     glUseProgram(program_.get());
 }
 
-void FragmentBackend::bind_state() const {
-    std::array<GLuint, 4> textures{};
-    std::size_t count = 0;
+FragmentBackend::StateTextures FragmentBackend::state_textures() const {
+    StateTextures textures;
     if (by_increments(formulation())) {
-        for (const Texture& target : frame(0).targets) textures[count++] = target.get();
+        for (const Texture& target : frame(0).targets) textures.name[textures.count++] = target.get();
     } else {
-        for (const std::size_t age : {0, 1}) textures[count++] = frame(age).targets[0].get();
+        for (const std::size_t age : {0, 1}) textures.name[textures.count++] = frame(age).targets[0].get();
     }
-    glBindTextures(state_unit, GLsizei(count), textures.data());
+    return textures;
+}
+
+void FragmentBackend::bind_state() const {
+    const StateTextures textures = state_textures();
+    glBindTextures(state_unit, GLsizei(textures.count), textures.name.data());
 }
 
 std::unique_ptr<Feed> FragmentBackend::feed(const std::vector<std::uint32_t>& particles,
@@ -418,12 +427,38 @@ std::unique_ptr<Feed> FragmentBackend::feed(const std::vector<std::uint32_t>& pa
     return std::make_unique<FeedPass>(context_, fed, buffer, feed_program_, [this] { bind_state(); });
 }
 
+std::string FragmentBackend::state_fingerprint() {
+    context_.make_current();
+    if (hash_program_.get() == 0) hash_program_ = Program(context_, load_source("hash.comp", {}));
+    layout::HashSums hash{};
+    StorageBuffer sums;
+    sums.upload(context_, std::as_bytes(std::span(hash)));
+    sums.bind(1);
+    const std::size_t count = std::size_t(size_.x) * std::size_t(size_.y) * 4;  // components of texels
+    glUseProgram(hash_program_.get());
+    hash_program_.set("count", int(count));
+    const StateTextures textures = state_textures();
+    for (std::size_t number = 0; number < textures.count; ++number) {
+        hash_program_.set("array_number", int(number));
+        glBindTextureUnit(state_unit, textures.name[number]);
+        glDispatchCompute(glsl::striding_groups(count), 1, 1);
+        glMemoryBarrier(GL_SHADER_STORAGE_BARRIER_BIT | GL_BUFFER_UPDATE_BARRIER_BIT);
+    }
+    glUseProgram(program_.get());
+    sums.download(std::as_writable_bytes(std::span(hash)));
+    context_.check("hashing the state");
+    return layout::text_of(hash);
+}
+
 State FragmentBackend::download() {
     const bool increments = by_increments(formulation());
     const std::vector<glm::vec4> now = texels(0);
     const std::vector<glm::vec4> other = increments ? texels(0, 1) : texels(1);
     State state = state_at_rest(*problem_);
-    for (std::size_t i = 0; i < texel_.size(); ++i) {
+    const auto particles = std::ptrdiff_t(texel_.size());
+#pragma omp parallel for
+    for (std::ptrdiff_t n = 0; n < particles; ++n) {
+        const auto i = std::size_t(n);
         const glm::dvec3 place(now[texel_[i]]);
         const glm::dvec3 motion(other[texel_[i]]);
         state.displacement[i] = on_positions(formulation()) ? place - problem_->rest_position[i] : place;
@@ -442,7 +477,8 @@ State FragmentBackend::download() {
 
 std::vector<glm::vec4> FragmentBackend::texels(std::size_t age, std::size_t target) {
     synchronize();
-    std::vector<glm::vec4> image(std::size_t(size_.x) * std::size_t(size_.y));
+    std::vector<glm::vec4> image;
+    resize_in_huge_pages(image, std::size_t(size_.x) * std::size_t(size_.y));
     read_texture(frame(age).targets[target], rgba32f, size_, image.data(), rows_of_a_read(rgba32f, size_.x));
     context_.check("downloading");
     return image;

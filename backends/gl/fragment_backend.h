@@ -43,6 +43,7 @@ public:
     void step(int count) final;
     void synchronize() final;
     State download() final;
+    std::string state_fingerprint() final;
     void monitor(const DivergenceMonitor& monitor) final { next_monitor_ = monitor; }
     std::optional<Divergence> divergence() final;
     /// Makes one step and counts "samples_passed" in it, and "fragment_shader_invocations" where the driver
@@ -148,7 +149,13 @@ private:
     void make_particle_textures(const Problem& problem, const Layout& layout);
     void make_program(const Problem& problem);
     void write(const TexelEdit& edit);
-    /// Binds the state to the texture units from 0 on.
+    /// The textures that together hold the state.
+    struct StateTextures {
+        std::array<GLuint, 4> name{};
+        std::size_t count = 0;
+    };
+    StateTextures state_textures() const;
+    /// Binds them to the texture units from 0 on.
     void bind_state() const;
     const Frame& frame(std::size_t age) const {
         return frames_[(current_ + frames_.size() - age) % frames_.size()];
@@ -174,7 +181,7 @@ private:
 
     StorageBuffer held_, held_forces_;  // of the tool; empty if there is none
     // Made when they are first needed, and kept, since feeds come and go with each upload.
-    Program measure_program_, monitor_program_, feed_program_, tool_program_;
+    Program measure_program_, monitor_program_, feed_program_, tool_program_, hash_program_;
     Buffer found_;  // for shaders/divergence_check.comp
 
     const Problem* problem_ = nullptr;

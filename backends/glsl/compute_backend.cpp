@@ -5,7 +5,9 @@
 #include <utility>
 
 #include "backends/glsl/limits.h"
+#include "backends/huge_pages.h"
 #include "backends/layout/feed.h"
+#include "backends/layout/state_hash.h"
 #include "backends/layout/tool.h"
 
 namespace voxspring::glsl {
@@ -226,7 +228,7 @@ State ComputeBackend<Real>::download() {
     synchronize();
     layout::PackedState<Real> packed;
     const auto out = [&]<class T>(std::vector<T>& values, const std::unique_ptr<Array>& array) {
-        values.resize(bytes_of(array) / sizeof(T));
+        resize_in_huge_pages(values, bytes_of(array) / sizeof(T));
         if (array) device_->download(*array, std::as_writable_bytes(std::span(values)));
     };
     device_->use("downloading", [&] {
@@ -239,6 +241,30 @@ State ComputeBackend<Real>::download() {
     });
     device_->check("downloading");
     return layout::unpack<Real>(*problem_, packed, layout_.placement, formulation());
+}
+
+template <class Real>
+std::string ComputeBackend<Real>::state_fingerprint() {
+    layout::HashSums hash{};
+    device_->use("hashing the state", [&] {
+        const std::unique_ptr<Array> sums = device_->make(std::as_bytes(std::span(hash)));
+        const std::size_t now = device_->current();
+        Array* const before = by_increments(formulation()) ? nullptr : words_[1 - now].get();
+        int number = 0;
+        for (const Array* const array :
+             {words_[now].get(), before, low_[now].get(), increment_.get(), increment_low_.get()}) {
+            Uniforms uniforms;
+            uniforms.set("array_number", number++);
+            if (array == nullptr) continue;
+            const std::size_t count = array->bytes() / sizeof(std::uint32_t);
+            uniforms.set("count", int(count));
+            device_->dispatch_once({"hash"}, count, uniforms, {{0, array}, {1, sums.get()}}, {});
+        }
+        device_->wait();
+        device_->download(*sums, std::as_writable_bytes(std::span(hash)));
+    });
+    device_->check("hashing the state");
+    return layout::text_of(hash);
 }
 
 template <class Real>

@@ -36,6 +36,7 @@ public:
     void step(int count) final;
     void synchronize() final;
     State download() final;
+    std::string state_fingerprint() final;
     void monitor(const DivergenceMonitor& monitor) final { next_monitor_ = monitor; }
     std::optional<Divergence> divergence() final;
     /// "work_groups", and "compute_shader_invocations" where the driver counts them.

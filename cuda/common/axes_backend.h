@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "backends/huge_pages.h"
 #include "backends/layout/march_cost.h"
 #include "backends/layout/march_layout.h"
 #include "backends/layout/particles.h"
@@ -19,7 +20,7 @@
 #include "cuda/common/device_borders.h"
 #include "cuda/common/divergence_check.h"
 #include "cuda/common/measure.h"
-#include "cuda/device/buffer_hash.h"
+#include "cuda/common/state_hash.h"
 
 namespace voxspring::cuda {
 
@@ -79,7 +80,7 @@ public:
         synchronize();
         SoaState<Real> packed;
         const auto out = [&](std::vector<Real>& values, const Buffer<Real>& buffer) {
-            values.resize(buffer.size());
+            resize_in_huge_pages(values, buffer.size());
             buffer.download(values, stream());
         };
         const auto now = std::size_t(current());
@@ -89,7 +90,7 @@ public:
     }
     std::string state_fingerprint() final {
         synchronize();
-        BufferHash hash(stream());
+        StateHash hash(stream());
         const auto now = std::size_t(current());
         hash.add(positions_[now]);
         hash.add(by_increments(formulation_) ? increment_ : positions_[1 - now]);

@@ -11,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include "backends/huge_pages.h"
 #include "backends/layout/feed.h"
 #include "backends/layout/particles.h"
 #include "backends/layout/rounding.h"
@@ -23,7 +24,7 @@
 #include "cuda/common/divergence_check.h"
 #include "cuda/common/edit.h"
 #include "cuda/common/feed.h"
-#include "cuda/device/buffer_hash.h"
+#include "cuda/common/state_hash.h"
 #include "cuda/device/kernel.h"
 #include "cuda/device/texture.h"
 #include "cuda/kernels/tool.h"
@@ -101,7 +102,7 @@ public:
         this->synchronize();
         PackedState<Real> packed;
         const auto out = [&](auto& values, const auto& buffer) {
-            values.resize(buffer.size());
+            resize_in_huge_pages(values, buffer.size());
             buffer.download(values, stream());
         };
         out(packed.current, words_[std::size_t(current())]);
@@ -113,7 +114,7 @@ public:
     }
     std::string state_fingerprint() final {
         this->synchronize();
-        BufferHash hash(stream());
+        StateHash hash(stream());
         hash.add(words_[std::size_t(current())]);
         if (!by_increments(family_.formulation)) hash.add(words_[std::size_t(1 - current())]);
         hash.add(low_[std::size_t(current())]);

@@ -18,7 +18,7 @@ namespace voxspring::cuda {
     X(write_rows) X(write_slices) X(write_springs) \
     X(write_short_argument) X(write_long_argument) \
     X(feed) X(pull_held_particles) \
-    X(measure_lengths) X(measure_springs) X(measure_inverse_roots)
+    X(hash_words) X(measure_lengths) X(measure_springs) X(measure_inverse_roots)
 // clang-format on
 struct SupportKernels {
 #define MEMBER(name) std::shared_ptr<const Kernel> name;

@@ -1,6 +1,7 @@
 // The kernels that run between two steps or before the first one: they serve borders, edits, feeds, the tool,
-// checks for divergence, and rest lengths by the device's own root. REAL is the only macro. SupportKernels
-// (cuda/common/support_kernels.h) holds them under the same names.
+// checks for divergence, hashes of the state, and rest lengths by the device's own root. REAL is the only
+// macro. SupportKernels (cuda/common/support_kernels.h) holds them under the same names.
+#include "backends/physics/state_hash.h"
 #include "cuda/kernels/border.h"
 #include "cuda/kernels/divergence_check.h"
 #include "cuda/kernels/edit.h"
@@ -29,6 +30,20 @@ KERNEL check_words(ParticlesInWords<Real> particles, std::size_t count, Real max
 KERNEL check_axes(ParticlesInAxes<Real> particles, std::size_t count, Real max_squared, long long step,
                   long long last_check, FirstDivergence* first) {
     check_divergence(particles, count, max_squared, step, last_check, first);
+}
+
+KERNEL hash_words(const std::uint32_t* words, std::size_t count, unsigned array, unsigned* sums) {
+    unsigned own[STATE_HASH_SUMS] = {};
+    const std::size_t threads = std::size_t(gridDim.x) * blockDim.x;
+    for (std::size_t n = thread_number(); n < count; n += threads) {
+        for (unsigned sum = 0; sum < STATE_HASH_SUMS; ++sum)
+            own[sum] += hashed_word(words[n], unsigned(n), array, sum);
+    }
+    for (unsigned sum = 0; sum < STATE_HASH_SUMS; ++sum) {
+        for (unsigned apart = 16; apart > 0; apart /= 2)
+            own[sum] += __shfl_xor_sync(0xFFFFFFFFu, own[sum], apart);
+        if (threadIdx.x % 32 == 0) atomicAdd(sums + sum, own[sum]);
+    }
 }
 
 KERNEL write_particle_bits(ParticleRecord<Real>* words, const EditedWord* edited, std::size_t count) {
