@@ -6,6 +6,7 @@
 #include <bit>
 #include <cstddef>
 #include <cstdint>
+#include <vector>
 
 namespace voxspring {
 
@@ -19,6 +20,17 @@ inline void prefer_huge_pages(void* memory, std::size_t bytes) {
     const auto address = std::bit_cast<std::uintptr_t>(memory);
     const std::uintptr_t begin = (address + page - 1) / page * page, end = (address + bytes) / page * page;
     (void)madvise(std::bit_cast<void*>(begin), end - begin, MADV_HUGEPAGE);
+}
+
+/// Resizes a list whose values need not be kept. A large one gets huge pages.
+template <class T>
+void resize_in_huge_pages(std::vector<T>& list, std::size_t size, const T& value = T()) {
+    if (list.capacity() < size) {
+        list.clear();
+        list.reserve(size);
+        prefer_huge_pages(list.data(), size * sizeof(T));
+    }
+    list.resize(size, value);
 }
 
 }  // namespace voxspring

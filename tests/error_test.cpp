@@ -169,8 +169,12 @@ TEST(Chaos, IsFoundWhereRoundingNearsTheMotion) {
     const ReferenceSolution wild = solution_after(2000);
     EXPECT_TRUE(is_chaotic(wild.spreads[0].second));
     state = wild.same_step;
-    const Comparison itself = judge(wild, state, spec);
+    const JudgedState itself = judge(wild, state, spec);
     EXPECT_TRUE(itself.passed()) << itself.reason;
+    // Only statistics need the energy. errors_of() takes it from there.
+    ASSERT_TRUE(itself.energy);
+    EXPECT_EQ(itself.energy->total(), energy(wild.problem, state).total());
+    EXPECT_FALSE(judge(calm, calm.same_step, spec).energy);
     EXPECT_TRUE(std::isinf(itself.tolerance));
     EXPECT_TRUE(errors_of(wild, state, itself, spec).chaotic);
     // No single particle fails the row. A state that belongs to another body does, and so does one that is

@@ -14,6 +14,7 @@
 #include "backends/cpu/barrier.h"
 #include "backends/cpu/cpu_backend.h"
 #include "backends/cpu/perturbed_kernel.h"
+#include "backends/huge_pages.h"
 #include "backends/physics/neighbours.h"
 #include "backends/physics/spring.h"
 #include "backends/physics/stored.h"
@@ -125,8 +126,8 @@ public:
     }
 
     void read(State& state) const override {
-        state.displacement.resize(problem_->particle_count());
-        state.increment.resize(problem_->particle_count());
+        resize_in_huge_pages(state.displacement, problem_->particle_count());
+        resize_in_huge_pages(state.increment, problem_->particle_count());
         const auto now = std::size_t(step_ % 2);
         each_particle([&](std::size_t i) {
             const auto e = std::size_t(element_[i]);

@@ -4,6 +4,7 @@
 #include <array>
 #include <limits>
 
+#include "backends/huge_pages.h"
 #include "backends/layout/rounding.h"
 #include "backends/layout/springs.h"
 
@@ -61,8 +62,8 @@ template <class Real>
 SoaState<Real> pack_soa(const Problem& problem, const State& state, Formulation formulation,
                         const SoaPlaces& places) {
     SoaState<Real> packed;
-    packed.current.resize(places.size);
-    packed.before.resize(places.size);
+    resize_in_huge_pages(packed.current, places.size);
+    resize_in_huge_pages(packed.before, places.size);
     visit_particles(problem, places, [&](std::size_t i, std::size_t at) {
         glm::dvec3 point = state.displacement_of(i);
         if (on_positions(formulation)) point += problem.rest_position[i];

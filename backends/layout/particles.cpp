@@ -1,5 +1,6 @@
 #include "backends/layout/particles.h"
 
+#include "backends/huge_pages.h"
 #include "backends/layout/rounding.h"
 #include "backends/layout/vectors.h"
 #include "backends/physics/neighbours.h"
@@ -35,11 +36,11 @@ PackedState<Real> pack(const Problem& problem, const State& state, const Placeme
                        std::span<const std::uint32_t> bits, Formulation formulation) {
     const bool increments = by_increments(formulation), split = formulation == Formulation::compensated;
     PackedState<Real> packed;
-    packed.current.resize(placement.words);
-    if (!increments) packed.previous.resize(placement.words);
+    resize_in_huge_pages(packed.current, placement.words);
+    if (!increments) resize_in_huge_pages(packed.previous, placement.words);
     if (split) packed.current_low.resize(placement.words);
     const std::size_t pitch = increment_pitch(placement);
-    if (increments) packed.increment.resize(3 * pitch);
+    if (increments) resize_in_huge_pages(packed.increment, 3 * pitch);
     if (split) packed.increment_low.resize(3 * pitch);
 #pragma omp parallel for
     for (std::ptrdiff_t n = 0; n < count_of(problem); ++n) {

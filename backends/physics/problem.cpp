@@ -8,6 +8,7 @@
 #include <numeric>
 #include <utility>
 
+#include "backends/huge_pages.h"
 #include "backends/physics/neighbours.h"
 #include "backends/physics/spring.h"
 
@@ -140,7 +141,10 @@ std::vector<RestSpring> list_rest_springs(const Problem& problem) {
 
 State State::in_full(std::size_t particles) const {
     const auto full = [particles](const std::vector<glm::dvec3>& list) {
-        return list.empty() ? std::vector<glm::dvec3>(particles, glm::dvec3(0)) : list;
+        if (!list.empty()) return list;
+        std::vector<glm::dvec3> zeros;
+        resize_in_huge_pages(zeros, particles, glm::dvec3(0));
+        return zeros;
     };
     return {full(displacement), full(increment)};
 }
@@ -170,9 +174,9 @@ Problem make_lattice_problem(const VoxelGrid& grid, std::uint32_t group_bits) {
         several = several || std::any_of(label, label + std::ptrdiff_t(slice), [](auto l) { return l > 1; });
     }
     std::partial_sum(begin.begin(), begin.end(), begin.begin());
-    problem.rest_position.resize(begin.back());
-    lattice.voxel.resize(begin.back());
-    lattice.mask.resize(begin.back());
+    resize_in_huge_pages(problem.rest_position, begin.back());
+    resize_in_huge_pages(lattice.voxel, begin.back());
+    resize_in_huge_pages(lattice.mask, begin.back());
     if (several) problem.material.resize(begin.back());
 #pragma omp parallel for schedule(dynamic)
     for (int z = 0; z < dims.z; ++z) {

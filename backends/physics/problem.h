@@ -156,8 +156,9 @@ std::vector<std::uint32_t> particle_of_voxel(const Lattice& lattice);
 template <class Visit>
 void visit_directions(std::uint32_t mask, Visit visit) {
     constexpr std::uint32_t neighbour_bits = (1U << neighbour_count) - 1;
+    const auto& by_bit = directions();
     for (std::uint32_t bits = mask & neighbour_bits; bits != 0; bits &= bits - 1)
-        visit(directions()[std::size_t(std::countr_zero(bits))]);
+        visit(by_bit[std::size_t(std::countr_zero(bits))]);
 }
 
 /// The springs of a lattice, visited without a list, which at 10^8 particles would fit into no memory. A

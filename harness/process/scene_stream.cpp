@@ -11,6 +11,7 @@
 #include <type_traits>
 #include <vector>
 
+#include "backends/huge_pages.h"
 #include "harness/process/message.h"
 
 namespace voxspring {
@@ -75,7 +76,11 @@ struct Receiver {
     void size(Sequence& sequence) const {
         std::uint64_t count = 0;
         bytes(&count, sizeof count);
-        sequence.resize(count);
+        if constexpr (std::is_same_v<Sequence, std::string>) {
+            sequence.resize(count);
+        } else {
+            resize_in_huge_pages(sequence, count);
+        }
     }
 };
 

@@ -14,6 +14,8 @@
 #include <string>
 #include <system_error>
 
+#include "backends/huge_pages.h"
+
 namespace voxspring {
 namespace {
 
@@ -75,8 +77,8 @@ nlohmann::json SharedState::put(const State& state) {
 void SharedState::take(const nlohmann::json& sizes, State& state) const {
     const auto displacements = vectors_.first(sizes.at(0).get<std::size_t>());
     const auto increments = vectors_.subspan(particles_, sizes.at(1).get<std::size_t>());
-    state.displacement.resize(displacements.size());
-    state.increment.resize(increments.size());
+    resize_in_huge_pages(state.displacement, displacements.size());
+    resize_in_huge_pages(state.increment, increments.size());
     copy(displacements, state.displacement.data());
     copy(increments, state.increment.data());
 }

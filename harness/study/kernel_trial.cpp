@@ -46,7 +46,7 @@ Kernel checked(Kernel kernel) {
 
 Row judged_row(const ReferenceSolution& solution, const State& left, const BackendSpec& spec,
                double own_share) {
-    const Comparison comparison = judge(solution, left, spec);
+    const JudgedState comparison = judge(solution, left, spec);
     Row row;
     row.errors = errors_of(solution, left, comparison, spec);
     row.verdict = VerdictPart{.passed = comparison.passed(),
@@ -68,7 +68,7 @@ Row judged_row(const ReferenceSolution& solution, const State& left, const Backe
 }
 
 Row judged_strained_row(const ReferenceSolution& solution, const State& left, const BackendSpec& spec) {
-    const Comparison comparison = judge(solution, left, spec);
+    const JudgedState comparison = judge(solution, left, spec);
     Row row;
     row.verdict = VerdictPart{.passed = comparison.passed(), .finite = comparison.finite};
     StrainedPart& part = row.verdict->strained_start.emplace();

@@ -127,11 +127,13 @@ Energy energy(const Problem& problem, const State& state) {
     for (const Direction& direction : directions())
         rest[std::size_t(direction.bit)] = rest_spring(problem, direction);
     const LatticeSprings springs(problem);
+    const bool by_group = !problem.has_materials();
     result += sum_of<Energy>(problem.lattice.mask.size(), [&](Energy& part, std::size_t i) {
         springs.of(i, [&](std::uint32_t j, const Direction& direction) {
-            part.springs += problem.spring_stiffness(i, j, direction) *
-                            spring_energy(rest[std::size_t(direction.bit)],
-                                          state.displacement[i] - state.displacement[j]);
+            const double stiffness = by_group ? problem.group_stiffness[std::size_t(direction.group)]
+                                              : problem.spring_stiffness(i, j, direction);
+            part.springs += stiffness * spring_energy(rest[std::size_t(direction.bit)],
+                                                      state.displacement[i] - state.displacement[j]);
         });
     });
     result += sum_of<Energy>(problem.springs.size(), [&](Energy& part, std::size_t s) {

@@ -41,16 +41,17 @@ const Spread* spread_of(const ReferenceSolution& solution, const RoundingModel& 
     return nullptr;
 }
 
-Comparison judge(const ReferenceSolution& solution, const State& state, const BackendSpec& spec) {
-    Comparison comparison = differences(state, solution.same_step);
+JudgedState judge(const ReferenceSolution& solution, const State& state, const BackendSpec& spec) {
+    JudgedState comparison{differences(state, solution.same_step), {}};
     comparison.tolerance = std::numeric_limits<double>::infinity();
     const Spread* const spread = spread_of(solution, rounding_model_of(spec));
     if (!comparison.passed() || spread == nullptr) return comparison;
     if (is_chaotic(*spread)) {
         if (!solution.summary)
             solution.summary = summary_of(solution.problem, solution.start, solution.same_step);
-        judge_statistics(comparison, *spread,
-                         statistics(summary_of(solution.problem, solution.start, state), *solution.summary));
+        const StateSummary summary = summary_of(solution.problem, solution.start, state);
+        comparison.energy = summary.energy;
+        judge_statistics(comparison, *spread, statistics(summary, *solution.summary));
     } else {
         const double admitted = admitted_error(solution.problem, spec, solution.steps);
         comparison.tolerance = gate(spread->max, spread->motion_max, admitted);
@@ -101,14 +102,13 @@ Errors no_errors(const ReferenceSolution& solution, const BackendSpec& spec) {
     return errors;
 }
 
-Errors errors_of(const ReferenceSolution& solution, const State& state, const Comparison& comparison,
+Errors errors_of(const ReferenceSolution& solution, const State& state, const JudgedState& judged,
                  const BackendSpec& spec) {
     Errors errors = no_errors(solution, spec);
-    errors.relative_l2 = comparison.relative_l2;
-    errors.max = comparison.max;
-    errors.worst_particle = comparison.worst;
-    if (!comparison.finite || state.displacement.size() != solution.same_step.displacement.size())
-        return errors;
+    errors.relative_l2 = judged.relative_l2;
+    errors.max = judged.max;
+    errors.worst_particle = judged.worst;
+    if (!judged.finite || state.displacement.size() != solution.same_step.displacement.size()) return errors;
     if (const auto& exact = solution.refined.displacement; !exact.empty()) {
         double largest = 0;
         for (std::size_t i = 0; i < exact.size(); ++i)
@@ -117,7 +117,8 @@ Errors errors_of(const ReferenceSolution& solution, const State& state, const Co
         errors.total_max = largest;
         errors.total_uncertainty = solution.refined.uncertainty;
     }
-    const Drift drifted = drift(conserved(solution.problem, state), solution.conserved);
+    const Energy reached = judged.energy ? *judged.energy : energy(solution.problem, state);
+    const Drift drifted = drift({momentum(solution.problem, state), reached}, solution.conserved);
     errors.momentum = drifted.momentum;
     errors.energy = drifted.energy;
     return errors;

@@ -34,11 +34,16 @@ struct ReferenceSolution {
 /// The spread of `model`, or null if `solution` has none.
 const Spread* spread_of(const ReferenceSolution& solution, const RoundingModel& model);
 
+/// What judge() finds.
+struct JudgedState : Comparison {
+    std::optional<Energy> energy;  ///< of the state, if judging it needed that
+};
+
 /// Compares a state with the reference. The largest difference and the root mean square are each judged by
 /// gate(), and the mean by mean_gate() (error_threshold.h), which admit the error that a tuning asks for
 /// (`sleep`). In a chaotic scene none of them is judged: the state fails only if it is not finite or one of
 /// its statistics exceeds statistic_gate().
-Comparison judge(const ReferenceSolution& solution, const State& state, const BackendSpec& spec);
+JudgedState judge(const ReferenceSolution& solution, const State& state, const BackendSpec& spec);
 
 /// The least share of springs whose effect a run must show, so that it verifies a backend.
 constexpr double min_strained_share = 0.5;
@@ -58,7 +63,7 @@ struct Errors {
     bool chaotic = false;
     std::optional<double> spread;  ///< rms spread of the row's rounding model, as a share of the motion
 };
-Errors errors_of(const ReferenceSolution& solution, const State& state, const Comparison& comparison,
+Errors errors_of(const ReferenceSolution& solution, const State& state, const JudgedState& judged,
                  const BackendSpec& spec);
 
 /// What a row reports if the errors of its run are not known.

@@ -172,7 +172,7 @@ ParetoRow run_step(const StudyBench& bench, Case& benchmark_case, const Step& st
                                                     "running " + counted(std::uint64_t(steps), "step"));
     State last;
     step.state.take(timed.at("state"), last);
-    const Comparison comparison = judge(step.solution, last, benchmark_case.spec());
+    const JudgedState comparison = judge(step.solution, last, benchmark_case.spec());
     ParetoRow one;
     bench.identify(one, benchmark_case.spec(), steps);
     one.device = device;

@@ -448,7 +448,7 @@ nlohmann::json RankedCase::judged(const Found& found, const RankPlan& plan, cons
     for (const std::unique_ptr<Judgement>& one : judgements_) {
         const State part = part_of(found.state, one->place);
         const State& state = sampled_.empty() ? found.state : part;
-        const Comparison comparison = judge(*one->solution, state, spec_);
+        const JudgedState comparison = judge(*one->solution, state, spec_);
         if (!comparison.passed())
             throw std::runtime_error("does not agree with " + one->reference + ": " + comparison.reason);
         Errors errors = errors_of(*one->solution, state, comparison, spec_);
