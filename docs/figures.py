@@ -164,6 +164,7 @@ def claimed(machine):
 # What each study is measured for, and where its figures are.
 SUPPORTS = {
     "table1": ("the paper's Table 1; starts", "table-1"), "figure7": ("the paper's Figure 7", "figure-7"),
+    "as_paper": ("the paper's strategies as it had them", "what-holds-and-what-does-not"),
     "figure8": ("the paper's Figure 8; linear scaling", "figure-8"), "fastest": ("the first page; limits, targets", "as-fast-as-the-card-allows"),
     "edits": ("topology changes at run time", "cuts-and-sutures"), "tuning": ("vertical lists; best blocks", "tuning"),
     "formulations": ("what a formulation costs, and its error", "formulations"), "pareto": ("time against error", "formulations"),
@@ -172,13 +173,15 @@ SUPPORTS = {
 
 
 def durations(machine):
-    """(study, rows, minutes until the next study of the same commit began, or None) in the order of their measurement."""
+    """(study, rows, minutes until the next study of the same commit began, or None) in the order of their measurement. A study that was
+    resumed has the date of its last part, so that neither its own minutes nor those of the study before it are known."""
     found = sorted(((result_files.study_of(path), results.loaded(path)) for path in result_files.within(results.RESULTS / machine)),
                    key=lambda one: one[1]["context"]["date"])
-    begins = [datetime.datetime.fromisoformat(one["context"]["date"]) for _, one in found]
-    for (study, one), begin in zip(found, begins):
-        later = [after for after in begins if after > begin]
-        minutes = (min(later) - begin).total_seconds() / 60 if later else None
+    parts = [(one["context"]["voxspring"]["commit"], datetime.datetime.fromisoformat(one["context"]["date"]),
+              any(row.get("resumed") for row in one["benchmarks"])) for _, one in found]
+    for (study, one), (commit, begin, resumed) in zip(found, parts):
+        after, after_resumed = min(((other, again) for of, other, again in parts if of == commit and other > begin), default=(None, False))
+        minutes = (after - begin).total_seconds() / 60 if after and not resumed and not after_resumed else None
         rows = len(one["verification"]) or sum(len(one.get(name, [])) for name in comparison.PLACES)
         # A longer pause is one between two days of measuring.
         yield study, rows, minutes if minutes and minutes < 30 else None

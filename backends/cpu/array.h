@@ -7,7 +7,7 @@
 #include <string>
 
 #include "backends/backend.h"
-#include "backends/huge_pages.h"
+#include "backends/physics/huge_pages.h"
 
 namespace voxspring::cpu_parallel {
 

@@ -14,7 +14,7 @@
 #include "backends/cpu/barrier.h"
 #include "backends/cpu/cpu_backend.h"
 #include "backends/cpu/perturbed_kernel.h"
-#include "backends/huge_pages.h"
+#include "backends/physics/huge_pages.h"
 #include "backends/physics/neighbours.h"
 #include "backends/physics/spring.h"
 #include "backends/physics/stored.h"

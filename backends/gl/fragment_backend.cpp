@@ -9,11 +9,11 @@
 #include "backends/gl/limits.h"
 #include "backends/gl/texture.h"
 #include "backends/glsl/compute.h"
-#include "backends/huge_pages.h"
 #include "backends/layout/feed.h"
 #include "backends/layout/state_hash.h"
 #include "backends/layout/tool.h"
 #include "backends/layout/work.h"
+#include "backends/physics/huge_pages.h"
 #include "backends/physics/neighbours.h"
 
 namespace voxspring::gl {

@@ -4,9 +4,9 @@
 #include <array>
 #include <limits>
 
-#include "backends/huge_pages.h"
 #include "backends/layout/rounding.h"
 #include "backends/layout/springs.h"
+#include "backends/physics/huge_pages.h"
 
 namespace voxspring::layout {
 namespace {

@@ -1,8 +1,8 @@
 #include "backends/layout/particles.h"
 
-#include "backends/huge_pages.h"
 #include "backends/layout/rounding.h"
 #include "backends/layout/vectors.h"
+#include "backends/physics/huge_pages.h"
 #include "backends/physics/neighbours.h"
 #include "backends/physics/stored.h"
 

@@ -8,7 +8,7 @@
 #include <numeric>
 #include <utility>
 
-#include "backends/huge_pages.h"
+#include "backends/physics/huge_pages.h"
 #include "backends/physics/neighbours.h"
 #include "backends/physics/spring.h"
 

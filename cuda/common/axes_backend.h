@@ -10,11 +10,11 @@
 #include <string>
 #include <vector>
 
-#include "backends/huge_pages.h"
 #include "backends/layout/march_cost.h"
 #include "backends/layout/march_layout.h"
 #include "backends/layout/particles.h"
 #include "backends/physics/addressing.h"
+#include "backends/physics/huge_pages.h"
 #include "cuda/common/border.h"
 #include "cuda/common/cuda_backend.h"
 #include "cuda/common/device_borders.h"

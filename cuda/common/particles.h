@@ -11,12 +11,12 @@
 #include <string>
 #include <vector>
 
-#include "backends/huge_pages.h"
 #include "backends/layout/feed.h"
 #include "backends/layout/particles.h"
 #include "backends/layout/rounding.h"
 #include "backends/layout/tool.h"
 #include "backends/layout/vectors.h"
+#include "backends/physics/huge_pages.h"
 #include "backends/registry.h"
 #include "cuda/common/border.h"
 #include "cuda/common/cuda_backend.h"

@@ -11,7 +11,7 @@
 #include <type_traits>
 #include <vector>
 
-#include "backends/huge_pages.h"
+#include "backends/physics/huge_pages.h"
 #include "harness/process/message.h"
 
 namespace voxspring {

@@ -14,7 +14,7 @@
 #include <string>
 #include <system_error>
 
-#include "backends/huge_pages.h"
+#include "backends/physics/huge_pages.h"
 
 namespace voxspring {
 namespace {
