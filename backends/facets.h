@@ -38,10 +38,10 @@ struct Divergence {
 /// lattice's tiles were stepped. It shows that skipped work is really skipped.
 using WorkCount = std::map<std::string, std::uint64_t>;
 
-/// Values of tuning parameters that a backend chose for a problem, and the prediction by which it chose.
+/// Values of tuning parameters that a backend chose for a problem.
 struct Choice {
-    std::string tuning;       ///< "tile=64x16"
-    double step_seconds = 0;  ///< of a step, as predicted before the first one
+    std::string tuning;                                 ///< "tile=64x16"
+    std::optional<double> step_seconds = std::nullopt;  ///< the prediction by which it chose, if it has one
 };
 
 /// Seconds of compiling code for a problem.
@@ -272,7 +272,7 @@ public:
     virtual WorkCount count_work() { return {}; }
     /// The time to compile code for the problem of the last upload().
     virtual CompileTime compile_time() const { return {}; }
-    /// What the last upload() chose by itself, if the backend predicts times to choose by.
+    /// What the last upload() chose by itself, if the backend chooses.
     virtual std::optional<Choice> choice() const { return std::nullopt; }
 };
 

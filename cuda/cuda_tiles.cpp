@@ -67,6 +67,10 @@ public:
         return tile_work<Real>(problem, this->formulation());
     }
 
+    std::optional<Choice> choice() const override {
+        return Choice{"threads=" + std::to_string(tile_threads_)};
+    }
+
 private:
     using AxesBackend<Real>::precision;
 

@@ -119,12 +119,12 @@ struct StartPart {
 
 /// What a backend chose for a scene and a device.
 struct ChoicePart {
-    std::string chosen;            ///< Choice::tuning
-    double predicted_seconds = 0;  ///< Choice::step_seconds
+    std::string chosen;                                      ///< Choice::tuning
+    std::optional<double> predicted_seconds = std::nullopt;  ///< Choice::step_seconds
 
     static void fields(auto& part, auto& of) {
         of.required("chosen", part.chosen);
-        of.required("predicted_seconds", part.predicted_seconds);
+        of.optional("predicted_seconds", part.predicted_seconds);
     }
 };
 

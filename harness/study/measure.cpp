@@ -559,7 +559,9 @@ void TimedCase::add_rows(StudyBench& bench, int number) {
     row.limit = limit_part(bench, row.counters);
     if (context_.batch.start_times) row.start = start_part(row.counters);
     if (const nlohmann::json& warm = kept("warm"); warm.contains("chosen"))
-        row.choice = ChoicePart{warm.at("chosen"), warm.at("predicted_seconds")};
+        row.choice = ChoicePart{warm.at("chosen"), warm.contains("predicted_seconds")
+                                                       ? std::optional<double>(warm.at("predicted_seconds"))
+                                                       : std::nullopt};
     if (context_.edits > 0) row.edits = edit_part();
     if (resumed()) row.resumed = true;
     const Observed seen = observed();

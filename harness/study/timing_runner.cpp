@@ -187,7 +187,7 @@ private:
                                  {"work", work}};
         if (const auto choice = backend.choice()) {
             answer["chosen"] = choice->tuning;
-            answer["predicted_seconds"] = choice->step_seconds;
+            if (choice->step_seconds) answer["predicted_seconds"] = *choice->step_seconds;
         }
         return answer;
     }
