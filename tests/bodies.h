@@ -103,6 +103,19 @@ inline std::map<std::string, Problem> bodies_by_class() {
     return problems;
 }
 
+/// Bodies to cut into subdomains, longest along z, x and y: solid and with holes; with a tool; with
+/// materials, loads and pins.
+inline std::vector<Problem> bodies_to_cut() {
+    std::vector<Problem> all;
+    all.push_back(lattice(solid({6, 5, 13}), FACE_BITS | EDGE_BITS));
+    all.push_back(lattice(random_grid({37, 9, 8}, 0.37, 1), NEIGHBOUR_BITS));
+    take_hold(all.back(), {.particles = {3, 200, 201, 700}, .held = {}, .stiffness = 0.05});
+    all.push_back(pinned(lattice(random_grid({9, 23, 8}, 0.37, 2, 3), NEIGHBOUR_BITS)));
+    all.back().materials = {{1, 1}, {2, 0.25}, {0.75, 0.5}};
+    all.back().load.assign(all.back().particle_count(), {0.001, -0.002, 0.003});
+    return all;
+}
+
 /// Five steps of `simulation`, which is at `start`, agree with the reference.
 template <class Simulation>
 void expect_reference(const Problem& problem, const State& start, Simulation& simulation,
@@ -125,6 +138,32 @@ void expect_same_steps(One&& one, Other&& other, const std::vector<int>& launche
         other.step(count);
         expect_same_bits(one.download(), other.download());
     }
+}
+
+/// Edits `now`, which the simulation steps, several times. After each edit the simulation's layout is that of
+/// one that is made for the edited body: its masks, and what `expect_same` compares. The edit names exactly
+/// the words of masks that it changed; `word_of(masks, n)` is word n. The following steps have the same bits.
+/// Returns how many words were changed.
+template <class Simulation, class WordOf, class ExpectSame>
+std::size_t expect_edits(Simulation& simulation, Problem& now, WordOf word_of, ExpectSame expect_same) {
+    std::size_t changed = 0;
+    Problem edited = now;
+    for (const SpringEdit& edit : random_edits(edited, 5, 9)) {
+        apply(now, edit);
+        auto patched = simulation.layout().masks();
+        for (const auto& word : simulation.edit(edit)) {
+            std::uint32_t& mask = word_of(patched, word.word);
+            EXPECT_NE(mask, word.bits);
+            mask = word.bits;
+            ++changed;
+        }
+        Simulation anew(now, simulation.download());
+        EXPECT_EQ(patched, anew.layout().masks());
+        EXPECT_EQ(simulation.layout().masks(), anew.layout().masks());
+        expect_same(simulation.layout(), anew.layout());
+        expect_same_steps(simulation, anew, {2});
+    }
+    return changed;
 }
 
 /// A body without gravity stays at rest to the bit in a Simulation(problem, start).

@@ -5,6 +5,7 @@
 #include <memory>
 #include <vector>
 
+#include "tests/bodies.h"
 #include "tests/host_kernels.h"
 #include "tests/host_subdomains.h"
 #include "tests/support.h"
@@ -94,22 +95,6 @@ TEST(BorderBlocks, AreThoseWithAParticleOfABorder) {
 
 // --- Bits ------------------------------------------------------------------------------------------------
 
-std::vector<Problem> problems() {
-    std::vector<Problem> all;
-    all.push_back(make_lattice_problem(solid({6, 5, 13}), FACE_BITS | EDGE_BITS));
-    all.push_back(make_lattice_problem(random_grid({33, 9, 8}, 0.5, 1), NEIGHBOUR_BITS));
-    take_hold(all.back(), {.particles = {3, 200, 201, 500}, .held = {}, .stiffness = 0.05});
-    all.push_back(make_lattice_problem(random_grid({9, 23, 8}, 0.5, 2, 3), NEIGHBOUR_BITS));
-    all.back().materials = {{1, 1}, {2, 0.25}, {0.75, 0.5}};
-    pin_base(all.back());
-    for (Problem& problem : all) {
-        problem.gravity = {8e-4, 0, -2e-3};
-        problem.damping = 0.01;
-        problem.time_step = 0.2;
-    }
-    return all;
-}
-
 const std::vector<glm::ivec3> bricks = {{2, 1, 2}, {2, 2, 2}, {3, 2, 1}};
 
 template <class V>
@@ -121,20 +106,20 @@ using Variants = ::testing::Types<
 TYPED_TEST_SUITE(SubdomainsOnKernels, Variants);
 
 TYPED_TEST(SubdomainsOnKernels, GiveTheBitsOfTheWholeByGrid) {
-    expect_bits_of_each(problems(), bricks, [](const Problem& problem, const State& start) {
+    expect_bits_of_each(bodies_to_cut(), bricks, [](const Problem& problem, const State& start) {
         return std::make_unique<cuda::ImplicitSimulation<TypeParam>>(problem, start,
                                                                      cuda::BlockShape{8, 4, 2});
     });
 }
 
 TYPED_TEST(SubdomainsOnKernels, GiveTheBitsOfTheWholeByDeltas) {
-    expect_bits_of_each(problems(), bricks, [](const Problem& problem, const State& start) {
+    expect_bits_of_each(bodies_to_cut(), bricks, [](const Problem& problem, const State& start) {
         return std::make_unique<cuda::DeltaSimulation<TypeParam>>(problem, start, true);
     });
 }
 
 TYPED_TEST(SubdomainsOnKernels, GiveTheBitsOfTheWholeByLists) {
-    expect_bits_of_each(problems(), bricks, [](const Problem& problem, const State& start) {
+    expect_bits_of_each(bodies_to_cut(), bricks, [](const Problem& problem, const State& start) {
         using Real = typename TypeParam::Real;
         return std::make_unique<cuda::ExplicitSimulation<TypeParam>>(
             problem, start,

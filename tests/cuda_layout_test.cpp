@@ -134,6 +134,14 @@ auto lists_by_groups(const Problem& problem, ListLayout layout = ListLayout::ver
     return list_by_groups<typename V::Real>(problem, layout, V::formulation);
 }
 
+/// Lists by springs, and those by groups if the body can have them.
+template <class V>
+std::vector<NeighbourLists<typename V::Real>> lists_of(const Problem& problem, ListLayout layout) {
+    std::vector<NeighbourLists<typename V::Real>> kinds = {lists_by_springs<V>(problem, layout)};
+    if (grouped_list_refusal(problem).empty()) kinds.push_back(lists_by_groups<V>(problem, layout));
+    return kinds;
+}
+
 // --- Every kernel body against the oracle ----------------------------------------------------------------
 
 template <class V>
@@ -211,32 +219,22 @@ TYPED_TEST(KernelBodies, ImplicitFromTiles) {
     }
 }
 
-TYPED_TEST(KernelBodies, ExplicitByGroups) {
-    int tried = 0;
-    for (const auto& [name, problem] : lattices()) {
-        if (!grouped_list_refusal(problem).empty()) continue;
-        ++tried;
-        const State start = random_state(problem, 0.05, 7);
-        for (const ListLayout layout : {ListLayout::vertical, ListLayout::concatenated}) {
-            SCOPED_TRACE(name);
-            ExplicitSimulation<TypeParam> simulation(problem, start,
-                                                     lists_by_groups<TypeParam>(problem, layout));
-            this->expect_reference(problem, start, simulation);
-        }
-    }
-    EXPECT_EQ(tried, int(lattices().size()) - 3);  // all except those of several materials or spacings
-}
-
-TYPED_TEST(KernelBodies, ExplicitBySprings) {
+TYPED_TEST(KernelBodies, ExplicitBySpringsAndByGroups) {
+    std::size_t by_groups = 0;
     for (const auto& [name, problem] : lattices_and_networks()) {
+        SCOPED_TRACE(name);
         const State start = random_state(problem, 0.05, 7);
         for (const ListLayout layout : {ListLayout::vertical, ListLayout::concatenated}) {
-            SCOPED_TRACE(name);
-            ExplicitSimulation<TypeParam> simulation(problem, start,
-                                                     lists_by_springs<TypeParam>(problem, layout));
-            this->expect_reference(problem, start, simulation);
+            const auto kinds = lists_of<TypeParam>(problem, layout);
+            by_groups += kinds.size() - 1;
+            for (const auto& lists : kinds) {
+                ExplicitSimulation<TypeParam> simulation(problem, start, lists);
+                this->expect_reference(problem, start, simulation);
+            }
         }
     }
+    // All lattices except those of several materials or spacings.
+    EXPECT_EQ(by_groups, 2 * (lattices().size() - 3));
 }
 
 // If both can run, the bits equal those of implicit addressing and of lists with one counter per group.
@@ -327,7 +325,6 @@ TYPED_TEST(KernelBodies, SkipsChangeNoBit) {
 
 // The paper's ways to find neighbours: masks bit by bit, and lists whose rows say where they begin and end.
 TYPED_TEST(KernelBodies, ThePapersWaysChangeNoBit) {
-    using Real = typename TypeParam::Real;
     const auto expect_same = [](Simulation<TypeParam>& papers, Simulation<TypeParam>&& own) {
         papers.step(2);
         own.step(2);
@@ -340,10 +337,7 @@ TYPED_TEST(KernelBodies, ThePapersWaysChangeNoBit) {
         SCOPED_TRACE(name);
         const State start = random_state(problem, 0.05, 7);
         for (const ListLayout layout : {ListLayout::vertical, ListLayout::concatenated}) {
-            std::vector<NeighbourLists<Real>> kinds = {lists_by_springs<TypeParam>(problem, layout)};
-            if (problem.springs.empty() && grouped_list_refusal(problem).empty())
-                kinds.push_back(lists_by_groups<TypeParam>(problem, layout));
-            for (const NeighbourLists<Real>& lists : kinds) {
+            for (const auto& lists : lists_of<TypeParam>(problem, layout)) {
                 ExplicitSimulation<TypeParam> rows(problem, start, lists);
                 rows.use_rows();
                 expect_same(rows, ExplicitSimulation<TypeParam>(problem, start, lists));

@@ -280,12 +280,7 @@ private:
             HostPlanes<V> planes(step_, item, state_.current, state_.before);
             for (int thread = 0; thread < V::shape.threads(); ++thread) {
                 planes.start(thread);
-                const bool full_stencil = (item.full_stencils >> (thread / 32) & 1U) != 0;
-                if (equal_edges(problem_, V::formulation)) {
-                    step_thread<groups, true>(item, output, thread, full_stencil, planes);
-                } else {
-                    step_thread<groups, false>(item, output, thread, full_stencil, planes);
-                }
+                step_thread<groups>(item, output, thread, planes);
                 ASSERT_TRUE(planes.complete());
             }
         }
@@ -304,30 +299,31 @@ private:
                 block_barrier = &barrier;
                 AsyncRings<Real, V::shape> planes(reinterpret_cast<unsigned char*>(shared.data()), step_,
                                                   from, item, thread);
-                const bool full_stencil = (item.full_stencils >> (thread / 32) & 1U) != 0;
-                if (equal_edges(problem_, V::formulation)) {
-                    step_thread<groups, true>(item, output, thread, full_stencil, planes);
-                } else {
-                    step_thread<groups, false>(item, output, thread, full_stencil, planes);
-                }
+                step_thread<groups>(item, output, thread, planes);
             });
         }
     }
-    template <std::uint32_t groups, bool equal, class Planes>
-    void step_thread(const MarchItem& item, const MarchOutput<Real>& output, int thread, bool full_stencil,
-                     Planes& planes) {
-        if (problem_.damping == 0 && !problem_.has_gravity()) {
-            step_thread<KernelTerms<V::formulation, groups, 0, false>, equal>(item, output, thread,
-                                                                              full_stencil, planes);
+    template <std::uint32_t groups, class Planes>
+    void step_thread(const MarchItem& item, const MarchOutput<Real>& output, int thread, Planes& planes) {
+        if (equal_edges(problem_, V::formulation)) {
+            step_thread<groups, true>(item, output, thread, planes);
         } else {
-            step_thread<KernelTerms<V::formulation, groups, term_damping | term_gravity, false>, equal>(
-                item, output, thread, full_stencil, planes);
+            step_thread<groups, false>(item, output, thread, planes);
+        }
+    }
+    template <std::uint32_t groups, bool equal, class Planes>
+    void step_thread(const MarchItem& item, const MarchOutput<Real>& output, int thread, Planes& planes) {
+        constexpr std::uint32_t both = term_damping | term_gravity;
+        if (problem_.damping == 0 && !problem_.has_gravity()) {
+            step_thread<KernelTerms<V::formulation, groups, 0, false>, equal>(item, output, thread, planes);
+        } else {
+            step_thread<KernelTerms<V::formulation, groups, both, false>, equal>(item, output, thread,
+                                                                                 planes);
         }
     }
     template <class Terms, bool equal, class Planes>
-    void step_thread(const MarchItem& item, const MarchOutput<Real>& output, int thread, bool full_stencil,
-                     Planes& planes) {
-        if (full_stencil) {
+    void step_thread(const MarchItem& item, const MarchOutput<Real>& output, int thread, Planes& planes) {
+        if ((item.full_stencils >> (thread / 32) & 1U) != 0) {
             march<Terms, V::shape, false, equal>(step_, item, output, thread, planes);
         } else {
             march<Terms, V::shape, true, equal>(step_, item, output, thread, planes);

@@ -37,19 +37,6 @@ std::vector<glm::ivec3> cuts_of(const Problem& problem) {
     return cuts;
 }
 
-/// Longest along x, y and z; solid and with holes; with materials, loads and pins.
-std::vector<Problem> problems() {
-    std::vector<Problem> all;
-    all.push_back(lattice(solid({6, 5, 13}), FACE_BITS | EDGE_BITS));
-    all.push_back(lattice(random_grid({37, 9, 8}, 0.37, 1), NEIGHBOUR_BITS));
-    take_hold(all.back(), {.particles = {3, 200, 201, 700}, .held = {}, .stiffness = 0.05});
-    all.push_back(lattice(random_grid({9, 23, 8}, 0.37, 2, 3), NEIGHBOUR_BITS));
-    all.back().materials = {{1, 1}, {2, 0.25}, {0.75, 0.5}};
-    pin_base(all.back());
-    all.back().load.assign(all.back().particle_count(), {0.001, -0.002, 0.003});
-    return all;
-}
-
 std::vector<Subdomain> subdomains_of(const Problem& whole, glm::ivec3 cut) {
     const Decomposition decomposition(whole, cut);
     std::vector<Subdomain> all;
@@ -66,7 +53,7 @@ const Subdomain::Border* border_with(const Subdomain& subdomain, int other) {
 }
 
 TEST(Decompositions, ShareTheParticlesEquallyAndNameTheirGhostsAlike) {
-    for (const Problem& whole : problems()) {
+    for (const Problem& whole : bodies_to_cut()) {
         const glm::ivec3 dims = whole.lattice.dims;
         for (const glm::ivec3 cut : cuts_of(whole)) {
             const std::vector<Subdomain> all = subdomains_of(whole, cut);
@@ -136,7 +123,7 @@ TEST(Decompositions, CutIntoBricksWhereTheseHaveLessBorder) {
 }
 
 TEST(Decompositions, HaveEverySpringOfTheirOwnParticlesAndNoOther) {
-    const Problem whole = problems()[2];
+    const Problem whole = bodies_to_cut()[2];
     const std::vector<Spring> springs = list_springs(whole);
     for (const glm::ivec3 cut : {glm::ivec3(1, 3, 1), {2, 2, 2}}) {
         std::size_t within = 0, across = 0;
@@ -175,13 +162,14 @@ TEST(Decompositions, RefuseWhatTheyCannotCut) {
     const auto refusal = [](const Problem& problem, int slabs) {
         return Decomposition::refusal(problem, Decomposition::slabs(problem, slabs));
     };
-    EXPECT_EQ(refusal(problems()[0], 13), "");
-    EXPECT_EQ(refusal(problems()[0], 14), "13 layers with particles along z cannot be cut into 14 parts");
-    EXPECT_EQ(Decomposition::refusal(problems()[0], {2, 6, 2}),
+    EXPECT_EQ(refusal(bodies_to_cut()[0], 13), "");
+    EXPECT_EQ(refusal(bodies_to_cut()[0], 14),
+              "13 layers with particles along z cannot be cut into 14 parts");
+    EXPECT_EQ(Decomposition::refusal(bodies_to_cut()[0], {2, 6, 2}),
               "5 layers with particles along y cannot be cut into 6 parts");
-    EXPECT_THAT(refusal(problems()[0], 0), HasSubstr("at least one part"));
+    EXPECT_THAT(refusal(bodies_to_cut()[0], 0), HasSubstr("at least one part"));
     EXPECT_THAT(refusal(random_network(10, 20, 1), 2), HasSubstr("lattice"));
-    Problem beyond = problems()[0];
+    Problem beyond = bodies_to_cut()[0];
     beyond.springs.push_back({0, 7, 1, 2});
     EXPECT_THAT(refusal(beyond, 2), HasSubstr("springs beyond the lattice"));
 }
@@ -233,10 +221,10 @@ void copy_ghosts(std::vector<Part>& parts) {
     }
 }
 
-/// One step; the tool, if there is one, is moved before it.
-void step_once(Backend& backend, const Problem& problem, int step) {
-    if (problem.has_tool()) backend.tool()->move_tool({0.01 * step, 0, -0.02 * step});
-    backend.step(1);
+/// Launch n, of `steps` steps; the tool, if there is one, is moved before it.
+void step_once(Backend& backend, const Problem& problem, int n, int steps = 1) {
+    if (problem.has_tool()) backend.tool()->move_tool({0.01 * n, 0, -0.02 * n});
+    backend.step(steps);
 }
 
 /// The state after `steps` steps of all subdomains. Edit n is made before step n.
@@ -307,19 +295,24 @@ State stepped_by(const std::string& way, glm::ivec3 cut, const BackendSpec& spec
     return state;
 }
 
-State stepped_whole(const BackendSpec& spec, const Problem& whole, const State& start, int steps,
-                    const std::vector<SpringEdit>& edits = {}) {
+/// The state after these launches. Edit n is made before launch n.
+State stepped_whole(const BackendSpec& spec, const Problem& whole, const State& start,
+                    const std::vector<int>& launches, const std::vector<SpringEdit>& edits = {}) {
     const std::unique_ptr<Backend> backend = spec.make();
     Problem edited = whole;
     backend->upload(whole, start);
-    for (int step = 0; step < steps; ++step) {
-        if (std::size_t(step) < edits.size()) {
-            apply(edited, edits[std::size_t(step)]);
-            backend->edit(edited, edits[std::size_t(step)]);
+    for (std::size_t n = 0; n < launches.size(); ++n) {
+        if (n < edits.size()) {
+            apply(edited, edits[n]);
+            backend->edit(edited, edits[n]);
         }
-        step_once(*backend, edited, step);
+        step_once(*backend, edited, int(n), launches[n]);
     }
     return backend->download();
+}
+State stepped_whole(const BackendSpec& spec, const Problem& whole, const State& start, int steps,
+                    const std::vector<SpringEdit>& edits = {}) {
+    return stepped_whole(spec, whole, start, std::vector<int>(std::size_t(steps), 1), edits);
 }
 
 /// Whether a backend may have borders. It says for certain once it has its device.
@@ -351,7 +344,7 @@ protected:
     }
     /// The problems that the backend can run.
     std::vector<Problem> problems() const {
-        std::vector<Problem> all = testing::problems();
+        std::vector<Problem> all = bodies_to_cut();
         std::erase_if(all, [&](const Problem& problem) { return !any_->unsupported(problem).empty(); });
         return all;
     }
@@ -486,17 +479,7 @@ TEST_P(SubdomainsWithinSteps, HaveTheBitsOfOneDevice) {
             Problem edited = whole;
             std::vector<SpringEdit> edits;
             if (cut) edits = random_edits(edited, 5, 4);
-            const std::unique_ptr<Backend> one = spec.make();
-            Problem now = whole;
-            one->upload(now, start);
-            for (std::size_t n = 0; n < counts.size(); ++n) {
-                if (n < edits.size()) {
-                    apply(now, edits[n]);
-                    one->edit(now, edits[n]);
-                }
-                one->step(counts[n]);
-            }
-            const State expected = one->download();
+            const State expected = stepped_whole(spec, whole, start, counts, edits);
             for (const int ranks : {2, 3})
                 expect_same_bits(stepped_together(ranks, spec, whole, start, counts, edits), expected);
         }

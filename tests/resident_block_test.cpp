@@ -487,27 +487,23 @@ private:
 
 glm::ivec3 dims_of_parts(int ranks) { return {4, 4, 8 * ranks}; }
 
-TYPED_TEST(Resident, PartsGiveTheBitsOfTheWhole) {
-    for (const int ranks : {2, 3}) {
-        const Problem problem = lattice(dims_of_parts(ranks));
-        const State start = random_state(problem, 0.05, 1);
-        ImplicitSimulation<TypeParam> expected(problem, start, {8, 4, 4});
-        Parts<TypeParam::formulation, part, ToolMode::none> parts(problem, start, ranks);
-        for (std::size_t slow = 0; slow < std::size_t(ranks); ++slow) {
-            for (const int count : launches) expected.step(count);
-            parts.step(launches, slow);
-            expect_same_bits(parts.download(), expected.download());
-            parts.expect_ghosts_are_kept();
-        }
-    }
-    const Problem problem = lattice({8, 4, 16});
+template <class V, const Body& body>
+void expect_parts_as_implicit(glm::ivec3 dims, int ranks) {
+    const Problem problem = lattice(dims);
     const State start = random_state(problem, 0.05, 1);
-    ImplicitSimulation<TypeParam> expected(problem, start, {8, 4, 4});
-    Parts<TypeParam::formulation, part_in_turns, ToolMode::none> parts(problem, start, 2);
-    for (const int count : launches) expected.step(count);
-    parts.step(launches);
-    expect_same_bits(parts.download(), expected.download());
-    parts.expect_ghosts_are_kept();
+    ImplicitSimulation<V> expected(problem, start, {8, 4, 4});
+    Parts<V::formulation, body, ToolMode::none> parts(problem, start, ranks);
+    for (std::size_t slow = 0; slow < std::size_t(ranks); ++slow) {
+        for (const int count : launches) expected.step(count);
+        parts.step(launches, slow);
+        expect_same_bits(parts.download(), expected.download());
+        parts.expect_ghosts_are_kept();
+    }
+}
+
+TYPED_TEST(Resident, PartsGiveTheBitsOfTheWhole) {
+    for (const int ranks : {2, 3}) expect_parts_as_implicit<TypeParam, part>(dims_of_parts(ranks), ranks);
+    expect_parts_as_implicit<TypeParam, part_in_turns>({8, 4, 16}, 2);
 }
 
 // Launches of one step: the point of the next step is sent before a late part has read the latest. 2^32 is
@@ -580,13 +576,7 @@ TEST(ResidentParts, DoNotWaitForEver) {
 // Idle lanes write into one slot that no thread reads: a race that ThreadSanitizer need not report.
 #ifndef WATCHES_THREADS
 TYPED_TEST(Resident, StepsWithIdleLanes) {
-    const Problem problem = lattice(idle.dims);
-    const State start = random_state(problem, 0.05, 1);
-    ImplicitSimulation<TypeParam> expected(problem, start, {8, 4, 4});
-    Simulation<TypeParam::formulation, idle, ToolMode::none> resident(problem, start);
-    expected.step(5);
-    resident.step(5);
-    expect_same_bits(resident.download(), expected.download());
+    expect_steps_as_implicit<TypeParam, idle>(lattice(idle.dims));
     expect_ticks_as_launches<TypeParam::formulation, idle>({1, 3, 2, 1});
 }
 
