@@ -83,13 +83,7 @@ TEST(OrbitTest, ShiftingFollowsThePointer) {
 class BodyPainterTest : public ::testing::Test {
 protected:
     void SetUp() override {
-        try {
-            context_ = std::make_unique<gl::Context>();
-        } catch (const Unavailable& absent) {
-            if (is_required("gl")) FAIL() << absent.what();
-            GTEST_SKIP() << absent.what();
-        }
-        painter_.emplace(*context_);
+        skip_without("gl", [&] { painter_.emplace(context_.emplace()); });
     }
 
     void show(const Problem& problem) {
@@ -107,7 +101,7 @@ protected:
         return !std::equal(image.at(at.x, at.y), image.at(at.x, at.y) + 4, image.at(0, 0));
     }
 
-    std::unique_ptr<gl::Context> context_;
+    std::optional<gl::Context> context_;
     std::optional<BodyPainter> painter_;
     Orbit orbit_;
 };

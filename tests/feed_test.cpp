@@ -35,17 +35,11 @@ std::vector<std::uint32_t> some_of(const Problem& problem) {
 class Feeding : public ::testing::TestWithParam<std::string> {
 protected:
     void SetUp() override {
-        try {
-            window_ = std::make_unique<gl::Context>();
-        } catch (const Unavailable& absent) {
-            if (is_required("gl")) FAIL() << absent.what();
-            GTEST_SKIP() << absent.what();
-        }
-        sharing_.emplace(*window_);
-        make_or_skip(BackendSpec::parse(GetParam()), backend_);
+        skip_without("gl", [&] { sharing_.emplace(window_.emplace()); });
+        if (window_) make_or_skip(BackendSpec::parse(GetParam()), backend_);
     }
 
-    std::unique_ptr<gl::Context> window_;
+    std::optional<gl::Context> window_;
     std::optional<gl::Sharing> sharing_;
     std::unique_ptr<Backend> backend_;
 };

@@ -23,6 +23,7 @@
 #include "backends/glsl/implicit.h"
 #include "backends/registry.h"
 #include "harness/verification/verify.h"
+#include "tests/required.h"
 #include "tests/shader_support.h"
 #include "tests/specifications.h"
 #include "tests/support.h"
@@ -39,12 +40,10 @@ using ::testing::IsEmpty;
 class Gl : public ::testing::Test {
 protected:
     void SetUp() override {
-        try {
+        skip_without("gl", [&] {
             const gl::Context probe;
             software_ = probe.capabilities().device.find("llvmpipe") != std::string::npos;
-        } catch (const Unavailable& absent) {
-            GTEST_SKIP() << absent.what();
-        }
+        });
     }
 
     static std::unique_ptr<gl::FragmentBackend> make(const std::string& specification) {

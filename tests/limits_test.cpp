@@ -402,11 +402,7 @@ TEST(StepWork, OfCpuReference) {
 class Gl : public ::testing::Test {
 protected:
     void SetUp() override {
-        try {
-            BackendSpec::parse("gl_fragment_implicit").make();
-        } catch (const Unavailable& absent) {
-            GTEST_SKIP() << absent.what();
-        }
+        skip_without("gl", [] { BackendSpec::parse("gl_fragment_implicit").make(); });
     }
 };
 

@@ -10,7 +10,6 @@
 #include <glm/common.hpp>
 #include <glm/geometric.hpp>
 #include <map>
-#include <memory>
 #include <optional>
 #include <set>
 #include <stdexcept>
@@ -201,13 +200,7 @@ TEST(Png, RefusesWhatIsNoImage) {
 class Pixels : public ::testing::Test {
 protected:
     void SetUp() override {
-        try {
-            context_ = std::make_unique<gl::Context>();
-            painter_.emplace(*context_, for_files);
-        } catch (const Unavailable& absent) {
-            if (is_required("gl")) FAIL() << absent.what();
-            GTEST_SKIP() << absent.what();
-        }
+        skip_without("gl", [&] { painter_.emplace(context_.emplace(), for_files); });
     }
 
     /// Draws the body at rest, with `value(rest position)` for each particle.
@@ -227,7 +220,7 @@ protected:
 
     static constexpr glm::ivec2 size{320, 240};
     static constexpr int above_legend = int(size.y * (1 - legend_share));
-    std::unique_ptr<gl::Context> context_;
+    std::optional<gl::Context> context_;
     std::optional<BodyPainter> painter_;
     View view_;
 };

@@ -35,14 +35,20 @@ inline bool is_required(const std::string& backend) {
                        [&](const std::string& prefix) { return backend.starts_with(prefix); });
 }
 
-/// For SetUp(): makes the backend, or leaves it null and skips or fails the test.
-inline void make_or_skip(const BackendSpec& spec, std::unique_ptr<Backend>& backend) {
+/// For SetUp(): calls `make`, which needs a device of `backend`, and skips or fails the test without one.
+template <class Make>
+void skip_without(const std::string& backend, Make make) {
     try {
-        backend = spec.make();
+        make();
     } catch (const Unavailable& absent) {
-        if (is_required(spec.entry->name)) FAIL() << "required and unavailable: " << absent.what();
+        if (is_required(backend)) FAIL() << "required and unavailable: " << absent.what();
         GTEST_SKIP() << absent.what();
     }
+}
+
+/// For SetUp(): makes the backend, or leaves it null and skips or fails the test.
+inline void make_or_skip(const BackendSpec& spec, std::unique_ptr<Backend>& backend) {
+    skip_without(spec.entry->name, [&] { backend = spec.make(); });
 }
 
 /// Makes the backend that `text` specifies, which this build may have left out.
