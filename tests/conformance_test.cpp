@@ -141,6 +141,15 @@ protected:
         return compare(problem, state, expected, spec.options.precision, steps, spec.options.formulation,
                        spec.root_error());
     }
+    /// Expects the backend to be where the reference is after `steps` steps.
+    Comparison expect_agreement(const Problem& problem, Backend& oracle, int steps) const {
+        Comparison comparison = compared(problem, backend->download(), oracle.download(), steps);
+        EXPECT_TRUE(comparison.passed()) << "after " << steps << " steps: " << comparison.reason;
+        return comparison;
+    }
+    /// Calls visit(problem, edits, edited) for every case of edits that the backend runs.
+    template <class Visit>
+    void for_each_edited(Visit visit) const;
 
     std::optional<ChosenTarget> target;
     const BackendSpec spec = BackendSpec::parse(GetParam().substr(0, GetParam().find('@')));
@@ -164,8 +173,7 @@ TEST_P(Conformance, AgreesWithTheReference) {
             oracle->step(batch);
             backend->step(batch);
             steps += batch;
-            const Comparison comparison = compared(problem, backend->download(), oracle->download(), steps);
-            EXPECT_TRUE(comparison.passed()) << "after " << steps << " steps: " << comparison.reason;
+            expect_agreement(problem, *oracle, steps);
         }
     }
 }
@@ -274,15 +282,11 @@ TEST_P(Conformance, AnEmptyListOfTheStartHasTheBitsOfZeros) {
     if (!backend->unsupported(problem).empty() && may_refuse(spec, problem)) GTEST_SKIP();
     if (!backend->capabilities().deterministic) GTEST_SKIP() << "two runs differ anyway";
     const State moving = random_state(problem, 0.05, 8), rest = state_at_rest(problem);
-    const std::pair<State, State> starts[] = {
-        {{}, rest},
-        {{{}, moving.increment}, {rest.displacement, moving.increment}},
-        {{moving.displacement, {}}, {moving.displacement, rest.increment}}};
     const Problem uploaded = problem;
     SpringEditor editor(problem);
     const SpringEdit cut = editor.cut(Ball{{9, 8, 6}, 3});
     ASSERT_FALSE(cut.empty());
-    for (const auto& [empty, full] : starts) {
+    for (const auto& [empty, full] : starts_without_zeros(moving, rest)) {
         SCOPED_TRACE(std::string("displacements: ") + (empty.displacement.empty() ? "none" : "some") +
                      ", increments: " + (empty.increment.empty() ? "none" : "some"));
         const auto other = spec.make();
@@ -382,8 +386,7 @@ TEST_P(ConformanceWithATool, PullsAsInTheReference) {
                 b->step(4);
             }
             steps += 5;
-            const Comparison comparison = compared(problem, backend->download(), oracle->download(), steps);
-            EXPECT_TRUE(comparison.passed()) << "after " << steps << " steps: " << comparison.reason;
+            const Comparison comparison = expect_agreement(problem, *oracle, steps);
             // Each force is the stiffness times a distance, whose end is off by no more than particles are.
             const double tolerance = double(problem.tool.particles.size()) * problem.tool.stiffness *  //
                                      2 * comparison.tolerance;
@@ -488,13 +491,8 @@ TEST_P(ConformanceWithATool, CostsNothingWhereThereIsNone) {
 
 // --- Edits ---------------------------------------------------------------------------------------------
 
-struct EditCase {
-    std::string name;
-    Problem problem;
-};
-
-std::vector<EditCase> edit_cases() {
-    std::vector<EditCase> all;
+std::vector<Case> edit_cases() {
+    std::vector<Case> all;
     all.push_back({"dense", lattice(random_grid({11, 9, 10}, 0.95, 31))});
     // Rows long enough for whole registers of particles with every neighbour.
     all.push_back({"solid", lattice(solid({37, 5, 7}))});
@@ -509,84 +507,81 @@ std::vector<EditCase> edit_cases() {
     return all;
 }
 
-TEST_P(Conformance, AnEditedProblemIsTheOneBuiltSoToTheBit) {
-    for (const EditCase& c : edit_cases()) {
+template <class Visit>
+void Conformance::for_each_edited(Visit visit) const {
+    for (const Case& c : edit_cases()) {
         for (const bool beyond : {false, true}) {
             SCOPED_TRACE(c.name + (beyond ? " beyond the lattice" : ""));
             Problem edited = c.problem;
             const std::vector<SpringEdit> edits = edit_everything(edited, beyond);
-            if (!backend->unsupported(c.problem).empty() || !backend->unsupported(edited).empty()) {
-                EXPECT_TRUE(may_refuse(spec, edited));
-                continue;
-            }
-            const State start = random_state(c.problem, 0.05, 7);
-            const auto play = [&](const Problem& from, const std::vector<SpringEdit>& changes) {
-                Problem now = from;
-                backend->upload(from, start);
-                for (const SpringEdit& edit : changes) {
-                    apply(now, edit);
-                    backend->edit(now, edit);
-                }
-                backend->step(13);
-                return backend->download();
-            };
-            const State played = play(c.problem, edits);
-            const State built = play(edited, {});
-            if (backend->capabilities().deterministic) {
-                expect_same_bits(played, built);
+            if (backend->unsupported(c.problem).empty() && backend->unsupported(edited).empty()) {
+                visit(c.problem, edits, edited);
             } else {
-                const Comparison comparison = compared(edited, played, built, 13);
-                EXPECT_TRUE(comparison.passed()) << comparison.reason;
+                EXPECT_TRUE(may_refuse(spec, edited));
             }
-            // An upload forgets every edit.
-            const auto oracle = BackendSpec::parse("cpu_reference").make();
-            oracle->upload(c.problem, start);
-            oracle->step(5);
-            backend->upload(c.problem, start);
-            backend->step(5);
-            const Comparison comparison = compared(c.problem, backend->download(), oracle->download(), 5);
-            EXPECT_TRUE(comparison.passed()) << comparison.reason;
         }
     }
 }
 
-TEST_P(Conformance, EditsBetweenStepsAgreeWithTheReference) {
-    for (const EditCase& c : edit_cases()) {
-        for (const bool beyond : {false, true}) {
-            SCOPED_TRACE(c.name + (beyond ? " beyond the lattice" : ""));
-            Problem edited = c.problem;
-            const std::vector<SpringEdit> edits = edit_everything(edited, beyond);
-            if (!backend->unsupported(c.problem).empty() || !backend->unsupported(edited).empty()) continue;
-            const State start = random_state(c.problem, 0.05, 8);
-            const auto oracle = BackendSpec::parse("cpu_reference").make();
-            Problem now = c.problem;
-            oracle->upload(c.problem, start);
-            backend->upload(c.problem, start);
-            int steps = 0;
-            for (const SpringEdit& edit : edits) {
-                for (Backend* b : {oracle.get(), backend.get()}) b->step(3);
+TEST_P(Conformance, AnEditedProblemIsTheOneBuiltSoToTheBit) {
+    for_each_edited([&](const Problem& problem, const std::vector<SpringEdit>& edits, const Problem& edited) {
+        const State start = random_state(problem, 0.05, 7);
+        const auto play = [&](const Problem& from, const std::vector<SpringEdit>& changes) {
+            Problem now = from;
+            backend->upload(from, start);
+            for (const SpringEdit& edit : changes) {
                 apply(now, edit);
-                for (Backend* b : {oracle.get(), backend.get()}) {
-                    b->edit(now, edit);
-                    b->step(2);
-                }
-                steps += 5;
-                const Comparison comparison = compared(now, backend->download(), oracle->download(), steps);
-                EXPECT_TRUE(comparison.passed()) << "after " << steps << " steps: " << comparison.reason;
+                backend->edit(now, edit);
             }
-            // The state has the bits of a fresh upload: a float32 state passes through download() and
-            // upload() unchanged, since the difference of two of its positions is rounded in float64. This
-            // does not hold for a state of two parts, which together have more bits than a float64.
-            const bool exact = spec.options.precision == Precision::float32 &&
-                               spec.options.formulation != Formulation::compensated;
-            if (!exact || !backend->capabilities().deterministic) continue;
-            const State midway = backend->download();
-            backend->step(5);
-            const State played = backend->download();
-            const State built = stepped(*backend, now, midway, 5);
+            backend->step(13);
+            return backend->download();
+        };
+        const State played = play(problem, edits);
+        const State built = play(edited, {});
+        if (backend->capabilities().deterministic) {
             expect_same_bits(played, built);
+        } else {
+            const Comparison comparison = compared(edited, played, built, 13);
+            EXPECT_TRUE(comparison.passed()) << comparison.reason;
         }
-    }
+        // An upload forgets every edit.
+        const auto oracle = BackendSpec::parse("cpu_reference").make();
+        for (Backend* b : {oracle.get(), backend.get()}) {
+            b->upload(problem, start);
+            b->step(5);
+        }
+        expect_agreement(problem, *oracle, 5);
+    });
+}
+
+TEST_P(Conformance, EditsBetweenStepsAgreeWithTheReference) {
+    for_each_edited([&](const Problem& problem, const std::vector<SpringEdit>& edits, const Problem&) {
+        const State start = random_state(problem, 0.05, 8);
+        const auto oracle = BackendSpec::parse("cpu_reference").make();
+        Problem now = problem;
+        for (Backend* b : {oracle.get(), backend.get()}) b->upload(problem, start);
+        int steps = 0;
+        for (const SpringEdit& edit : edits) {
+            for (Backend* b : {oracle.get(), backend.get()}) b->step(3);
+            apply(now, edit);
+            for (Backend* b : {oracle.get(), backend.get()}) {
+                b->edit(now, edit);
+                b->step(2);
+            }
+            steps += 5;
+            expect_agreement(now, *oracle, steps);
+        }
+        // The state has the bits of a fresh upload: a float32 state passes through download() and upload()
+        // unchanged, since the difference of two of its positions is rounded in float64. This does not hold
+        // for a state of two parts, which together have more bits than a float64.
+        const bool exact = spec.options.precision == Precision::float32 &&
+                           spec.options.formulation != Formulation::compensated;
+        if (!exact || !backend->capabilities().deterministic) return;
+        const State midway = backend->download();
+        backend->step(5);
+        const State played = backend->download();
+        expect_same_bits(played, stepped(*backend, now, midway, 5));
+    });
 }
 
 TEST_P(Conformance, EditsLeavePinnedParticlesWhereTheyAre) {

@@ -360,12 +360,8 @@ TEST(AStart, MayLeaveOutZeros) {
     Scene full = load_scene("box@11");
     full.state = random_state(full.problem, 0.01, 5);
     const State moving = full.state, rest = state_at_rest(full.problem);
-    const std::pair<State, State> starts[] = {
-        {{}, rest},
-        {{{}, moving.increment}, {rest.displacement, moving.increment}},
-        {{moving.displacement, {}}, {moving.displacement, rest.increment}}};
     const RoundingModel model = rounding_model_of(BackendSpec::parse("cpu_parallel"));
-    for (const auto& [empty, zeros] : starts) {
+    for (const auto& [empty, zeros] : starts_without_zeros(moving, rest)) {
         Scene scene = full;
         scene.state = empty;
         full.state = zeros;

@@ -17,15 +17,15 @@ namespace {
 /// Half of the largest stable time step of a lattice with faces and edges.
 const double half_critical = 1 / std::sqrt(12.0);
 
-State end_of(const std::string& spec, const Problem& problem, const State& start, int steps) {
-    return stepped(spec, problem, start, steps);
-}
-
-/// The error of float32 against float64, relative to the displacement.
-double error(Formulation formulation, const Problem& problem, const State& start, int steps) {
-    const State end = end_of("cpu_parallel:formulation=" + to_string(formulation), problem, start, steps);
-    const State reference = end_of("cpu_parallel:precision=float64", problem, start, steps);
-    return compare(problem, end, reference, Precision::float32, steps).relative_l2;
+/// The error of float32 against float64 after `steps` steps from rest, relative to the displacement: a
+/// function of the formulation.
+auto errors_of(const Problem& problem, int steps) {
+    return [=](Formulation formulation) {
+        const State rest = state_at_rest(problem);
+        const State end = stepped("cpu_parallel:formulation=" + to_string(formulation), problem, rest, steps);
+        const State reference = stepped("cpu_parallel:precision=float64", problem, rest, steps);
+        return compare(problem, end, reference, Precision::float32, steps).relative_l2;
+    };
 }
 
 Problem box(int side) {
@@ -37,10 +37,7 @@ Problem box(int side) {
 }
 
 TEST(Formulations, ErrorsOfASaggingBox) {
-    const Problem problem = box(32);
-    const auto error_of = [&](Formulation formulation) {
-        return error(formulation, problem, state_at_rest(problem), 1000);
-    };
+    const auto error_of = errors_of(box(32), 1000);
     EXPECT_LT(error_of(Formulation::paper), 2.5e-4);
     EXPECT_LT(error_of(Formulation::position), 2.5e-4);
     EXPECT_LT(error_of(Formulation::displacement), 4e-6);
@@ -52,9 +49,7 @@ TEST(Formulations, ErrorsOfASaggingBox) {
 TEST(Formulations, ErrorsOfASmallTimeStep) {
     Problem problem = box(16);
     problem.time_step /= 32;
-    const auto error_of = [&](Formulation formulation) {
-        return error(formulation, problem, state_at_rest(problem), 1600);
-    };
+    const auto error_of = errors_of(problem, 1600);
     EXPECT_GT(error_of(Formulation::position), 1e-2);
     EXPECT_LT(error_of(Formulation::increment), 6e-6);
     EXPECT_LT(error_of(Formulation::compensated), 1e-7);
@@ -67,7 +62,7 @@ TEST(Formulations, ThePapersStepDrifts) {
     Problem problem = make_lattice_problem(solid(glm::ivec3(32)), FACE_BITS | EDGE_BITS);
     problem.time_step = half_critical;
     problem.damping = 0.01;
-    const State end = end_of("cpu_parallel:formulation=paper", problem, state_at_rest(problem), 1);
+    const State end = stepped("cpu_parallel:formulation=paper", problem, state_at_rest(problem), 1);
     double largest = 0;
     for (const glm::dvec3& u : end.displacement) largest = std::max(largest, std::abs(u.x));
     EXPECT_GT(largest, 1e-6);
@@ -83,9 +78,7 @@ TEST(Formulations, AStiffnessRatioOfAMillion) {
     pin_base(problem);
     problem.gravity = {0, 0, -1e-9};
     problem.time_step = half_critical;
-    const auto error_of = [&](Formulation formulation) {
-        return error(formulation, problem, state_at_rest(problem), 5000);
-    };
+    const auto error_of = errors_of(problem, 5000);
     EXPECT_GT(error_of(Formulation::paper), 0.1);
     EXPECT_LT(error_of(Formulation::increment), 2e-5);
     EXPECT_LT(error_of(Formulation::compensated), 5e-7);
@@ -100,7 +93,7 @@ protected:
         problem.time_step = 0.3;
         State start = state_at_rest(problem);
         start.displacement[62] = displacement;
-        const State end = end_of(GetParam(), problem, start, 20000);
+        const State end = stepped(GetParam(), problem, start, 20000);
         // The lattice is free, so a translation is subtracted; by symmetry there is no rotation.
         glm::dvec3 mean(0);
         for (const glm::dvec3& u : end.displacement) mean += u / double(problem.particle_count());

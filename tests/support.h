@@ -81,6 +81,13 @@ inline State random_state(const Problem& problem, double amplitude, unsigned see
     return state;
 }
 
+/// Starts with an empty list or two, and the same starts with zeros instead.
+inline std::vector<std::pair<State, State>> starts_without_zeros(const State& moving, const State& rest) {
+    return {{{}, rest},
+            {{{}, moving.increment}, {rest.displacement, moving.increment}},
+            {{moving.displacement, {}}, {moving.displacement, rest.increment}}};
+}
+
 /// The state that a backend reaches from `start`.
 inline State stepped(Backend& backend, const Problem& problem, const State& start, int steps) {
     backend.upload(problem, start);
