@@ -8,6 +8,7 @@
 
 #include "backends/registry.h"
 #include "cuda/device/compiler.h"
+#include "tests/surroundings.h"
 
 /// The loader's, but for NVRTC, which it looks for where there is none.
 extern "C" void* dlopen(const char* file, int mode) noexcept {
@@ -23,22 +24,12 @@ namespace {
 
 using ::testing::AnyOf;
 using ::testing::HasSubstr;
+using testing::message_of;
 using ::testing::StartsWith;
-
-/// What Unavailable says; empty if the call does not throw it.
-template <class Call>
-std::string unavailable(Call call) {
-    try {
-        call();
-    } catch (const Unavailable& absent) {
-        return absent.what();
-    }
-    return {};
-}
 
 TEST(WithoutNvrtc, EveryCallSaysWhatIsMissingAndWhoseItIs) {
     for (int call = 0; call < 2; ++call) {
-        const std::string said = unavailable([] { oldest_architecture(); });
+        const std::string said = message_of<Unavailable>([] { oldest_architecture(); });
         EXPECT_THAT(said, StartsWith("no NVRTC: /nowhere/libnvrtc.so."));
         EXPECT_THAT(said, HasSubstr("the CUDA toolkit and of the Python package nvidia-cuda-nvrtc"));
     }
@@ -49,11 +40,11 @@ TEST(WithoutNvrtc, CudaBackendsAreUnavailableAndOthersAreNot) {
     for (const auto& entry : registry()) {
         const std::string& name = entry.first;
         if (!name.starts_with("cuda_")) continue;
-        EXPECT_THAT(unavailable([&name] { BackendSpec::parse(name).make(); }),
+        EXPECT_THAT(message_of<Unavailable>([&name] { BackendSpec::parse(name).make(); }),
                     AnyOf(StartsWith("no NVRTC: "), StartsWith("no NVIDIA driver"), StartsWith("no CUDA ")))
             << name;
     }
-    EXPECT_EQ(unavailable([] { BackendSpec::parse("cpu_parallel").make(); }), "");
+    EXPECT_EQ(message_of<Unavailable>([] { BackendSpec::parse("cpu_parallel").make(); }), "");
 }
 
 }  // namespace

@@ -298,6 +298,23 @@ protected:
     const TemporaryFolder folder_;
 };
 
+/// A study of cpu_reference, as a program builds it.
+Study study_of(const std::string& kind, const std::vector<StudyScene>& scenes,
+               const nlohmann::json& settings = nlohmann::json::object()) {
+    Study study;
+    study.name = "test";
+    study.kind = kind;
+    study.repetitions = 2;
+    study.steps = 3;
+    study.settings = settings;
+    study.backends = {"cpu_reference"};
+    study.scenes = scenes;
+    return study;
+}
+Study timing_of(const std::vector<StudyScene>& scenes) {
+    return study_of("timing", scenes, {{"total_error", false}});
+}
+
 /// Keys of scaling: short runs of cpu_reference on a small box.
 const std::string short_runs = R"("repetitions": 1, "steps": 3)";
 const std::string short_reference =
@@ -395,11 +412,7 @@ TEST_F(StudyKinds, ReadAndCheckTheirOwnKeys) {
           {R"("times": 3, "scenes": [{"scene": "scalpel_1"}]})", "without edits"}})
         expect_contains(refusal([&, &keys = rest] { (void)run(start + keys); }), word);
     // A study that a program builds is read by the same code.
-    Study study;
-    study.name = "built";
-    study.kind = "upload_time";
-    study.backends = {"cpu_reference"};
-    study.scenes = {{"box@4", 4, {}}};
+    Study study = study_of("upload_time", {{"box@4", 4, {}}});
     expect_contains(refusal([&] { (void)run_study(study, {}); }), "times");
     study.kind = "downloads";
     expect_contains(refusal([&] { (void)run_study(study, {}); }), "upload_time");
@@ -408,13 +421,7 @@ TEST_F(StudyKinds, ReadAndCheckTheirOwnKeys) {
 // --- What all kinds have in common ------------------------------------------------------------------------
 
 TEST_F(StudyKinds, OverheadHandsStepsOverInTwoWays) {
-    Study study;
-    study.name = "test";
-    study.kind = "overhead";
-    study.repetitions = 2;
-    study.backends = {"cpu_reference"};
-    study.scenes = {{"box@4", 20, {}}};
-    const nlohmann::json result = run_study(study, {});
+    const nlohmann::json result = run_study(study_of("overhead", {{"box@4", 20, {}}}), {});
     ASSERT_EQ(result.at("overhead").size(), 2u) << result.at("failed");
     std::vector<std::string> ways;
     for (const auto& row : result.at("overhead")) {
@@ -570,10 +577,7 @@ TEST_F(StudyKinds, ScalingReadsItsOwnKeys) {
           {R"("ways": [])", "ways"},
           {R"("cuts": ["halves"])", "slabs, bricks"}})
         expect_contains(refusal([&, &key = keys] { (void)scaling(short_reference + ", " + key); }), words);
-    Study timing;
-    timing.name = "plain";
-    timing.backends = {"cpu_reference"};
-    timing.scenes = {{"box@4", 4, {}}};
+    const Study timing = timing_of({{"box@4", 4, {}}});
     StudyOptions options;
     options.ranks = 2;
     expect_contains(refusal([&] { (void)run_study(timing, options); }), "not of the kind scaling");
@@ -680,17 +684,6 @@ TEST_F(StudyKinds, ScalingCutsIntoBricksWhereTheseHaveLessBorder) {
     EXPECT_EQ(rows(R"("ranks": [1, 2, 4], "cuts": ["bricks"])").size(), 2u) << "one rank, and bricks of four";
 }
 
-Study timing_of(const std::vector<StudyScene>& scenes) {
-    Study study;
-    study.name = "test";
-    study.repetitions = 2;
-    study.steps = 3;
-    study.settings = {{"total_error", false}};
-    study.backends = {"cpu_reference"};
-    study.scenes = scenes;
-    return study;
-}
-
 TEST_F(StudyKinds, TwoScenesOfOneNameAreRefusedUnlessTheyAreTheSame) {
     std::filesystem::create_directory(folder_.path() / "other");
     const std::string text = R"({"dataset": {"type": "box", "dims": [4, 4, 4]}})";
@@ -771,9 +764,7 @@ TEST_F(StudyKinds, TheBackendThatIsAskedForIsPlayedWhereTheStudyHasIt) {
 }
 
 TEST_F(StudyKinds, StepsBeyondWhatCanBeCountedAreRefused) {
-    Study study = timing_of({{"box@4", 900000000, {}}});
-    study.kind = "fastest";
-    study.settings = nlohmann::json::object();
+    Study study = study_of("fastest", {{"box@4", 900000000, {}}});
     study.scenes[0].settings = {{"rewind", false}};
     expect_contains(refusal([&] { (void)run_study(study, {}); }), "900000000");
 }

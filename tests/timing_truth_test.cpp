@@ -76,34 +76,8 @@ Capabilities on_simulated_card(Capabilities capabilities) {
     return capabilities;
 }
 
-/// cpu_reference with a clock that only steps advance. The n-th batch that is timed takes the n-th of the
-/// times; warm-ups, uploads and readings take none.
-class Simulated final : public WrappedBackend {
-public:
-    explicit Simulated(const Truth& truth) : truth_(truth) {}
-    Capabilities capabilities() const override { return on_simulated_card(WrappedBackend::capabilities()); }
-    void step(int count) override {
-        WrappedBackend::step(count);
-        if (timed_) seconds_ += count * 1e-6 * truth_.microseconds.at(batch_);
-    }
-    DeviceLimits measure_limits() override { throw Unavailable("a simulated clock has no limits"); }
-
-private:
-    void mark(Mark which) override {
-        timed_ = which == Mark::begin;
-        if (timed_) seconds_ = 0;
-        if (!timed_) ++batch_;
-    }
-    double seconds_between_marks() const override { return seconds_; }
-
-    const Truth& truth_;
-    bool timed_ = false;
-    std::size_t batch_ = 0;
-    double seconds_ = 0;
-};
-
-/// A clock that only steps advance, by a time per step that depends on how many batches were timed in this
-/// process.
+/// cpu_reference with a clock that only steps advance, by a time per step that depends on how many batches
+/// were timed in this process. What comes between timed batches, such as warm-ups, is not in any of them.
 class ByBatch : public WrappedBackend {
 public:
     using Microseconds = std::function<double(int batch)>;
@@ -199,7 +173,11 @@ private:
 const std::vector<Registered> registered = [] {
     std::vector<Registered> all;
     for (const Truth& truth : truths())
-        all.push_back(registered_for_test(truth.name, [&] { return std::make_unique<Simulated>(truth); }));
+        all.push_back(registered_for_test(truth.name, [&truth] {
+            return std::make_unique<ByBatch>([&truth](int batch) {
+                return batch < repetitions ? truth.microseconds[std::size_t(batch)] : 0;
+            });
+        }));
     all.push_back(registered_for_test("sustain_hot", [] { return std::make_unique<ByBatch>(&throttled); }));
     all.push_back(registered_for_test("sustain_slow",
                                       [] { return std::make_unique<ByBatch>([](int) { return 101; }); }));
@@ -212,18 +190,22 @@ const std::vector<Registered> registered = [] {
     return all;
 }();
 
+Result result_of(const std::vector<std::string>& backends, nlohmann::json settings = nlohmann::json::object(),
+                 int times = repetitions) {
+    Study study;
+    study.name = "truth";
+    study.repetitions = times;
+    settings["total_error"] = false;
+    study.settings = std::move(settings);
+    study.backends = backends;
+    study.scenes = {{"box@4", steps, {}}};
+    return run_study(study, {});
+}
+
 class TimingTruth : public ::testing::Test {
 protected:
     static const Result& result() {
-        static const Result measured = [] {
-            Study study;
-            study.name = "truth";
-            study.repetitions = repetitions;
-            study.settings = {{"total_error", false}};
-            study.backends = {"truth_*"};
-            study.scenes = {{"box@4", steps, {}}};
-            return run_study(study, {});
-        }();
+        static const Result measured = result_of({"truth_*"});
         return measured;
     }
     /// The rows of a backend: its repetitions in order, and the aggregate of that name.
@@ -304,13 +286,7 @@ TEST_F(TimingTruth, VerdictsOfNoiseAreThoseOfTheKnownTimes) {
 
 // Catches a repetition that nobody looks at, and one that is compared by its bits where these may differ.
 TEST(EveryRepetition, IsJudged) {
-    Study study;
-    study.name = "judged";
-    study.repetitions = repetitions;
-    study.settings = {{"total_error", false}, {"start_times", false}};
-    study.backends = {"once_*", "cpu_reference"};
-    study.scenes = {{"box@4", steps, {}}};
-    const Result result = run_study(study, {});
+    const Result result = result_of({"once_*", "cpu_reference"}, {{"start_times", false}});
     std::map<std::string, bool> passed;
     for (const Row& row : result.rows("verification")) {
         EXPECT_EQ(row.verdict->repetitions_judged, repetitions) << row.identity.backend;
@@ -331,22 +307,10 @@ struct Measured {
     std::map<std::string, Row> medians;
 
     Measured(const std::string& backends, const nlohmann::json& settings, int times = repetitions)
-        : result(run(backends, settings, times)) {
+        : result(result_of({backends}, settings, times)) {
         for (const Row& row : result.rows("benchmarks")) {
             if (row.benchmark->is_median()) medians[row.identity.backend] = row;
         }
-    }
-
-private:
-    static Result run(const std::string& backends, nlohmann::json settings, int times) {
-        Study study;
-        study.name = "measured";
-        study.repetitions = times;
-        settings["total_error"] = false;
-        study.settings = std::move(settings);
-        study.backends = {backends};
-        study.scenes = {{"box@4", steps, {}}};
-        return run_study(study, {});
     }
 };
 
