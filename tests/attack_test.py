@@ -14,7 +14,6 @@ import math
 import os
 import pathlib
 import random
-import statistics
 import subprocess
 import sys
 import tempfile
@@ -111,18 +110,21 @@ class Target:
 ATTACKS = {}
 
 
-def attack(fault):
+def attack(fault, of=None, untried="it has no verification"):
+    """Registers an attack, on files that have something in the field `of` of their Target."""
     def register(function):
-        ATTACKS[fault] = function
-        return function
+        def on(target):
+            if of and not getattr(target, of):
+                raise Untried(untried)
+            return function(target)
+        ATTACKS[fault] = on
+        return on
     return register
 
 
-@attack("one row slower by 10%")
+@attack("one row slower by 10%", "measured", "no row has a time")
 def one_row(target):
     """Between files of rows with repetitions, each another run of the same rows as far as noise is known; else in a copy."""
-    if not target.measured:
-        raise Untried("no row has a time")
     if target.json["benchmarks"]:
         return one_row_of_a_run(target)
     name, slowed = target.measured[len(target.measured) // 2]
@@ -158,21 +160,16 @@ def one_row_of_a_run(target):
 AWAY = {}
 
 
-@attack("one row ten times slower")
+@attack("one row ten times slower", "measured", "no row has a time")
 def ten_times(target):
-    if not target.measured:
-        raise Untried("no row has a time")
     name, slowed = target.measured[0]
     said = target.gate(lambda result: slow(result, 10, lambda of, row: of == name and case_of(row) == case_of(slowed)
                                            and all(row.get(key) == slowed.get(key) for key in comparison.PLACES[of])))
     return target.failed(said, "slower")
 
 
-@attack("the clocks down: a tenth longer, all of it")
+@attack("the clocks down: a tenth longer, all of it", "measured", "no row has a time")
 def clocks(target):
-    if not target.measured:
-        raise Untried("no row has a time")
-
     def down(result):
         slow(result, SLOWER)
         for row in [row for name in TIMES for row in result.get(name, [])]:
@@ -234,21 +231,16 @@ def repetitions(target):
     return target.failed(target.gate(unjudged), "refused")
 
 
-@attack("half of the repetitions wrong, with their own errors")
+@attack("half of the repetitions wrong, with their own errors", "verdicts", "it has no repetitions")
 def own_errors(target):
-    if not target.verdicts:
-        raise Untried("it has no repetitions")
-
     def wrong(result):
         for row in [row for row in result["benchmarks"] if case_of(row) == target.verdicts[0]["name"]][::2]:
             row["error_max"] = 1
     return target.failed(target.gate(wrong), "refused")
 
 
-@attack("times of a state that failed")
+@attack("times of a state that failed", "verdicts")
 def failed_state(target):
-    if not target.verdicts:
-        raise Untried("it has no verification")
     return target.failed(target.gate(lambda result: result["verification"][0].update(passed=False)), "refused")
 
 
@@ -259,11 +251,9 @@ def unverified(target):
     return target.failed(target.gate(lambda result: result["verification"].pop()), "its states were not verified")
 
 
-@attack("no springs: every particle off by its motion")
+@attack("no springs: every particle off by its motion", "verdicts")
 def springless(target):
     """A row passes with such an error only where tables print that it is not verified."""
-    if not target.verdicts:
-        raise Untried("it has no verification")
     unjudged, through = collections.Counter(), []
     for index, verdict in enumerate(target.verdicts):
         wrong = copy.deepcopy(verdict)
@@ -328,10 +318,8 @@ def error_grew(target):
     return target.failed(said, "error grew" if "stability" not in target.json else "counter worse")
 
 
-@attack("an error written smaller in the rows than in their verdicts")
+@attack("an error written smaller in the rows than in their verdicts", "verdicts", "its rows have their errors once")
 def error_shrunk(target):
-    if not target.verdicts:
-        raise Untried("its rows have their errors once")
     return target.failed(changed_errors(target, 0.1, ["benchmarks"]), "refused")
 
 
