@@ -13,7 +13,7 @@ import subprocess
 import threading
 import unittest
 
-from program import VOXSPRING, InTemporaryFolder, json_of, succeeds, voxspring
+from program import VOXSPRING, InTemporaryFolder, json_of, nrrd, succeeds, voxspring
 
 RUN = ("run", "box@4", "--backend", "cpu_reference")
 
@@ -95,10 +95,9 @@ class Volume(InTemporaryFolder):
 
     def setUp(self):
         super().setUp()
-        self.file = self.folder / "body.nrrd"
         # 6 x 5 x 4 voxels: label 2 in the lower two slices, 7 in the third, nothing in the fourth.
-        data = bytes([2] * 60 + [7] * 30 + [0] * 30)
-        self.file.write_bytes(b"NRRD0004\ntype: uint8\ndimension: 3\nsizes: 6 5 4\nencoding: raw\nspacings: 2 2 3\n\n" + data)
+        self.data = [2] * 60 + [7] * 30 + [0] * 30
+        self.file = self.write("body.nrrd", nrrd("6 5 4", self.data, "spacings: 2 2 3\n"))
 
     def info(self, *options):
         said = succeeds("info", self.file, "--json", *options)
@@ -114,9 +113,7 @@ class Volume(InTemporaryFolder):
         self.assertEqual(self.info("--spacing", "1,2,4")["spacing"], [1, 2, 4])
 
     def test_a_frame_of_a_4d_file(self):
-        data = self.file.read_bytes().split(b"\n\n", 1)[1]
-        self.file.write_bytes(b"NRRD0004\ntype: uint8\ndimension: 4\nsizes: 6 5 4 2\nencoding: raw\nspacings: 2 2 3 1\n\n" +
-                              data + bytes([1] * 120))
+        self.write("body.nrrd", nrrd("6 5 4 2", self.data + [1] * 120, "spacings: 2 2 3 1\n"))
         self.assert_refused(voxspring("info", self.file), "body.nrrd", "--frame", "from 0 to 1")
         self.assert_refused(voxspring("info", self.file, "--frame", 2), "body.nrrd", "frame", "0 to 1")
         self.assert_refused(voxspring("info", self.file, "--frame=-1"), "--frame", "-1")
@@ -125,7 +122,7 @@ class Volume(InTemporaryFolder):
         self.assertRegex(voxspring("info", self.file, "--frame", 1).stdout, r"(?m)^frame +1 of 2, counted from 0$")
 
     def test_what_is_guessed_is_said_once(self):
-        self.file.write_bytes(self.file.read_bytes().replace(b"spacings: 2 2 3\n", b""))
+        self.write("body.nrrd", nrrd("6 5 4", self.data))
         note = "the file gives no distance between voxels: 1 is taken"
         self.assertIn(note, self.info()["notes"])
         said = voxspring("info", self.file)
@@ -155,7 +152,7 @@ class Volume(InTemporaryFolder):
             scene = json.load(file)
         del scene["$schema"]
         scene |= {"dataset": {"type": "volume", "file": "body.nrrd", "labels": [2]}, "spacing": [1, 2, 4], "gravity": [0, 0.5, -1e-3]}
-        (self.folder / "scene.json").write_text(json.dumps(scene))
+        self.write("scene.json", scene)
         run = ("--backend", "cpu_reference", "--steps", 20, "--out")
         for scene, out, options in ((self.file, "a.csv", ("--labels", "2", "--spacing", "1,2,4", "--gravity=0,0.5,-1e-3")),
                                     (self.folder / "scene.json", "b.csv", ())):

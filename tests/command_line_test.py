@@ -14,12 +14,11 @@ import resource
 import shlex
 import subprocess
 import sys
-import tempfile
 import unittest
 import zipfile
 
 import jsonschema
-from program import VOXSPRING, InTemporaryFolder, json_of, succeeds, voxspring
+from program import VOXSPRING, InTemporaryFolder, json_of, new_folder, nrrd, succeeds, voxspring
 
 NO_OPENGL = os.environ | {"__EGL_VENDOR_LIBRARY_DIRS": "/nonexistent", "__EGL_VENDOR_LIBRARY_FILENAMES": "/nonexistent.json"}
 COMPARE = "/usr/share/benchmark/compare.py"
@@ -238,7 +237,7 @@ class Pictures(InTemporaryFolder):
 
     def test_frames_have_one_camera_and_one_scale(self):
         frames = self.folder / "frames"
-        result = self.draw("box@6", "--steps", 50, "--frames", frames, "--every", 20, "--size", "160x120")
+        self.draw("box@6", "--steps", 50, "--frames", frames, "--every", 20, "--size", "160x120")
         names = [f"frame_{step:06}.png" for step in (20, 40, 50)]
         self.assertEqual(sorted(path.name for path in frames.iterdir()), names)
         pictures = [read_png(frames / name) for name in names]
@@ -251,7 +250,7 @@ class Pictures(InTemporaryFolder):
             self.assertFalse((pixels[102:107, 80:] == pictures[0][0][102:107, 80:]).all())
             self.assertFalse((pixels[:102] == pictures[0][0][:102]).all())
         # --out with --every makes an equal series. Without --every there are at most 50 frames.
-        result = self.draw("box@6", "--steps", 50, "--out", self.out, "--every", 20, "--size", "160x120")
+        self.draw("box@6", "--steps", 50, "--out", self.out, "--every", 20, "--size", "160x120")
         self.assertEqual((self.folder / "body_000040.png").read_bytes(), (frames / names[1]).read_bytes())
         self.assertFalse(self.out.exists())
         many, state = self.folder / "many", self.folder / "state.csv"
@@ -268,12 +267,11 @@ class Pictures(InTemporaryFolder):
         self.assertTrue(all(0 < error < 1e-6 for error in errors), errors)
 
     def test_a_cut_is_seen(self):
-        scene = self.folder / "cut.json"
         def draw(edits):
-            scene.write_text(json.dumps({
+            scene = self.write("cut.json", {
                 "dataset": {"type": "box", "dims": [9, 9, 9]}, "pinned": {"side": "z-"}, "gravity": [0, 0, 2e-2],
-                "time_step": {"fraction_of_stable": 0.5}, "edits": edits}))
-            result = self.draw(scene, "--steps", 150, "--out", self.out, "--size", "160x120")
+                "time_step": {"fraction_of_stable": 0.5}, "edits": edits})
+            self.draw(scene, "--steps", 150, "--out", self.out, "--size", "160x120")
             return read_png(self.out)[0][:98, :, 3]  # above the legend
         # The upper half flies away: the gap between the halves is transparent.
         whole = draw([])
@@ -284,8 +282,7 @@ class Pictures(InTemporaryFolder):
         self.assertFalse(inner[1].all())
 
     def test_refuses_bad_usage(self):
-        file = self.folder / "file"
-        file.write_text("")
+        file = self.write("file", "")
         sizes = ("640", "640x", "63x640", "640x4097", "640x480x3", "-640x480", "640x480 ", "99999999999x480")
         for options, words in ((["--colour", "error"], ["--colour", "error", ".png", "--frames"]),
                                (["--out", self.folder / "a.csv", "--size", "90x90"], ["--size", "90x90", ".png"]),
@@ -549,11 +546,11 @@ class Haptic(OwnStudy):
         before = {key: without[key] for key in without if key not in ("drawn", "pictures_per_second", "displacements_by",
                                                                       "renderer")}
         SCHEMA.validate(result | {"haptic": [before]})
-        out, old = self.folder / "result.json", self.folder / "old.json"
+        out = self.folder / "result.json"
         self.assertEqual([row["place"] for row in self.compare(out, out)["rows"] if "measured" not in row["place"]],
                          [{"hertz": 500.0, "edited": row["edited"], "drawn": row["drawn"]} for row in undrawn + drawn])
         # Rows from before drawing existed equal today's undrawn rows.
-        old.write_text(json.dumps(result | {"haptic": [before]}))
+        old = self.write("old.json", result | {"haptic": [before]})
         self.assertEqual(self.compare(old, out)["counts"]["new"], len(result["haptic"]) - 1)
 
     def test_a_scene_may_have_rates_and_times_of_its_own(self):
@@ -584,9 +581,7 @@ class Pareto(InTemporaryFolder):
 
     @classmethod
     def setUpClass(cls):
-        folder = tempfile.TemporaryDirectory()
-        cls.addClassCleanup(folder.cleanup)
-        cls.out = pathlib.Path(folder.name) / "pareto.json"
+        cls.out = new_folder(cls.addClassCleanup) / "pareto.json"
         scenes = [argument for scene in cls.SCENES for argument in ("--scene", scene)]
         cls.ran = voxspring("study", "pareto", *scenes, "--backend", "cpu_parallel:formulation=*,precision=*",
                             "--repetitions", 1, "--out", cls.out)
@@ -706,8 +701,7 @@ class Pareto(InTemporaryFolder):
         self.assertEqual(ran.returncode, 1)
         self.assertIn("nothing reaches an error of 1e-30; the most accurate is\n", ran.stdout)
         self.assertIn("\nto run it\n  voxspring run box@6 --backend ", ran.stdout)
-        none, other = self.folder / "none.json", self.folder / "other.json"
-        other.write_text('{"benchmarks": []}')
+        none, other = self.folder / "none.json", self.write("other.json", {"benchmarks": []})
         for options, words in ((["heart", "--error", 1, "--results", self.out], ["heart", *self.SCENES]),
                                (["box@6", "--error", 1, "--results", none], ["none.json"]),
                                (["box@6", "--error", 1, "--results", other], ["other.json", "pareto"]),
@@ -721,8 +715,8 @@ class Pareto(InTemporaryFolder):
         self.assertIn("is reached soonest by\n  cpu_parallel", ran.stdout)
 
     def test_measures_a_volume_with_the_options_that_run_has(self):
-        volume, out = self.folder / "two labels.nrrd", self.folder / "advice.json"
-        volume.write_bytes(b"NRRD0004\ntype: uint8\ndimension: 3\nsizes: 4 4 4\nencoding: raw\n\n" + bytes([1, 2, 3, 2] * 16))
+        out = self.folder / "advice.json"
+        volume = self.write("two labels.nrrd", nrrd("4 4 4", [1, 2, 3, 2] * 16))
         options = ["--labels", "2,3", "--spacing", "0.5", "--gravity", "0,0,-0.001"]
         ran = succeeds("advise", volume, "--error", 1e-2, "--backend", "cpu_parallel", "--repetitions", 1, "--out", out, *options)
         self.assertEqual(json.loads(out.read_text())["pareto"][0]["particles"], 48)

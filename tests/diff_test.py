@@ -16,7 +16,6 @@ import random
 import re
 import subprocess
 import sys
-import tempfile
 import termios
 import unittest
 from unittest import mock
@@ -25,6 +24,7 @@ import jsonschema
 import numpy
 
 import attack_test
+from folder import InTemporaryFolder
 
 sys.path.insert(0, "results")
 import comparison  # noqa: E402
@@ -67,19 +67,12 @@ def changed(**fields):
     return result([("a", fields.pop("time", 10), fields)] + PLAIN[1:], seed=2)
 
 
-class Diff(unittest.TestCase):
-    def setUp(self):
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.folder = pathlib.Path(folder.name)
-
+class Diff(InTemporaryFolder):
     def run_diff(self, old, new, *options):
         """(exit code, standard output, standard error); old and new are results, texts or paths."""
-        paths = []
-        for name, content in (("old.json", old), ("new.json", new)):
-            paths.append(content if isinstance(content, pathlib.Path) else self.folder / name)
-            if paths[-1] is not content:
-                paths[-1].write_bytes((content if isinstance(content, str) else json.dumps(content)).encode("latin-1"))
+        paths = [content if isinstance(content, pathlib.Path) else
+                 self.write(name, content.encode("latin-1") if isinstance(content, str) else content)
+                 for name, content in (("old.json", old), ("new.json", new))]
         out, err = io.StringIO(), io.StringIO()
         with mock.patch.object(sys, "argv", ["diff.py", *map(str, paths), *options]), \
                 contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
@@ -306,9 +299,7 @@ class Diff(unittest.TestCase):
                 self.assertEqual(verdict == "same", "cache_misses_of_x" not in row["detail"])
                 self.assertEqual(row["counters"], {} if None in (value,) or better == "neither" else {"cache_misses_of_x": [1000, value]})
         self.assert_refused(["new.json: benchmarks[0].cache_misses_of_x: \"x\": expected a number"], old, with_counter(result(PLAIN), "x"))
-        path = self.folder / "frame.json"
-        path.write_text(json.dumps(old))
-        self.assertEqual(set(result_files.frame([path]).cache_misses_of_x), {5, 1000})
+        self.assertEqual(set(result_files.frame([self.write("frame.json", old)]).cache_misses_of_x), {5, 1000})
 
     def test_errors_of_backends_whose_runs_differ(self):
         first = [("a", 10, {"spread": 3e-6})] + PLAIN[1:]
@@ -665,10 +656,7 @@ class Diff(unittest.TestCase):
         self.assertLessEqual(len(lines), 4 + 2 * 6 + 4)
 
     def test_a_terminal_has_colours_and_its_own_width(self):
-        paths = []
-        for name, one in (("old.json", result(PLAIN)), ("new.json", changed(time=11))):
-            paths.append(self.folder / name)
-            paths[-1].write_text(json.dumps(one))
+        paths = [self.write("old.json", result(PLAIN)), self.write("new.json", changed(time=11))]
 
         def shown(columns, **more):
             own, other = pty.openpty()
@@ -704,16 +692,13 @@ class Diff(unittest.TestCase):
             self.assertIn(f"Usage: {script}.py", said.stdout)
 
 
-class FalseAlarms(unittest.TestCase):
+class FalseAlarms(InTemporaryFolder):
     """results/false_alarms.py."""
 
     def compare(self, *results, options=()):
-        with tempfile.TemporaryDirectory() as folder:
-            paths = [pathlib.Path(folder, f"{number}.json") for number in range(len(results))]
-            for path, one in zip(paths, results):
-                path.write_text(json.dumps(one))
-            return subprocess.run([sys.executable, "results/false_alarms.py", *options, *paths], capture_output=True, text=True,
-                                  check=False)
+        paths = [self.write(f"{number}.json", one) for number, one in enumerate(results)]
+        return subprocess.run([sys.executable, "results/false_alarms.py", *options, *paths], capture_output=True, text=True,
+                              check=False)
 
     def test_runs_of_one_program_differ_by_noise_alone(self):
         found = self.compare(*(result(PLAIN, seed=seed) for seed in range(1, 8)))

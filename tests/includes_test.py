@@ -2,8 +2,9 @@
 
 import pathlib
 import re
-import tempfile
 import unittest
+
+from folder import InTemporaryFolder
 
 # From the lowest room to the highest. Rooms on one line may not include each other.
 ROOMS = [
@@ -118,7 +119,7 @@ def not_installed(root, room):
     return found
 
 
-class Includes(unittest.TestCase):
+class Includes(InTemporaryFolder):
     def test_every_source_lies_in_a_room(self):
         self.assertEqual([source for source, _ in includes_of(pathlib.Path()) if not room_of(source)], [])
 
@@ -135,34 +136,30 @@ class Includes(unittest.TestCase):
     def test_the_python_module_is_a_program_on_installed_headers(self):
         self.assertEqual(not_installed(pathlib.Path(), "python"), [])
 
+    def tree(self, files):
+        """A folder with these files."""
+        for name, text in files.items():
+            self.write(name, text)
+        return self.folder
+
     def test_finds_a_header_that_is_not_installed(self):
-        with tempfile.TemporaryDirectory() as folder:
-            root = pathlib.Path(folder)
-            for name, text in {"CMakeLists.txt": "install(DIRECTORY backends harness DESTINATION x\n    FILES_MATCHING PATTERN *.h\n"
-                                                 "    PATTERN backends/gl EXCLUDE PATTERN harness/viewer EXCLUDE)\n"
-                                                 "install(FILES backends/gl/open.h DESTINATION x)\n",
-                               "backends/gl/open.h": "", "backends/gl/closed.h": "", "backends/backend.h": "",
-                               "harness/export/picture.h": '#include "backends/gl/closed.h"\n#include "backends/gl/open.h"\n',
-                               "harness/viewer/main.cpp": '#include "backends/backend.h"\n#include "harness/export/picture.h"\n'
-                                                          '#include "generated.h"\n'}.items():
-                (root / name).parent.mkdir(parents=True, exist_ok=True)
-                (root / name).write_text(text)
-            self.assertEqual(sorted(not_installed(root, "harness/viewer")),
-                             ["harness/export/picture.h includes backends/gl/closed.h, which is not installed",
-                              "harness/viewer/main.cpp includes generated.h, which is not installed"])
+        root = self.tree({"CMakeLists.txt": "install(DIRECTORY backends harness DESTINATION x\n    FILES_MATCHING PATTERN *.h\n"
+                                            "    PATTERN backends/gl EXCLUDE PATTERN harness/viewer EXCLUDE)\n"
+                                            "install(FILES backends/gl/open.h DESTINATION x)\n",
+                          "backends/gl/open.h": "", "backends/gl/closed.h": "", "backends/backend.h": "",
+                          "harness/export/picture.h": '#include "backends/gl/closed.h"\n#include "backends/gl/open.h"\n',
+                          "harness/viewer/main.cpp": '#include "backends/backend.h"\n#include "harness/export/picture.h"\n'
+                                                     '#include "generated.h"\n'})
+        self.assertEqual(sorted(not_installed(root, "harness/viewer")),
+                         ["harness/export/picture.h includes backends/gl/closed.h, which is not installed",
+                          "harness/viewer/main.cpp includes generated.h, which is not installed"])
 
     def test_finds_an_upward_include_and_a_circle(self):
-        with tempfile.TemporaryDirectory() as folder:
-            root = pathlib.Path(folder)
-            for name, text in {"harness/base/low.h": '#include "harness/cli/high.h"\n',
-                               "harness/cli/high.h": '#include "harness/base/low.h"\n',
-                               "cuda/kernels/a.h": '#include "b.h"\n',
-                               "cuda/kernels/b.h": '#include <map>\n'}.items():
-                (root / name).parent.mkdir(parents=True, exist_ok=True)
-                (root / name).write_text(text)
-            self.assertEqual(upward(root), ["harness/base/low.h includes harness/cli/high.h: harness/cli is not "
-                                            "below harness/base"])
-            self.assertEqual(circles(root), ["harness/base/low.h -> harness/cli/high.h -> harness/base/low.h"])
+        root = self.tree({"harness/base/low.h": '#include "harness/cli/high.h"\n',
+                          "harness/cli/high.h": '#include "harness/base/low.h"\n',
+                          "cuda/kernels/a.h": '#include "b.h"\n', "cuda/kernels/b.h": '#include <map>\n'})
+        self.assertEqual(upward(root), ["harness/base/low.h includes harness/cli/high.h: harness/cli is not below harness/base"])
+        self.assertEqual(circles(root), ["harness/base/low.h -> harness/cli/high.h -> harness/base/low.h"])
 
     def test_what_joins_includes_its_header(self):
         """From fmt 11 on fmt::join is in <fmt/ranges.h>; before, it was in <fmt/format.h> as well."""

@@ -12,6 +12,7 @@ import tempfile
 import unittest
 
 import jsonschema
+from folder import new_folder
 
 CMAKE, BUILD, CXX = (os.environ[name] for name in ("CMAKE", "BUILD", "CXX"))
 
@@ -42,9 +43,7 @@ class Program(unittest.TestCase):
 
     @classmethod
     def setUpClass(cls):
-        folder = tempfile.TemporaryDirectory()
-        cls.addClassCleanup(folder.cleanup)
-        cls.folder = pathlib.Path(folder.name)
+        cls.folder = new_folder(cls.addClassCleanup)
 
     def run_example(self, code):
         call(CMAKE, "--build", self.build, "--target", "example", timeout=1500)

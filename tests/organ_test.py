@@ -7,7 +7,7 @@ import unittest
 
 import matplotlib.image
 import numpy
-from program import InTemporaryFolder, json_of, succeeds, voxspring
+from program import InTemporaryFolder, json_of, nrrd, succeeds, voxspring
 
 # Two cores for ten seconds, which is what the promise of docs/organ.md costs at most.
 CPU_SECONDS = 20
@@ -78,6 +78,12 @@ class Organ(InTemporaryFolder):
         write_ply(path, self.points, self.open)
         return path
 
+    def ball(self, rings=12):
+        """The path of a smaller organ, its points and its triangles."""
+        path, (points, triangles) = self.folder / "small.ply", organ(rings)
+        write_ply(path, points, triangles)
+        return path, points, triangles
+
     def test_an_open_scan_becomes_a_body_and_comes_back(self):
         scan, out = self.scan(), self.folder / "deformed.ply"
         self.assertGreater(len(self.open), 95_000)
@@ -102,17 +108,13 @@ class Organ(InTemporaryFolder):
         self.assertLess(moved.max(), 1.2 * largest)
 
     def test_particles_at_corners_are_refused(self):
-        points, triangles = organ(12)
-        ball = self.folder / "small.ply"
-        write_ply(ball, points, triangles)
+        ball, *_ = self.ball()
         refused = voxspring("run", ball, "--pitch", 12, "--steps", 1, "--backend", "cpu_reference", "--corners", "--out", self.folder / "body.ply")
         self.assertEqual(refused.returncode, 2)
         self.assertIn("particles: corners", refused.stderr)
 
     def test_every_format_comes_in_and_goes_out_per_frame(self):
-        points, triangles = organ(12)
-        ball = self.folder / "small.ply"
-        write_ply(ball, points, triangles)
+        ball, points, triangles = self.ball()
         outs = [option for ending in ("stl", "obj", "ply", "mesh.vtu") for option in ("--out", self.folder / f"body.{ending}")]
         succeeds("run", ball, "--pitch", 12, "--steps", 4, "--every", 2, "--backend", "cpu_reference", *outs)
         series = sorted(path.name for path in self.folder.iterdir())
@@ -135,12 +137,11 @@ class Organ(InTemporaryFolder):
             self.assertEqual((mesh["triangles"], mesh["vertices"], mesh["open_edges"]), (len(triangles), len(points), 0))
 
     def test_a_picture_shows_the_mesh(self):
-        points, triangles = organ(40)
-        write_ply(self.folder / "small.ply", points, triangles)
+        ball, *_ = self.ball(40)
         areas = []
         for pitch in (6, 24):
             out = self.folder / f"{pitch}.png"
-            succeeds("run", self.folder / "small.ply", "--pitch", pitch, "--steps", 1, "--backend", "cpu_reference", "--size", "320x240",
+            succeeds("run", ball, "--pitch", pitch, "--steps", 1, "--backend", "cpu_reference", "--size", "320x240",
                      "--gravity", "0,0,0", "--out", out)
             areas.append(float((matplotlib.image.imread(out)[:, :200, 3] > 0.5).mean()))
         self.assertGreater(areas[0], 0.1)
@@ -148,11 +149,9 @@ class Organ(InTemporaryFolder):
         self.assertAlmostEqual(areas[0], areas[1], delta=0.002)
 
     def test_a_scene_file_names_a_mesh_and_a_body_of_voxels_has_a_surface(self):
-        points, triangles = organ(12)
-        write_ply(self.folder / "small.ply", points, triangles)
-        scene = self.folder / "scene.json"
-        scene.write_text('{"dataset": {"type": "mesh", "file": "small.ply", "pitch": 12, "fill": 0.3}, '
-                         '"pinned": {"side": "x-"}, "gravity": [0, 0, -1]}')
+        self.ball()
+        scene = self.write("scene.json", {"dataset": {"type": "mesh", "file": "small.ply", "pitch": 12, "fill": 0.3},
+                                          "pinned": {"side": "x-"}, "gravity": [0, 0, -1]})
         mesh = json_of("info", scene, "--json")["mesh"]
         self.assertEqual((mesh["pitch"], mesh["fill"]), (12, 0.3))
         out = self.folder / "box.ply"
@@ -162,19 +161,16 @@ class Organ(InTemporaryFolder):
         self.assertGreater(volume_of(corners, sides.astype(int)), 50)  # 64 less its rounded edges
 
     def test_what_is_no_organ_is_refused(self):
-        points, triangles = organ(12)
-        write_ply(self.folder / "small.ply", points, triangles)
+        ball, *_ = self.ball()
         for options, words in ((["--pitch", 1000], ["--pitch", "about 2.", "x"]), (["--pitch", 0.001], ["--pitch", "about 2."]),
                                (["--labels", 1], ["--labels", "none for a mesh"]), (["--spacing", 1], ["--spacing", "--pitch"]),
                                (["--fill", 2], ["--fill"]), (["--pitch", 0], ["--pitch"])):
-            self.assert_refused(voxspring("info", self.folder / "small.ply", *options), *map(str, words))
-        volume = self.folder / "body.nrrd"
-        volume.write_bytes(b"NRRD0004\ntype: uint8\ndimension: 3\nsizes: 4 4 2\nspacings: 1 1 2\nencoding: raw\n\n" + bytes([1] * 32))
+            self.assert_refused(voxspring("info", ball, *options), *words)
+        volume = self.write("body.nrrd", nrrd("4 4 2", [1] * 32, "spacings: 1 1 2\n"))
         self.assert_refused(voxspring("info", volume, "--fill", 0.5), "--fill", "--pitch")
         facts = json_of("info", volume, "--pitch", 2, "--json")
         self.assertEqual((facts["dims"], facts["active_particles"]), ([2, 2, 2], 8))
-        (self.folder / "empty.stl").write_bytes(struct.pack("<80xI", 0))
-        self.assert_refused(voxspring("info", self.folder / "empty.stl"), "empty.stl", "no triangle")
+        self.assert_refused(voxspring("info", self.write("empty.stl", struct.pack("<80xI", 0))), "empty.stl", "no triangle")
 
 
 if __name__ == "__main__":

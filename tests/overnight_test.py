@@ -74,6 +74,11 @@ class Overnight(FaultyStudies):
     def start(self, *options, **how):
         return subprocess.Popen(self.command(*options), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **how)
 
+    def kill(self, ran):
+        ran.kill()
+        ran.communicate()
+        self.assert_nothing_runs()
+
 
 class Faults(Overnight):
     def test_take_their_own_row_and_nothing_else(self):
@@ -145,9 +150,7 @@ class Kills(Overnight):
         ran = self.start("--resume")
         self.wait_for(lambda: measured() >= wanted, "it does not begin")
         seconds = time.monotonic() - begin
-        ran.kill()
-        ran.communicate()
-        self.assert_nothing_runs()
+        self.kill(ran)
         return seconds
 
     def kill_and_resume(self, kills, name, further, seed):
@@ -161,9 +164,7 @@ class Kills(Overnight):
         for number in range(2, kills):
             ran = self.start("--resume")
             time.sleep(chance.uniform(0, longest))
-            ran.kill()
-            ran.communicate()
-            self.assert_nothing_runs()
+            self.kill(ran)
             if ran.returncode == 0:
                 self.fail(f"it was done before kill {number + 1} of {kills}: the test proves nothing")
             now = lines_of(self.journal)
@@ -291,9 +292,7 @@ class Interruptions(Overnight):
             return found
 
         self.wait_for(lambda: sorted(set(of_others())) == [of_study, 1000], "no worker offers itself")
-        ran.kill()
-        ran.communicate()
-        self.assert_nothing_runs()
+        self.kill(ran)
 
     def test_a_second_ctrl_c_stops_at_once(self):
         self.study(backends=["faulty_hangs"], scenes=[{"scene": "box@4"}])
@@ -341,8 +340,8 @@ class Progress(Overnight):
                    "VOXSPRING_VULKAN_LOADER": "/nonexistent", "VOXSPRING_PROGRESS_SECONDS": "0.01"}
         for study, rows in (({"kind": "overhead"}, 2), ({"kind": "pareto", "time_steps": [0.5, 0.25]}, 2),
                             ({"kind": "stability"}, 7), ({"kind": "timing"}, 1)):
-            (self.folder / "study.json").write_text(json.dumps(
-                {"steps": 20, "repetitions": 2, "backends": ["gl_*", "slow", "cpu_*"], "scenes": [{"scene": "box@4"}]} | study))
+            self.write("study.json", {"steps": 20, "repetitions": 2, "backends": ["gl_*", "slow", "cpu_*"],
+                                      "scenes": [{"scene": "box@4"}]} | study)
             ran = self.run_study(env={**os.environ, **nowhere})
             shown = set(re.findall(r"(?m)^\[1/1\] box@4 \d+/\d+, 0/(\d+) rows", ran.stderr))
             self.assertEqual(shown, {str(4 * rows)}, study)
@@ -383,9 +382,7 @@ class JournalFile(Overnight):
         ran = self.start()
         self.wait_for(lambda: self.journal.exists() and self.journal.read_text().count(" repetition ") > 2,
                       "it does not begin")
-        ran.kill()
-        ran.communicate()
-        self.assert_nothing_runs()
+        self.kill(ran)
 
     def test_is_not_overwritten(self):
         self.cut_short()

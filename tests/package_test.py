@@ -12,8 +12,9 @@ import shutil
 import subprocess
 import sys
 import tarfile
-import tempfile
 import unittest
+
+from folder import new_folder
 
 ARCHIVE = pathlib.Path(sys.argv.pop(1)).resolve()
 TOOLS = ("bash", "cat", "date", "dirname", "env", "mkdir", "mktemp", "nproc", "rm", "sleep")
@@ -24,9 +25,7 @@ SYSTEM_LIBRARIES = re.compile(r"(linux-vdso|ld-linux.*|lib(c|m|dl|pthread|rt)|li
 class Package(unittest.TestCase):
     @classmethod
     def setUpClass(cls):
-        folder = tempfile.TemporaryDirectory()
-        cls.addClassCleanup(folder.cleanup)
-        cls.folder = pathlib.Path(folder.name).resolve()
+        cls.folder = new_folder(cls.addClassCleanup).resolve()
         cls.tools = cls.folder / "tools"
         cls.tools.mkdir()
         for tool in TOOLS:

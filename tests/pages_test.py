@@ -3,16 +3,16 @@
 The current directory is the source tree.
 """
 
-import json
 import pathlib
 import re
 import shutil
 import statistics
 import subprocess
 import sys
-import tempfile
 import unittest
 from unittest import mock
+
+from folder import InTemporaryFolder
 
 sys.path.insert(0, "results")
 import audit  # noqa: E402
@@ -87,7 +87,7 @@ class Prose(unittest.TestCase):
                          ["It takes 5 us."])
 
 
-class Audit(unittest.TestCase):
+class Audit(InTemporaryFolder):
     """results/audit.py computes the figures of pages without the code that made them."""
 
     def test_every_figure_is_right(self):
@@ -99,22 +99,21 @@ class Audit(unittest.TestCase):
     def test_wrong_figures_are_named(self):
         """The last digit of a figure in a table and in a sentence."""
         right = audit.claims()[0]
-        with tempfile.TemporaryDirectory() as folder:
-            root = pathlib.Path(folder)
-            shutil.copytree("docs", root / "docs")
-            shutil.copytree("results", root / "results", ignore=shutil.ignore_patterns("local", "__pycache__"))
-            shutil.copy("README.md", root)
-            page = root / "results/README.md"
-            text, count = re.subn(r"(`cuda_march` takes 0\.\d)(\d)( of the\s+energy)", lambda match: match[1] + str(9 - int(match[2])) + match[3],
-                                  page.read_text())
-            self.assertEqual(count, 1)
-            cell = next(claim for claim in right if claim.page == "results/README.md" and claim.what.endswith("256^3: 16777216"))
-            lines = text.split("\n")
-            last = re.search(r"\d(?= \()", cell.said)
-            lines[cell.line - 1] = lines[cell.line - 1].replace(cell.said, cell.said[:last.start()] + str(9 - int(last[0])) + cell.said[last.end():])
-            page.write_text("\n".join(lines))
-            with mock.patch.object(audit, "ROOT", root):
-                wrong = [claim for claim in audit.claims()[0] if not audit.is_right(claim)]
+        root = self.folder
+        shutil.copytree("docs", root / "docs")
+        shutil.copytree("results", root / "results", ignore=shutil.ignore_patterns("local", "__pycache__"))
+        shutil.copy("README.md", root)
+        page = root / "results/README.md"
+        text, count = re.subn(r"(`cuda_march` takes 0\.\d)(\d)( of the\s+energy)", lambda match: match[1] + str(9 - int(match[2])) + match[3],
+                              page.read_text())
+        self.assertEqual(count, 1)
+        cell = next(claim for claim in right if claim.page == "results/README.md" and claim.what.endswith("256^3: 16777216"))
+        lines = text.split("\n")
+        last = re.search(r"\d(?= \()", cell.said)
+        lines[cell.line - 1] = lines[cell.line - 1].replace(cell.said, cell.said[:last.start()] + str(9 - int(last[0])) + cell.said[last.end():])
+        page.write_text("\n".join(lines))
+        with mock.patch.object(audit, "ROOT", root):
+            wrong = [claim for claim in audit.claims()[0] if not audit.is_right(claim)]
         self.assertEqual([claim.line for claim in wrong], [cell.line, 0])
         for said, value, is_right in (("2.6", 2.6, True), ("2.6", 2.66, False), ("1,234", 1234, True), ("8.8e-03", 8.8234e-3, True),
                                       ("8.8e-03", 8.86e-3, False), ("42 %", 41.7, True), ("~3.05 ± 4 %", 3.047, True)):
@@ -131,7 +130,7 @@ class Counts(unittest.TestCase):
         self.assertIn(f"`step(1000)` enqueues {words[count - 1]} of them", text)
 
 
-class Template(unittest.TestCase):
+class Template(InTemporaryFolder):
     def test_fills_in_and_breaks_lines(self):
         names = {"a": 12.345, "b": lambda text: text.upper(), "c": 1234567}
         self.assertEqual(paper.render("{{ a }}, {{ b('x') }}, {{ c }}\nlines\n\n| {{ a }} |\n", names, "page"),
@@ -151,26 +150,25 @@ class Template(unittest.TestCase):
                 paper.render(text, {"times": times}, "page.md")
 
     def test_the_page_is_checked_and_refused(self):
-        with tempfile.TemporaryDirectory() as folder:
-            copy = pathlib.Path(folder) / "results"
-            shutil.copytree("results", copy, ignore=shutil.ignore_patterns("local", "__pycache__"))
+        copy = self.folder / "results"
+        shutil.copytree("results", copy, ignore=shutil.ignore_patterns("local", "__pycache__"))
 
-            def make(*arguments):
-                return subprocess.run([sys.executable, "-B", copy / "paper.py", *arguments], capture_output=True, text=True, check=False)
-            self.assertEqual(make("--check").stderr, "")
-            page, source = copy / "README.md", copy / "README.in.md"
-            text, words = page.read_text(), source.read_text()
-            page.write_text(text.replace("on an NVIDIA H200", "on another card"))
-            self.assertIn("README.md is not what the results say", make("--check").stderr)
-            self.assertEqual(make().returncode, 0)
-            self.assertEqual(page.read_text(), text)
-            source.write_text(words + '\nThe box takes less{{ holds(us("table1", "box@32", "cuda_march") < 1) }}.\n')
-            done = make()
-            self.assertEqual(done.returncode, 1)
-            self.assertRegex(done.stderr, r"README\.in\.md:\d+: what it claims no longer holds: \"The box takes less")
-            source.write_text(words + '\nIt takes {{ us("table1", "box@32", "cuda_none") }} us.\n')
-            self.assertIn("nvidia-h200/table1 has no row box@32/cuda_none/position/float32", make("--check").stderr)
-            self.assertEqual(page.read_text(), text, "nothing is written")
+        def make(*arguments):
+            return subprocess.run([sys.executable, "-B", copy / "paper.py", *arguments], capture_output=True, text=True, check=False)
+        self.assertEqual(make("--check").stderr, "")
+        page, source = copy / "README.md", copy / "README.in.md"
+        text, words = page.read_text(), source.read_text()
+        page.write_text(text.replace("on an NVIDIA H200", "on another card"))
+        self.assertIn("README.md is not what the results say", make("--check").stderr)
+        self.assertEqual(make().returncode, 0)
+        self.assertEqual(page.read_text(), text)
+        source.write_text(words + '\nThe box takes less{{ holds(us("table1", "box@32", "cuda_march") < 1) }}.\n')
+        done = make()
+        self.assertEqual(done.returncode, 1)
+        self.assertRegex(done.stderr, r"README\.in\.md:\d+: what it claims no longer holds: \"The box takes less")
+        source.write_text(words + '\nIt takes {{ us("table1", "box@32", "cuda_none") }} us.\n')
+        self.assertIn("nvidia-h200/table1 has no row box@32/cuda_none/position/float32", make("--check").stderr)
+        self.assertEqual(page.read_text(), text, "nothing is written")
 
 
 def as_paper_of(result, slower):
@@ -190,14 +188,14 @@ def as_paper_of(result, slower):
     return made
 
 
-class AsPaper(unittest.TestCase):
+class AsPaper(InTemporaryFolder):
     """The page with and without results of the study as_paper."""
 
-    def page(self, folder, result=None):
-        copy = pathlib.Path(folder) / "results"
+    def page(self, result=None):
+        copy = self.folder / "results"
         shutil.copytree("results", copy, ignore=shutil.ignore_patterns("local", "__pycache__", "as_paper.json*"))
         if result:
-            (copy / "nvidia-h200/as_paper.json").write_text(json.dumps(result))
+            self.write("results/nvidia-h200/as_paper.json", result)
         done = subprocess.run([sys.executable, "-B", copy / "paper.py"], capture_output=True, text=True, check=False)
         self.assertEqual(done.stderr, "")
         text = (copy / "README.md").read_text()
@@ -205,8 +203,7 @@ class AsPaper(unittest.TestCase):
         return text, verdicts
 
     def test_not_measured(self):
-        with tempfile.TemporaryDirectory() as folder:
-            text, verdicts = self.page(folder)
+        text, verdicts = self.page()
         self.assertIn("The study `as_paper` is not measured yet on this card.", text)
         today = {name: own[1] for name, own in verdicts.items()}
         self.assertEqual(verdicts["lists are faster than implicit addressing"][0], "not measured yet")
@@ -218,8 +215,7 @@ class AsPaper(unittest.TestCase):
         """Lists take 0.01 of their time on boxes, and 9 times it with counters on the largest one."""
         def slower(backend, scene):
             return 0.01 * (900 if (backend, scene) == ("cuda_explicit_cached_grid", "box@256") else 1) if "explicit" in backend else 1
-        with tempfile.TemporaryDirectory() as folder:
-            text, verdicts = self.page(folder, as_paper_of(rows.result("figure8"), slower))
+        text, verdicts = self.page(as_paper_of(rows.result("figure8"), slower))
         for name, said in (("lists are faster than implicit addressing", "holds"),
                            ("counters are faster than a secondary list", "depends on the dataset"),
                            ("vertical lists are faster (Figure 6)", "holds"), ("CUDA is faster than OpenGL", "not decidable on this card"),

@@ -10,10 +10,10 @@ import re
 import shutil
 import subprocess
 import sys
-import tempfile
 import unittest
 
 import jsonschema
+from folder import InTemporaryFolder
 
 sys.path.insert(0, "docs")
 import figures  # noqa: E402  # pylint: disable=wrong-import-position
@@ -23,7 +23,7 @@ PAGES = [pathlib.Path("README.md"), pathlib.Path("CONTRIBUTING.md"), *sorted(pat
 MEASURED = re.compile(r"~?\d[\d.,]*\s*(us|ms|ns|GB/s|MB|GB|%|G/s|M/s|times)(?![\w])")
 
 
-class Pages(unittest.TestCase):
+class Pages(InTemporaryFolder):
     def test_the_first_page_is_short(self):
         self.assertLessEqual(len(pathlib.Path("README.md").read_text().splitlines()), 150)
 
@@ -74,20 +74,19 @@ class Pages(unittest.TestCase):
         self.assertEqual(done.returncode, 0, done.stderr)
 
     def test_a_figure_by_hand_is_noticed(self):
-        with tempfile.TemporaryDirectory() as folder:
-            root = pathlib.Path(folder)
-            for name in ("backends", "cuda", "harness", "results", "tests"):
-                (root / name).symlink_to(pathlib.Path(name).resolve())
-            shutil.copytree("docs", root / "docs")
-            readme = pathlib.Path("README.md").read_text()
-            row = re.search(r"\| `cuda_resident` \| ([\d.]+) ", readme)
-            (root / "README.md").write_text(readme[:row.start(1)] + "0.99" + readme[row.end(1):])
-            check = [sys.executable, root / "docs/figures.py"]
-            done = subprocess.run([*check, "--check"], capture_output=True, text=True, check=False)
-            self.assertEqual(done.returncode, 1)
-            self.assertIn("README.md is not what results and sources say", done.stderr)
-            subprocess.run(check, check=True)
-            self.assertEqual((root / "README.md").read_text(), readme)
+        root = self.folder
+        for name in ("backends", "cuda", "harness", "results", "tests"):
+            (root / name).symlink_to(pathlib.Path(name).resolve())
+        shutil.copytree("docs", root / "docs")
+        readme = pathlib.Path("README.md").read_text()
+        row = re.search(r"\| `cuda_resident` \| ([\d.]+) ", readme)
+        (root / "README.md").write_text(readme[:row.start(1)] + "0.99" + readme[row.end(1):])
+        check = [sys.executable, root / "docs/figures.py"]
+        done = subprocess.run([*check, "--check"], capture_output=True, text=True, check=False)
+        self.assertEqual(done.returncode, 1)
+        self.assertIn("README.md is not what results and sources say", done.stderr)
+        subprocess.run(check, check=True)
+        self.assertEqual((root / "README.md").read_text(), readme)
 
     def test_the_first_page_has_no_figure_of_its_own(self):
         text = re.sub(r"<!-- (\w+) -->\n.*?<!-- /\1 -->", "", pathlib.Path("README.md").read_text(), flags=re.DOTALL)
@@ -164,11 +163,9 @@ class Pages(unittest.TestCase):
         # The example's own scenes do not exist here; the rest of it runs.
         example["scenes"] = [{"scene": "box@4"}]
         example |= {"repetitions": 1, "steps": 1, "backends": ["cpu_parallel", "cpu_parallel:precision=float64"]}
-        with tempfile.TemporaryDirectory() as folder:
-            study = pathlib.Path(folder) / "my_study.json"
-            study.write_text(json.dumps(example))
-            done = subprocess.run([os.environ["VOXSPRING"], "study", study], capture_output=True, text=True, check=False)
-            self.assertEqual(done.returncode, 0, done.stderr)
+        study = self.write("my_study.json", example)
+        done = subprocess.run([os.environ["VOXSPRING"], "study", study], capture_output=True, text=True, check=False)
+        self.assertEqual(done.returncode, 0, done.stderr)
 
     def test_code_comes_before_long_tables(self):
         """If a page has code, readers came for that."""

@@ -5,8 +5,9 @@ import json
 import pathlib
 import subprocess
 import sys
-import tempfile
 import unittest
+
+from folder import InTemporaryFolder
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 
@@ -40,18 +41,15 @@ else:
 """
 
 
-class Remake(unittest.TestCase):
+class Remake(InTemporaryFolder):
     def setUp(self):
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.folder = pathlib.Path(folder.name)
+        super().setUp()
         self.out = self.folder / "out"
         self.calls = self.folder / "calls"
         self.install("aaaaaaaaaaaa", "")
 
     def install(self, commit, uuid):
-        self.program = self.folder / "voxspring"
-        self.program.write_text(PROGRAM.format(commit=commit, uuid=uuid))
+        self.program = self.write("voxspring", PROGRAM.format(commit=commit, uuid=uuid))
         self.program.chmod(0o755)
 
     def remake(self, *arguments, **environment):

@@ -22,7 +22,6 @@ import shutil
 import statistics
 import subprocess
 import sys
-import tempfile
 import time
 import unittest
 import unittest.mock
@@ -33,6 +32,7 @@ REPORT = ROOT / "results/report.py"
 H200 = ROOT / "results/nvidia-h200"
 sys.path.insert(0, str(ROOT / "results"))
 import result_files  # noqa: E402
+from folder import InTemporaryFolder, new_folder  # noqa: E402
 from results_test import with_work  # noqa: E402
 SKIPPED = 77
 # Kinds of figures for which the committed results have data.
@@ -144,39 +144,24 @@ def write_program(folder):
     return path
 
 
-class InTemporaryFolder(unittest.TestCase):
+class Reports(InTemporaryFolder):
     def setUp(self):
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.folder = pathlib.Path(folder.name)
+        super().setUp()
         self.out = self.folder / "report.html"
+
+    def make(self, *arguments):
+        """Makes the page; its figures."""
+        made = report(*arguments, "--out", self.out)
+        self.assertEqual((made.returncode, made.stdout), (0, f"{self.out}\n"), made.stderr)
+        return figures_of(self.out)
 
     def page_of(self, result):
         """Makes the page of a result; its figures."""
-        made = report(self.write("a.json", result), "--out", self.out)
-        self.assertEqual(made.returncode, 0, made.stderr)
-        return figures_of(self.out)
-
-    def write_bytes(self, name, data):
-        path = self.folder / name
-        path.write_bytes(data)
-        return path
-
-    def write(self, name, result):
-        path = self.folder / name
-        path.write_text(result if isinstance(result, str) else json.dumps(result))
-        return path
+        return self.make(self.write("a.json", result))
 
 
-class Input(InTemporaryFolder):
+class Input(Reports):
     """Input that cannot be used is refused by name, and the existing page stays."""
-
-    def assert_refused(self, result, *words):
-        self.assertEqual(result.returncode, 2, result.stderr)
-        self.assertEqual(result.stdout, "")
-        self.assertEqual(result.stderr.count("\n"), 1, result.stderr)
-        for word in words:
-            self.assertIn(str(word), result.stderr)
 
     def test_broken_files(self):
         good, region = h200("figure7"), h200("stability")
@@ -432,7 +417,7 @@ class Input(InTemporaryFolder):
         for row in result["benchmarks"]:
             row["scene"] = row["scene"].replace("heart", "</script><h1 id=evil>")
             row["name"] = row["name"].replace("heart", "</script><h1 id=evil>")
-        self.assertEqual(report(self.write("evil.json", result), "--out", self.out).returncode, 0)
+        self.page_of(result)
         self.assertNotIn("</script><h1 id=evil>", self.out.read_text())
 
 
@@ -500,7 +485,7 @@ def small_result():
     return with_work(result)
 
 
-class Mutated(InTemporaryFolder):
+class Mutated(Reports):
     def test_a_result_with_any_value_is_read_or_refused(self):
         """Read by the page and by diff.py; a traceback of either fails this."""
         import comparison
@@ -615,9 +600,7 @@ class Page(unittest.TestCase):
 
     @classmethod
     def setUpClass(cls):
-        folder = tempfile.TemporaryDirectory()
-        cls.addClassCleanup(folder.cleanup)
-        cls.path = pathlib.Path(folder.name) / "report.html"
+        cls.path = new_folder(cls.addClassCleanup) / "report.html"
         # Not results/local, which is the developer's own.
         made = report(*result_files.committed(H200.parent), "--out", cls.path,
                       "--pictures", cls.path.parent / "pictures", "--program", write_program(cls.path.parent))
@@ -931,7 +914,7 @@ class Page(unittest.TestCase):
                         self.assertGreater(math.dist(seen(one, vision), seen(other, vision)), 0.06)
 
 
-class Parts(InTemporaryFolder):
+class Parts(Reports):
     """Content that the committed results do not have: several commits, the study fastest, pictures."""
 
     def test_a_backend_has_one_colour_on_every_page(self):
@@ -961,8 +944,7 @@ class Parts(InTemporaryFolder):
     def history(self, *results):
         """The finding of the page's history, of results made here."""
         files = [self.write(f"{index}.json", result) for index, result in enumerate(results)]
-        made = report(*files, "--out", self.out)
-        self.assertEqual((made.returncode, made.stdout), (0, f"{self.out}\n"), made.stderr)
+        self.make(*files)
         found = finding(self.out, "history")
         return found and found[1]
 
@@ -1138,18 +1120,17 @@ class Parts(InTemporaryFolder):
         committed = self.folder / "amd-epyc"
         committed.mkdir()
         (committed / "fastest.json.gz").write_bytes((H200.parent / "amd-epyc/fastest.json.gz").read_bytes())
-        self.assertEqual(report(committed, self.write("fastest.json", own), "--out", self.out).returncode, 0)
-        found = {row["machine"] for row in figures_of(self.out)["datasets"]["rows"]}
+        figures = self.make(committed, self.write("fastest.json", own))
+        found = {row["machine"] for row in figures["datasets"]["rows"]}
         self.assertEqual(found, {"AMD EPYC (amd-epyc)", f"AMD EPYC ({self.folder.name})"})
-        self.assertNotIn("history", figures_of(self.out))
+        self.assertNotIn("history", figures)
 
     def test_edits_among_many_steps_and_among_few_are_kept_apart(self):
         """incision@256 has ten edits in 20 steps, all others have them in 1000."""
         paths = [result_files.named(H200, study) for study in ("edits", "fastest")]
         steps = {(row["edits"], row["steps"]) for path in paths for row in result_files.load(path)["benchmarks"] if row.get("edits")}
         self.assertEqual(steps, {(1, 1000), (10, 1000), (100, 1000), (10, 20)})
-        self.assertEqual(report(*paths, "--out", self.out).returncode, 0)
-        figure = figures_of(self.out)["edits"]
+        figure = self.make(*paths)["edits"]
         self.assertEqual({panel["match"]["steps"] for panel in figure["panels"]}, {20, 1000})
         for panel in figure["panels"]:
             self.assertIn(f"in {panel['match']['steps']} steps", json.dumps(panel["spec"]))
@@ -1182,8 +1163,7 @@ class Parts(InTemporaryFolder):
         self.assertEqual(len(times), 9)
         for row, share in zip(times, (0.8, 0.9, 0.9, 1, 1, 1, 1.1, 1.1, 1.2)):
             row["real_time"] = best["real_time"] * share
-        made = report(self.write("fastest.json", result), "--out", self.out)
-        self.assertEqual(made.returncode, 0, made.stderr)
+        self.page_of(result)
         text = self.out.read_text()
         self.assertEqual(text.count("uncertain by a tenth or more: its clock moved (by 12%)"), 1)
         self.assertEqual(len(re.findall(r"repetitions ± 10\W*%", text)), 1)
@@ -1283,7 +1263,7 @@ class Parts(InTemporaryFolder):
 
     def test_pictures_that_are_none_are_refused(self):
         good = png(ABOUT)
-        self.assertEqual(pictures.read(self.write_bytes("good.png", good)).about, ABOUT)
+        self.assertEqual(pictures.read(self.write("good.png", good)).about, ABOUT)
         for bad, *words in ((b"GIF89a", "GIF89a", "PNG"), (good[:60], "cut off"), (good[:-1], "cut off"),
                             (good.replace(b"32768", b"32769"), "cut off"), (png([1]), "[1]", "an object"),
                             (png({"scene": "box@32"}), "voxspring.particles", "is missing"),
@@ -1291,12 +1271,12 @@ class Parts(InTemporaryFolder):
                             (png({**ABOUT, "largest": "much"}), "voxspring.largest", "much", "a number"),
                             (good.replace(b"tEXtvoxspring", b"tEXtvexspring"), "cut off or has no text")):
             with self.subTest(words), self.assertRaises(reading.BadInput) as refused:
-                pictures.read(self.write_bytes("bad.png", bad))
+                pictures.read(self.write("bad.png", bad))
             for word in ("bad.png", *words):
                 self.assertIn(word, str(refused.exception))
 
     def test_without_pictures_there_is_a_line_or_nothing(self):
-        self.assertEqual(report(H200 / "table1.json.gz", "--out", self.out, "--pictures", self.folder).returncode, 0)
+        self.make(H200 / "table1.json.gz", "--pictures", self.folder)
         self.assertEqual(self.alternatives(), [])
         self.assertEqual(re.findall("Without a picture: ([^<]*)<", self.out.read_text()),
                          ["heart and box@32 (no program was there to draw it)."])
@@ -1313,9 +1293,7 @@ class Parts(InTemporaryFolder):
             row["name"] = row["name"].replace(row["scene"], small[row["scene"]])
             row.update(scene=small[row["scene"]], particles=count[small[row["scene"]]])
         folder = self.folder / "pictures"
-        made = report(self.write("small.json", result), "--out", self.out, "--pictures", folder, "--program",
-                      os.environ["VOXSPRING"])
-        self.assertEqual(made.returncode, 0, made.stderr)
+        self.make(self.write("small.json", result), "--pictures", folder, "--program", os.environ["VOXSPRING"])
         if "no OpenGL" in self.out.read_text():
             self.skipTest("no OpenGL")
         alternatives = self.alternatives()

@@ -12,11 +12,11 @@ import re
 import shutil
 import subprocess
 import sys
-import tempfile
 import unittest
 from unittest import mock
 
 import attack_test
+from folder import InTemporaryFolder
 
 sys.path.insert(0, "results")
 import auto_rules  # noqa: E402
@@ -115,21 +115,6 @@ class Written(unittest.TestCase):
             for row in auto_rules.rows.medians(study):
                 if row["family"] in ("OpenGL", "Vulkan"):
                     self.assertGreater(row["real_time"] * 1e-6, known[row["limits_of"]]["launch_seconds"], row["name"])
-
-
-class InTemporaryFolder(unittest.TestCase):
-    def setUp(self):
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.folder = pathlib.Path(folder.name)
-
-    def write(self, name, content):
-        path = self.folder / name
-        if isinstance(content, bytes):
-            path.write_bytes(content)
-        else:
-            path.write_text(content if isinstance(content, str) else json.dumps(content))
-        return path
 
 
 class Committed(InTemporaryFolder):

@@ -5,7 +5,6 @@ VOXSPRING names the executable; the current directory is the source tree.
 
 import array
 import csv
-import json
 import os
 import re
 import signal
@@ -249,18 +248,15 @@ class Resume(InTemporaryFolder):
         for steps in (10, 3):
             self.assert_refused(voxspring(*run, "--steps", steps, "--resume", state), "--steps", "more than the 10", "state.npz")
         self.assert_refused(voxspring("run", "box@5", "--backend", "cpu_reference", "--resume", state), "state.npz", "dims", "box@5")
-        (self.folder / "slow.json").write_text(json.dumps({"dataset": {"type": "box", "dims": [4, 4, 4]}, "time_step": 0.01}))
-        self.assert_refused(voxspring("run", self.folder / "slow.json", "--backend", "cpu_reference", "--resume", state),
-                            "state.npz", "time_step", "0.01")
+        slow = self.write("slow.json", {"dataset": {"type": "box", "dims": [4, 4, 4]}, "time_step": 0.01})
+        self.assert_refused(voxspring("run", slow, "--backend", "cpu_reference", "--resume", state), "state.npz", "time_step",
+                            "0.01")
         self.assert_refused(voxspring(*run, "--resume", self.folder / "none.npz"), "none.npz")
-        text = self.folder / "text.npz"
-        text.write_text("no zip")
-        self.assert_refused(voxspring(*run, "--resume", text), "text.npz", "voxspring run --out")
+        self.assert_refused(voxspring(*run, "--resume", self.write("text.npz", "no zip")), "text.npz", "voxspring run --out")
         whole = state.read_bytes()
         place = whole.index(b"increment.npy") + 200
         for name, damaged in (("cut", whole[:len(whole) // 2]), ("changed", whole[:place] + b"\x55" + whole[place + 1:])):
-            (self.folder / f"{name}.npz").write_bytes(damaged)
-            self.assert_refused(voxspring(*run, "--resume", self.folder / f"{name}.npz"), f"{name}.npz")
+            self.assert_refused(voxspring(*run, "--resume", self.write(f"{name}.npz", damaged)), f"{name}.npz")
         # Without an array, with numbers that are not finite, and with springs that the scene does not have.
         infinite = b"\x00\x00\x00\x00\x00\x00\xf0\x7f"
         for name, array_name, change, said in (

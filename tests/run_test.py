@@ -6,8 +6,9 @@ import pathlib
 import shutil
 import subprocess
 import sys
-import tempfile
 import unittest
+
+from folder import new_folder
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 
@@ -35,9 +36,8 @@ PROGRAM_RESULTS = """<testsuites><testsuite>
 
 class Study(unittest.TestCase):
     def setUp(self):
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.tree = pathlib.Path(folder.name).resolve() / "tree"
+        folder = new_folder(self.addCleanup).resolve()
+        self.tree = folder / "tree"
         (self.tree / "build/release").mkdir(parents=True)
         self.local = self.tree / "results/local"
         self.local.mkdir(parents=True)
@@ -51,7 +51,7 @@ class Study(unittest.TestCase):
         shutil.copy(ROOT / "tests/count.py", self.tree / "tests")
         shutil.copy(ROOT / "CMakePresets.json", self.tree)
         # The script runs where these are the only tools.
-        self.tools = pathlib.Path(folder.name) / "tools"
+        self.tools = folder / "tools"
         self.tools.mkdir()
         for tool in ("bash", "cat", "cmp", "cp", "date", "dirname", "env", "grep", "id", "mkdir", "mktemp", "nproc", "rm", "sed",
                      "sleep", "sort", "tail", "touch", "tr", "uniq"):

@@ -4,7 +4,6 @@ FAULTY names the program with tests/faulty_backends.cpp in it, OTHER_BUILD a ran
 ranks that send to each other; the current directory is the source tree. Exit code 77: there is no mpirun.
 """
 
-import json
 import os
 import pathlib
 import shutil
@@ -38,7 +37,7 @@ class Scaling(FaultyStudies):
                  "time_step": {"fraction_of_stable": 0.5},
                  "edits": [{"step": 2, "cut": {"triangles": [[[11, -9, -9], [11, 30, -9], [11, 10, 50]]]}},
                            {"step": 7, "suture": {"triangles": [[[11, -9, -9], [11, 30, -9], [11, 10, 50]]], "within": 1.5}}]}
-        (self.folder / "cut.json").write_text(json.dumps(edits))
+        self.write("cut.json", edits)
         self.study(backends=["cpu_parallel:formulation=increment"], ranks=[1, 2, 3, 4],
                    scenes=[{"scene": "cut.json"}, {"scene": "heart@15x17x23"}])
         ran = self.run_study(4)

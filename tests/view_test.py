@@ -5,7 +5,6 @@ window is shown and its pointer moved.
 """
 
 import itertools
-import json
 import os
 import pathlib
 import re
@@ -15,11 +14,11 @@ import signal
 import struct
 import subprocess
 import sys
-import tempfile
 import time
 import unittest
 
 import numpy
+from folder import InTemporaryFolder, nrrd
 
 VOXSPRING = os.environ["VOXSPRING"]
 FAULTY = os.environ["FAULTY"]
@@ -39,7 +38,7 @@ class Display:
         self.folder = folder
         read, write = os.pipe()
         self.server = subprocess.Popen(["Xvfb", "-displayfd", str(write), "-screen", "0", f"{SIZE[0]}x{SIZE[1]}x24",
-                                        "-fbdir", folder, "-nolisten", "tcp"],
+                                        "-fbdir", str(folder), "-nolisten", "tcp"],
                                        pass_fds=[write], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         os.close(write)
         with os.fdopen(read) as number:
@@ -106,15 +105,12 @@ def extent(body):
     return columns.min(), columns.max(), rows.min(), rows.max()
 
 
-class View(unittest.TestCase):
+class View(InTemporaryFolder):
     def setUp(self):
-        folder = tempfile.TemporaryDirectory()
-        self.addCleanup(folder.cleanup)
-        self.folder = pathlib.Path(folder.name)
-        self.scene = self.folder / "cube.json"
-        self.scene.write_text(json.dumps(SCENE))
+        super().setUp()
+        self.scene = self.write("cube.json", SCENE)
         (self.folder / "saves").mkdir()
-        self.display = Display(folder.name)
+        self.display = Display(self.folder)
         self.addCleanup(self.display.close)
 
     def open(self, *arguments, program=VOXSPRING, **environment):
@@ -199,9 +195,9 @@ class View(unittest.TestCase):
             corners += [[side[axis] for axis, side in enumerate(sides)] for sides in itertools.product((low, high), repeat=3)]
             faces += [[first + n for n in face] for face in ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4),
                                                              (1, 5, 7, 3))]
-        (self.folder / "cube.obj").write_text("".join(f"v {x} {y} {z}\n" for x, y, z in corners) +
-                                              "".join(f"f {' '.join(map(str, face))}\n" for face in faces))
-        self.scene.write_text(json.dumps(SCENE | {"dataset": {"type": "mesh", "file": "cube.obj", "pitch": 1}}))
+        self.write("cube.obj", "".join(f"v {x} {y} {z}\n" for x, y, z in corners) +
+                   "".join(f"f {' '.join(map(str, face))}\n" for face in faces))
+        self.write("cube.json", SCENE | {"dataset": {"type": "mesh", "file": "cube.obj", "pitch": 1}})
         window = self.open("--backend", "cpu_parallel")
         body = is_body(self.display.pixels())
         left, right, top, bottom = extent(body)
@@ -276,13 +272,11 @@ class View(unittest.TestCase):
         self.assert_closes(window)
 
     def test_colours_are_those_of_the_body_though_an_island_falls(self):
-        dims = (12, 9, 9)
-        active = numpy.zeros(dims[::-1], numpy.uint8)
+        active = numpy.zeros((9, 9, 12), numpy.uint8)
         active[:, :, :9] = 1
         active[4, 4, 11] = 1
-        (self.folder / "island.nrrd").write_bytes(b"NRRD0004\ntype: uint8\ndimension: 3\nsizes: %d %d %d\nencoding: raw\n\n" % dims
-                                                  + active.tobytes())
-        self.scene.write_text(json.dumps({**SCENE, "dataset": {"type": "volume", "file": "island.nrrd"}, "gravity": [1e-3, 0, 0]}))
+        self.write("island.nrrd", nrrd("12 9 9", active.tobytes()))
+        self.write("cube.json", SCENE | {"dataset": {"type": "volume", "file": "island.nrrd"}, "gravity": [1e-3, 0, 0]})
         window = self.open("--backend", "cpu_parallel", "--steps", "20")
 
         def is_yellow():
