@@ -2,7 +2,6 @@
 #include <fmt/format.h>
 #include <gtest/gtest.h>
 
-#include <cstdio>
 #include <cstdlib>
 #include <fstream>
 #include <functional>
@@ -158,13 +157,6 @@ void record(const nlohmann::json& row) {
     if (path == nullptr) return;
     rows.push_back(row);
     std::ofstream(path) << rows.dump(1) << "\n";
-}
-
-std::string name_of_test(std::string name) {
-    for (char& c : name) {
-        if (std::isalnum(static_cast<unsigned char>(c)) == 0) c = '_';
-    }
-    return name;
 }
 
 class Gate : public ::testing::TestWithParam<GateCase> {};

@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <map>
-#include <random>
 #include <set>
 
 #include "backends/layout/blocks.h"
@@ -19,14 +18,8 @@
 namespace voxspring::cuda {
 namespace {
 
-VoxelGrid body(glm::ivec3 dims, double active, unsigned seed) {
-    VoxelGrid grid{dims, glm::dvec3(1), {}};
-    std::mt19937 generator(seed);
-    grid.label.resize(std::size_t(dims.x) * std::size_t(dims.y) * std::size_t(dims.z));
-    for (std::uint8_t& label : grid.label)
-        label = std::generate_canonical<double, 32>(generator) < active ? 1 : 0;
-    return grid;
-}
+using testing::random_grid;
+using testing::solid;
 
 /// A card whose blocks have `threads` threads with particles.
 ResidentCard card_of(int blocks, int threads = max_resident_threads) { return {blocks, 99 << 10U, threads}; }
@@ -46,7 +39,8 @@ struct Case {
 class Resident : public ::testing::TestWithParam<Case> {
 protected:
     Resident()
-        : problem_(edited(make_lattice_problem(body(GetParam().dims, GetParam().active, 5), NEIGHBOUR_BITS))),
+        : problem_(edited(
+              make_lattice_problem(random_grid(GetParam().dims, GetParam().active, 5), NEIGHBOUR_BITS))),
           layout_(lay_out(problem_)),
           slot_(slots_with(layout_, problem_.lattice.mask)) {}
 
@@ -279,7 +273,7 @@ TEST_P(Resident, AnEditLeavesTheTablesOfTheEditedProblem) {
 }
 
 TEST(ResidentLayout, TheBoxOfThePaperIsInRowsWhoseBordersAreOnOneSide) {
-    const Problem problem = make_lattice_problem(body({32, 32, 32}, 1, 1), FACE_BITS | EDGE_BITS);
+    const Problem problem = make_lattice_problem(solid({32, 32, 32}), FACE_BITS | EDGE_BITS);
     const ResidentLayout layout = lay_out_resident(problem, card_of(132), 256, Partition::automatic, true);
     EXPECT_EQ(layout.blocks, 128);
     EXPECT_EQ(layout.lanes, 256);
@@ -348,7 +342,7 @@ TEST(ResidentLayout, SmallCardsHoldTheBodiesOfThePaperAndLeaveTheBoxAloneToBrick
 TEST(ResidentLayout, DealsOutParticlesWhereABlockCannotHoldItsRows) {
     for (const auto& [dims, blocks] :
          {std::pair{glm::ivec3(29, 46, 46), 132}, {glm::ivec3(29, 42, 42), 108}}) {
-        const Problem problem = make_lattice_problem(body(dims, 1, 1), FACE_BITS | EDGE_BITS);
+        const Problem problem = make_lattice_problem(solid(dims), FACE_BITS | EDGE_BITS);
         const ResidentCard card = card_of(blocks);
         EXPECT_EQ(lay_out_resident(problem, card, 256, Partition::rows, true).turns, 2);
         const ResidentLayout layout = lay_out_resident(problem, card, 256, Partition::automatic, true);
@@ -383,7 +377,7 @@ class ResidentParts : public ::testing::TestWithParam<Case> {
 protected:
     static constexpr int ranks = 3;
     ResidentParts()
-        : whole_(make_lattice_problem(body(GetParam().dims, GetParam().active, 5), NEIGHBOUR_BITS)),
+        : whole_(make_lattice_problem(random_grid(GetParam().dims, GetParam().active, 5), NEIGHBOUR_BITS)),
           cuts_(whole_, Decomposition::slabs(whole_, ranks)) {
         for (int rank = 0; rank < ranks; ++rank) {
             slabs_.push_back(cuts_.subdomain(whole_, rank));
@@ -478,7 +472,7 @@ INSTANTIATE_TEST_SUITE_P(
 
 // Rows begin behind the ghosts in front of them.
 TEST(ResidentLayout, APartThatIsCutAlongXIsInWholeRows) {
-    const Problem whole = make_lattice_problem(body({96, 8, 8}, 1, 1), FACE_BITS | EDGE_BITS);
+    const Problem whole = make_lattice_problem(solid({96, 8, 8}), FACE_BITS | EDGE_BITS);
     const ResidentLayout layout =
         lay_out_resident(slab_of(whole, 3, 1).problem, card_of(8), 256, Partition::automatic, false);
     EXPECT_EQ(layout.lanes, 8 * 32);
@@ -487,12 +481,12 @@ TEST(ResidentLayout, APartThatIsCutAlongXIsInWholeRows) {
 
 // The card only has to hold the part's own particles.
 TEST(ResidentRefusal, DoesNotCountGhosts) {
-    const Problem whole = make_lattice_problem(body({32, 8, 16}, 1, 1), FACE_BITS);
+    const Problem whole = make_lattice_problem(solid({32, 8, 16}), FACE_BITS);
     EXPECT_EQ(resident_refusal(slab_of(whole, 2, 0).problem, 1, true), "");
 }
 
 TEST(ResidentRefusal, IsOfPartsThatSendAPointToBothSides) {
-    const Problem whole = make_lattice_problem(body({4, 4, 6}, 1, 1), FACE_BITS);
+    const Problem whole = make_lattice_problem(solid({4, 4, 6}), FACE_BITS);
     const auto refusal = [&](int ranks) {
         const Subdomain slab = slab_of(whole, ranks, 1);
         return sent_refusal({{slab.borders[0].sent, {}}, {slab.borders[1].sent, {}}});
@@ -522,7 +516,7 @@ TEST(ResidentLayout, HasRoomForAnOrderInTicks) {
 }
 
 TEST(ResidentLayout, SaysWhatIsTooMuch) {
-    const Problem problem = make_lattice_problem(body({32, 8, 8}, 1, 1), FACE_BITS);
+    const Problem problem = make_lattice_problem(solid({32, 8, 8}), FACE_BITS);
     const ResidentCard small = card_of(1, 256);
     const ResidentLayout one = lay_out_resident(problem, small, 256, Partition::automatic, true);
     EXPECT_EQ(block_refusal(one, small), "2048 particles exceed the 1024 that a resident block may have");
@@ -534,15 +528,15 @@ TEST(ResidentLayout, SaysWhatIsTooMuch) {
 
 // Blocks wait for each other. If a card did not start all of them at once they would wait for ever.
 TEST(ResidentRefusal, IsOfCardsWithoutCooperativeLaunches) {
-    const Problem problem = make_lattice_problem(body({32, 8, 8}, 1, 1), FACE_BITS);
+    const Problem problem = make_lattice_problem(solid({32, 8, 8}), FACE_BITS);
     EXPECT_EQ(resident_refusal(problem, 132, true), "");
     EXPECT_EQ(resident_refusal(problem, 132, false), "the device has no cooperative launches");
 }
 
 TEST(ResidentRefusal, IsOfBodiesThatNoLayoutHolds) {
-    Problem problem = make_lattice_problem(body({32, 8, 8}, 1, 1), FACE_BITS);
+    Problem problem = make_lattice_problem(solid({32, 8, 8}), FACE_BITS);
     EXPECT_EQ(resident_refusal(problem, 1, true), "");
-    EXPECT_EQ(resident_refusal(make_lattice_problem(body({32, 8, 9}, 1, 1), FACE_BITS), 1, true),
+    EXPECT_EQ(resident_refusal(make_lattice_problem(solid({32, 8, 9}), FACE_BITS), 1, true),
               "2304 particles exceed the 2048 that 1 multiprocessors hold");
     EXPECT_EQ(resident_refusal(Problem{}, 132, true), "there is no particle to reside");
 

@@ -25,13 +25,16 @@ inline std::vector<std::string> in_every_formulation(const std::string& key = ""
     return all;
 }
 
-/// A specification as the name of its tests.
-inline std::string test_name(const ::testing::TestParamInfo<std::string>& tested) {
-    std::string name = tested.param;
+/// A text as the name of a test.
+inline std::string name_of_test(std::string name) {
     for (char& c : name) {
         if (std::isalnum(static_cast<unsigned char>(c)) == 0) c = '_';
     }
     return name;
+}
+/// A specification as the name of its tests.
+inline std::string test_name(const ::testing::TestParamInfo<std::string>& tested) {
+    return name_of_test(tested.param);
 }
 
 }  // namespace voxspring::testing
