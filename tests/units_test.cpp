@@ -37,10 +37,10 @@ constexpr SceneSizeLimits limits{100000, 10000};
 Scene parse(const std::string& text) { return parse_scene(text, "scene", limits); }
 
 /// A scene of a box, in mm and with a spacing of 2.
-Scene box_with(const std::string& keys) {
-    return parse(R"({"dataset": {"type": "box", "dims": [4, 3, 2]}, "spacing": 2, "unit": "mm", )" + keys +
-                 "}");
+std::string box_text(const std::string& keys) {
+    return R"({"dataset": {"type": "box", "dims": [4, 3, 2]}, "spacing": 2, "unit": "mm", )" + keys + "}";
 }
+Scene box_with(const std::string& keys) { return parse(box_text(keys)); }
 
 TEST(Units, SpringsMassesGravityAndLoadsFollow) {
     const Scene scene = box_with(
@@ -64,8 +64,11 @@ TEST(Units, SpringsMassesGravityAndLoadsFollow) {
 }
 
 TEST(Units, RefusesWhatDoesNotMakeAMaterial) {
-    const auto refuses = [](const std::string& keys, const std::string& why) {
-        EXPECT_THAT([&] { (void)box_with(keys); }, ThrowsMessage<BadInput>(HasSubstr(why))) << keys;
+    const auto refuses_scene = [](const std::string& text, const std::string& why) {
+        EXPECT_THAT([&] { (void)parse(text); }, ThrowsMessage<BadInput>(HasSubstr(why))) << text;
+    };
+    const auto refuses = [&](const std::string& keys, const std::string& why) {
+        refuses_scene(box_text(keys), why);
     };
     refuses(R"("young": 5000)", "density");
     refuses(R"("density": 1000)", "beside \"young\"");
@@ -78,17 +81,10 @@ TEST(Units, RefusesWhatDoesNotMakeAMaterial) {
     refuses(R"("young": 5000, "density": 1000, "spring_groups": ["face"])", "face and edge");
     // Face and corner springs alone can be isotropic, but leave motions that strain none of them.
     refuses(R"("young": 5000, "density": 1000, "spring_groups": ["face", "corner"])", "face and edge");
-    EXPECT_THAT(
-        [] {
-            (void)parse(R"({"dataset": {"type": "box", "dims": [2, 2, 2]}, "spacing": [1, 1, 2],
-                            "unit": "mm", "young": 5000, "density": 1000})");
-        },
-        ThrowsMessage<BadInput>(HasSubstr("cubes")));
-    EXPECT_THAT(
-        [] {
-            (void)parse(R"({"dataset": {"type": "box", "dims": [2, 2, 2]}, "young": 5000, "density": 1000})");
-        },
-        ThrowsMessage<BadInput>(HasSubstr("unit")));
+    const std::string box =
+        R"({"dataset": {"type": "box", "dims": [2, 2, 2]}, "young": 5000, "density": 1000)";
+    refuses_scene(box + R"(, "spacing": [1, 1, 2], "unit": "mm"})", "cubes");
+    refuses_scene(box + "}", "unit");
     refuses(R"("damping": {"per_second": -1}, "young": 5000, "density": 1000)", "damping");
 }
 
