@@ -13,6 +13,7 @@
 #include "backends/physics/stored.h"
 #include "backends/registry.h"
 #include "harness/verification/verify.h"
+#include "tests/bodies.h"
 #include "tests/specifications.h"
 #include "tests/support.h"
 
@@ -20,13 +21,6 @@ namespace voxspring::testing {
 namespace {
 
 using Kind = Perturbation::Kind;
-
-Problem with_dynamics(Problem problem) {
-    problem.gravity = {8e-4, 0, -2e-3};
-    problem.damping = 0.01;
-    problem.time_step = 0.25;
-    return problem;
-}
 
 std::vector<std::pair<std::string, Problem>> problems() {
     std::vector<std::pair<std::string, Problem>> all;
