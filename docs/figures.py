@@ -115,13 +115,13 @@ def fastest_by_size():
 
 
 def undrawn_rows(rows):
-    """(row, the share of the steps that drawing costs, or None) of a study haptic without edits, by scene and rate."""
+    """(row, the row of the same while the body is drawn, the share of the steps that drawing costs) of a study haptic without edits, by
+    scene and rate. The last two are None where that was not measured."""
     plain = groups((row for row in rows if not row["edited"]), "scene", "hertz", "name").values()
-    pairs = [({bool(row.get("drawn")): row for row in own}) for own in plain]
-    for pair in sorted((pair for pair in pairs if False in pair),
-                       key=lambda pair: [pair[False][key] for key in ("scene", "hertz", "median_seconds")]):
-        fit = pair[False]["steps_that_fit"]
-        yield pair[False], 1 - pair[True]["steps_that_fit"] / fit if True in pair and fit else None
+    pairs = [{bool(row.get("drawn")): row for row in own} for own in plain]
+    found = [(pair[False], pair.get(True)) for pair in pairs if False in pair]
+    return [(row, drawn, 1 - drawn["steps_that_fit"] / row["steps_that_fit"] if drawn and row["steps_that_fit"] else None)
+            for row, drawn in sorted(found, key=lambda pair: [pair[0][key] for key in ("scene", "hertz", "median_seconds")])]
 
 
 def pauses(row, least):
@@ -135,16 +135,12 @@ FINEST = 60
 
 def drawn_rows():
     """(who steps and where displacements come from, the shares of steps lost, pictures per second, rows), the least loss first."""
-    found = results.result("haptic")
-    plain = {(row["scene"], row["name"], row["hertz"]): row["steps_that_fit"]
-             for row in found["haptic"] if not row["drawn"] and not row["edited"]}
-    drawn = []
-    for row in found["haptic"]:
-        fit = plain.get((row["scene"], row["name"], row["hertz"]), 0) if row["drawn"] and not row["edited"] else 0
-        if fit >= FINEST:
-            api = results.about_backend(found, row)["family"]
-            who = "CUDA, one launch for all ticks" if "ticks=resident" in row["tuning"] else DRAWN.get(api, api)
-            drawn.append(row | {"lost": 1 - row["steps_that_fit"] / fit, "who": who})
+    def who(row):
+        api = results.about_backend(results.result("haptic"), row)["family"]
+        return "CUDA, one launch for all ticks" if "ticks=resident" in row["tuning"] else DRAWN.get(api, api)
+
+    drawn = [row | {"lost": lost, "who": who(row)} for plain, row, lost in undrawn_rows(results.result("haptic")["haptic"])
+             if row and plain["steps_that_fit"] >= FINEST]
     found = [(key, sorted(row["lost"] for row in own), statistics.median(row["pictures_per_second"] for row in own), own)
              for key, own in groups(drawn, "who", "displacements_by").items()]
     return sorted(found, key=lambda one: statistics.median(one[1]))
@@ -188,36 +184,21 @@ def durations(machine):
 
 
 def peers_by_size(one):
-    """What the table of peers shows of a result of `voxspring study peers`: scenes by size, systems by their time on the first."""
-    def name(row):
-        if row.get("lines_of_code"):
-            return one["context"]["voxspring"]["backends"][row["backend"]]["api"]
-        return f"Voxspring, `{row['formulation']}`"
+    """What the table of peers shows of a result of `voxspring study peers`: scenes by size, each with Voxspring's fastest row;
+    (system, its rows by scene) by time on the first; (backend, reason) of those that have no row."""
+    def system_of(row):
+        own = f"Voxspring, `{row['formulation']}`"
+        return one["context"]["voxspring"]["backends"][row["backend"]]["api"] if row.get("lines_of_code") else own
 
-    rows = {(row["scene"], name(row)): row for row in results.medians_of(one)}
-    scenes = sorted({(row["scene"], row["particles"]) for row in rows.values()}, key=lambda scene: scene[1])
-    lines = {system: row.get("lines_of_code") for (_, system), row in rows.items()}
-    own = {}
-    for (scene, system), row in rows.items():
-        if not lines[system] and (scene not in own or row["real_time"] < own[scene]["real_time"]):
-            own[scene] = row
-
-    def cell(scene, system):
-        row = rows.get((scene, system))
-        if row is None:
-            return "-"
-        backend = "" if lines[system] else f" (`{row['backend']}`)"
-        return f"{results.time_of(row)}{backend}, {results.ratio_text(row, own[scene])} x, {row['error_max']:.0e}"
-
-    order = [scene for scene, _ in scenes]
-    systems = sorted(lines, key=lambda system: min((order.index(scene), row["real_time"]) for (scene, other), row in rows.items()
-                                                   if other == system))
-    present = {row["backend"] for row in rows.values()}
-    reasons = groups((row for row in one["skipped"] + one["failed"] if row["backend"] not in present), "backend", "reason")
-    return {"headings": [f"{scene}, {particles:,} particles" for scene, particles in scenes],
-            "rows": [(system, f"{lines[system]:.0f}" if lines[system] else "-", [cell(scene, system) for scene, _ in scenes])
-                     for system in systems],
-            "missing": [f"Not here: {backend}, because {reason}." for backend, reason in reasons]}
+    rows = {(row["scene"], system_of(row)): row for row in results.medians_of(one)}
+    rows = sorted(rows.values(), key=lambda row: row["particles"])
+    own = groups((row for row in rows if not row.get("lines_of_code")), "scene")
+    scenes = {scene: min(of_scene, key=lambda row: row["real_time"]) for (scene,), of_scene in own.items()}
+    systems = [(system, {row["scene"]: row for row in of_system}) for (system,), of_system in groups(rows, system_of).items()]
+    order = distinct(rows, "scene")
+    systems.sort(key=lambda line: min((order.index(scene), row["real_time"]) for scene, row in line[1].items()))
+    absent = [row for row in one["skipped"] + one["failed"] if row["backend"] not in distinct(rows, "backend")]
+    return scenes, systems, groups(absent, "backend", "reason")
 
 
 def truth_result():

@@ -501,7 +501,7 @@ class Mutated(Reports):
             value = generator.choice(ODD)
             holder[key] = copy.deepcopy(value)
             path = self.write("bad.json", result)
-            for reader in (lambda: document.page([reading.read(path)], {}, []),
+            for reader in (lambda: document.page([reading.Result(path)], {}, []),
                            lambda: comparison.document(whole, path, comparison.Rule())):
                 with self.subTest(key=key, value=value):
                     try:

@@ -5,6 +5,7 @@ coloured by displacement, one by the error against float64. Of the sizes of a da
 drawn. A picture says itself what it shows (its text "voxspring", JSON), so that nothing here is taken on trust.
 """
 
+import collections
 import io
 import json
 import re
@@ -57,20 +58,8 @@ class Wanted:
                 "--backend", f"auto:formulation={self.formulation},precision={self.precision}", "--out", path]
 
 
-@dataclass
-class Picture:
-    about: dict
-    data: bytes
-    width: int
-    height: int
-
-    @property
-    def scene(self):
-        return self.about["scene"]
-
-    @property
-    def coloured_by(self):
-        return self.about["coloured_by"]
+# What it says of itself, its file's bytes and its size.
+Picture = collections.namedtuple("Picture", "about data width height")
 
 
 def choose(results):
@@ -120,9 +109,8 @@ def read(path):
     return Picture(about, data, *image.size)
 
 
-def draw(program, folder, wanted, coloured_by):
-    """Draws a picture into the folder unless one is there that is younger than the program; why it could not, or nothing."""
-    path = folder / wanted.name(coloured_by)
+def draw(program, path, wanted, coloured_by):
+    """Draws a picture unless one is there that is younger than the program; why it could not, or nothing."""
     try:
         if path.exists() and path.stat().st_mtime > program.stat().st_mtime:
             return ""
@@ -148,20 +136,18 @@ def gather(results, folder, program):
             raise reading.BadInput(f"--pictures {folder}: {error.strerror}") from None
     found, missing = {}, {}
     for wanted in chosen:
-        for coloured_by in COLOURED_BY:
-            reason = draw(program, folder, wanted, coloured_by) if program else ""
-            path = folder / wanted.name(coloured_by)
-            if not reason and not path.exists():
-                reason = "no program was there to draw it"
-            if reason:
-                missing.setdefault(reason, []).append(wanted.scene)
-                break
+        paths = {coloured_by: folder / wanted.name(coloured_by) for coloured_by in COLOURED_BY}
+        reasons = (draw(program, path, wanted, coloured_by) for coloured_by, path in paths.items() if program)
+        reason = next(filter(None, reasons), "")
+        if not reason and not all(path.exists() for path in paths.values()):
+            reason = "no program was there to draw it"
+        drawn = [] if reason else [read(path) for path in paths.values()]
+        if any(picture.about["particles"] != wanted.particles for picture in drawn):
+            reason = "the built-in scene of that name is another body"
+        if reason:
+            missing.setdefault(reason, []).append(wanted.scene)
         else:
-            drawn = [read(folder / wanted.name(coloured_by)) for coloured_by in COLOURED_BY]
-            if all(picture.about["particles"] == wanted.particles for picture in drawn):
-                found[wanted.scene] = drawn
-            else:
-                missing.setdefault("the built-in scene of that name is another body", []).append(wanted.scene)
+            found[wanted.scene] = drawn
     # The reason "another size" only makes sense if some picture is shown.
     return found, [(scenes, reason) for scenes, reason in left_out if found or reason != ANOTHER_SIZE] + [
         (scenes, reason) for reason, scenes in missing.items()]

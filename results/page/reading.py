@@ -7,9 +7,7 @@ looked at, so that files of older versions, which lack newer keys, are read as w
 import importlib.resources
 import json
 import math
-import pathlib
 import re
-from dataclasses import dataclass, field
 
 import scipy.optimize
 
@@ -25,24 +23,29 @@ LISTS = tuple(name for name in SCHEMA["properties"] if name != "context")
 MEASURED = tuple(name for name in LISTS if name not in ("fastest", "failed", "skipped", "verification"))
 
 
-@dataclass
 class Result:
     """One file. `machine` is the GPU, or the processor if there is no GPU, and whatever tells it apart from others
     on the page that are called alike."""
 
-    path: pathlib.Path
-    study: str
-    machine: str
-    driver: str
-    commit: str
-    date: str
-    lists: dict = field(repr=False)
-    backends: dict = field(repr=False)  # what the context says of each
-    limits: dict = field(repr=False)  # measured limits of devices, by the name that backends refer to
-    counters: dict = field(repr=False)  # descriptions of counters, by name
-    cores: int = None
-    host: str = ""
-    cards: tuple = ()  # their identities
+    def __init__(self, path):
+        data = result_files.load(path)
+        check(path, data)
+        self.path, self.lists = path, {name: data.get(name, []) for name in LISTS}
+        for name, check_row in (("stability_map", check_map), ("haptic", check_histogram)):
+            for index, row in enumerate(self.lists[name]):
+                check_row(path, f"{name}[{index}]", row)
+        result_files.check_agreement(path, data)
+        context, about = data["context"], data["context"]["voxspring"]
+        self.study, self.commit, self.date = about["study"]["name"], about["commit"], context["date"]
+        self.machine = about["gpu"] if isinstance(about.get("gpu"), str) else about["cpu"]
+        self.driver = about.get("driver") if isinstance(about.get("driver"), str) else ""
+        self.cores, self.host = context.get("num_cpus"), context.get("host_name") or ""
+        self.backends = {name: one for name, one in about.get("backends", {}).items() if isinstance(one, dict)}
+        # Identities of cards; processors have none.
+        self.cards = tuple(sorted({one["uuid"] for one in self.backends.values() if one.get("uuid")}))
+        # Measured limits of devices, by the name that backends refer to.
+        self.limits = {name: one for name, one in about.get("limits", {}).items() if isinstance(one, dict) and one.get("bandwidth")}
+        self.counters = result_files.counters(data)
 
     def family(self, backend):
         """The API that a backend's times are to be told apart by."""
@@ -109,27 +112,6 @@ def rooflines(results, rows):
     return dict(max(own.items(), key=lambda item: item[1][0]["memory"]) for own in of_devices.values())
 
 
-def read(path):
-    """The result in a file."""
-    data = result_files.load(path)
-    check(path, data)
-    lists = {name: data.get(name, []) for name in LISTS}
-    for name, check_row in (("stability_map", check_map), ("haptic", check_histogram)):
-        for index, row in enumerate(lists[name]):
-            check_row(path, f"{name}[{index}]", row)
-    result_files.check_agreement(path, data)
-    context = data["context"]
-    about = context["voxspring"]
-    machine = about["gpu"] if isinstance(about.get("gpu"), str) else about["cpu"]
-    driver = about.get("driver") if isinstance(about.get("driver"), str) else ""
-    # Identities of cards; processors have none.
-    backends = {name: one for name, one in about.get("backends", {}).items() if isinstance(one, dict)}
-    cards = {one["uuid"] for one in backends.values() if one.get("uuid")}
-    return Result(path, about["study"]["name"], machine, driver, about["commit"], context["date"], lists, backends,
-                  {name: one for name, one in about.get("limits", {}).items() if isinstance(one, dict) and one.get("bandwidth")},
-                  result_files.counters(data), context.get("num_cpus"), context.get("host_name") or "", tuple(sorted(cards)))
-
-
 def tell_apart(results):
     """Gives different names to different machines that are called alike. A card is known by its identity. A processor has none: it is
     the same one where cores and host are the same, and the folder stands for a host that a file does not name."""
@@ -159,7 +141,7 @@ def read_all(paths):
         files += found
     # A file that is given by name and within its folder counts once.
     unique = {file.resolve(): file for file in files}
-    return tell_apart(sorted((read(file) for file in unique.values()), key=lambda result: result.date))
+    return tell_apart(sorted(map(Result, unique.values()), key=lambda result: result.date))
 
 
 def significant(value, digits=5):

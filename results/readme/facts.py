@@ -134,32 +134,25 @@ def of_paper(kind):
 IMPLICIT, EXPLICIT = of_paper("implicit"), of_paper("explicit")
 
 
-class Dataset:
-    """What the paper's CUDA strategies take on a scene, each with the tuning that suits it best, and later lists."""
-
-    def __init__(self, rows):
-        self.scene, self.particles = rows[0]["scene"], rows[0]["particles"]
-        self.active = rows[0]["particles"] / rows[0]["voxels"]
-        self.implicit = [row for row in rows if row["backend"] in IMPLICIT]
-        self.explicit = [row for row in rows if row["backend"] in EXPLICIT]
-        self.later = [row for row in rows if row["family"] == "CUDA" and row["addressing"] == "explicit" and row["backend"] not in PAPER]
-
-    @property
-    def ratio(self):
-        """The best explicit time over the best implicit one."""
-        return fastest_of(self.explicit)["real_time"] / fastest_of(self.implicit)["real_time"]
-
-    @property
-    def kind(self):
-        return ("large" if self.particles > LARGE else "small") + (" sparse" if self.active < SPARSE else " full")
-
-
 def datasets(formulation="position", rows=None):
-    """The datasets of the study fastest, or of other rows, on which both kinds of addressing ran without edits, small ones first."""
+    """The datasets of the study fastest, or of other rows, on which both kinds of addressing ran without edits, small ones first.
+
+    Each has rows of the paper's CUDA strategies and of later lists; `ratio` is the best explicit time over the best implicit one.
+    """
     rows = [row for row in (medians("fastest") if rows is None else rows)
             if row["formulation"] == formulation and row["precision"] == "float32" and not row.get("edits")]
-    found = map(Dataset, groups(rows, "scene").values())
-    return sorted((one for one in found if one.implicit and one.explicit), key=lambda one: (one.particles, one.active))
+    found = []
+    for (scene,), own in groups(rows, "scene").items():
+        implicit, explicit = ([row for row in own if row["backend"] in side] for side in (IMPLICIT, EXPLICIT))
+        lists = [row for row in own if row["family"] == "CUDA" and row["addressing"] == "explicit"]
+        particles, active = own[0]["particles"], own[0]["particles"] / own[0]["voxels"]
+        if implicit and explicit:
+            found.append({
+                "scene": scene, "particles": particles, "active": active, "implicit": implicit, "explicit": explicit,
+                "later": [row for row in lists if row["backend"] not in PAPER],
+                "kind": ("large" if particles > LARGE else "small") + (" sparse" if active < SPARSE else " full"),
+                "ratio": fastest_of(explicit)["real_time"] / fastest_of(implicit)["real_time"]})
+    return sorted(found, key=lambda one: (one["particles"], one["active"]))
 
 
 def winner(ratios):
@@ -171,8 +164,8 @@ def winner(ratios):
 
 def addressing_verdict(of=None):
     """`holds for small sparse bodies, inverts for large sparse and large full bodies`, of some datasets or those of the study fastest."""
-    by_kind = groups(of or datasets(), lambda one: one.kind)
-    ratios = {kind: winner([one.ratio for one in by_kind[kind,]]) for kind in KINDS if (kind,) in by_kind}
+    by_kind = groups(of or datasets(), "kind")
+    ratios = {kind: winner([one["ratio"] for one in by_kind[kind,]]) for kind in KINDS if (kind,) in by_kind}
     if len(set(ratios.values())) == 1:
         return next(iter(ratios.values()))
     said = {word: [kind for kind, verdict_of in ratios.items() if verdict_of == word] for word in ("holds", "is undecided", "inverts")}
@@ -189,7 +182,7 @@ def scaled_ratios(case, over, smallest=0):
 
 def addressing_ratios(kind):
     """The best explicit time over the best implicit one on the datasets of a kind."""
-    return [one.ratio for one in datasets() if one.kind == kind]
+    return [one["ratio"] for one in datasets() if one["kind"] == kind]
 
 
 def largest_box(study):

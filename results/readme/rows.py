@@ -186,8 +186,3 @@ def spread_text(row):
 def time_of(row):
     """The median of a row, marked, with its spread."""
     return marked(row, microseconds(row["real_time"])) + spread_text(row)
-
-
-def table(header, rows):
-    lines = [header, ["---"] + ["--:"] * (len(header) - 1), *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)

@@ -1,4 +1,4 @@
-"""What the tables of tables.jinja are made of, and two tables whose lines depend on each other."""
+"""What the tables of tables.jinja are made of."""
 
 import collections
 import math
@@ -6,7 +6,7 @@ import math
 import result_files
 from readme.rows import (
     GPU, RESULTS, by_name, contender, fastest_of, giga, held_out, is_papers, loaded, machines, medians, medians_of, percent, result, share,
-    share_of_sum, table, three_digits, time_of, tuning_of,
+    share_of_sum, three_digits, time_of, tuning_of,
 )
 from result_files import distinct, groups
 
@@ -150,19 +150,16 @@ def starts_of(row):
 
 
 def resting():
-    """A step of all tiles, one that leaves out those at rest, and what share of them it took in the end."""
+    """By case and scene the row of all tiles, that which leaves out those at rest, and what share of them it took in the end."""
     work = {row["name"]: row["work"] for row in result("skips")["verification"] if "work" in row}
-    times = by_name(result("skips"))
-    scenes, lines = distinct(medians("skips"), "scene"), {}
+    times, cases = by_name(result("skips")), {}
     for name, skipping in times.items():
         plain, _, way = name.partition("/rest=")
         if way in ("skip", "flush"):
-            share = work[name]["tiles_stepped"] / work[name]["tiles"]
             title = f"`{skipping['backend']}` {skipping['formulation']}" + ", flush" * (way == "flush")
-            cell = f"{time_of(times[plain + '/rest=step'])} / {time_of(skipping)} ({percent(share)})"
-            lines.setdefault(title, {})[skipping["scene"]] = cell
-    return table(["us per step of all / of what moves (tiles stepped)"] + scenes,
-                 [[title] + [cells.get(scene, "-") for scene in scenes] for title, cells in sorted(lines.items())])
+            cases.setdefault(title, {})[skipping["scene"]] = (
+                times[plain + "/rest=step"], skipping, work[name]["tiles_stepped"] / work[name]["tiles"])
+    return sorted(cases.items())
 
 
 def cross_check(row):
@@ -182,18 +179,13 @@ def cards_of(one):
 
 
 def files():
-    """The commit, day and card of each file, and how many of its rows its run marked."""
-    lines, cards = [], {}
+    """(study, result, letters of its cards, least and most repetitions, counts of rows) of each file. Counted are the rows that their
+    run marked, all, and those that it marked for other processes on the card."""
+    cards = {}
     for path in result_files.within(RESULTS / GPU):
         one = loaded(path)
-        build = one["context"]["voxspring"]
-        repetitions = collections.Counter(row["name"] for row in one["benchmarks"] if row["run_type"] == "iteration")
-        of_rows = [row.get("noisy") for row in medians_of(one)]
-        strangers = sum(any("other processes" in reason for reason in noisy or []) for noisy in of_rows)
-        lines.append([f"`{result_files.study_of(path)}`", build["commit"][:8] + " (not clean)" * (not build["clean"]),
-                      one["context"]["date"][:10],
-                      ", ".join(chr(ord("A") + cards.setdefault(uuid, len(cards))) for uuid in cards_of(one)) or "-",
-                      " to ".join(map(str, sorted({min(repetitions.values()), max(repetitions.values())}))) if repetitions
-                      else "-",
-                      f"{sum(map(bool, of_rows))} of {len(of_rows)} ({strangers})" if of_rows else "-"])
-    return table(["file", "commit", "day", "card", "repetitions", "marked `~` (other processes on the card)"], lines)
+        counts = collections.Counter(row["name"] for row in one["benchmarks"] if row["run_type"] == "iteration").values()
+        noisy = ["; ".join(row.get("noisy") or []) for row in medians_of(one)]
+        yield (result_files.study_of(path), one, [chr(ord("A") + cards.setdefault(uuid, len(cards))) for uuid in cards_of(one)],
+               sorted({min(counts), max(counts)}) if counts else [],
+               (sum(map(bool, noisy)), len(noisy), sum("other processes" in reasons for reasons in noisy)))
