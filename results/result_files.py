@@ -168,6 +168,11 @@ def check(path, data, schema, name="", at=""):
         raise BadInput(f"{path}: {place or 'the document'}: {said}: expected {wanted.get('description', 'another value')}") from None
 
 
+def name_of(row):
+    """scene/backend/formulation/precision, and what of its tuning is not at its default."""
+    return row["name"].split("/iterations:")[0]
+
+
 def study_of(path):
     """fastest of nvidia-h200/fastest.json.gz."""
     return path.name.removesuffix(".gz").removesuffix(".json")

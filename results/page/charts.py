@@ -28,7 +28,7 @@ COLOURS = 22
 SHAPES = ("diamond", "triangle-right", "triangle-up", "circle", "square")
 # Chosen so that no two backends, and no two APIs, of this repository hash to one place.
 SALT = 3942899
-LABEL_SIZE = 10
+LABEL_SIZE = ABOUT["end_labels"][1]["mark"]["fontSize"]
 CONFIG = {
     "background": "transparent", "font": "system-ui, sans-serif", "view": {"stroke": None},
     "axis": {"labelColor": "var(--soft)", "titleColor": "var(--soft)", "gridColor": "var(--line)", "domainColor": "var(--line)",
@@ -116,7 +116,7 @@ def near_each_other(ends, x, shown):
 
 def with_end_labels(rows, line, x, y, height):
     """Adds a label (`end_label`) and its place (`label_at`) to the last row of each line, such that labels do not overlap in a chart of
-    this height, and to all rows what is along its axes (`ends`)."""
+    this height, and to all rows the keys along its axes (`end_x`, `end_y`)."""
     values = [row[y] for row in rows]
     log = scale(values)["type"] == "log"
     forth, back = (math.log, math.exp) if log else (float, float)
@@ -130,24 +130,14 @@ def with_end_labels(rows, line, x, y, height):
         steps = gap * numpy.arange(len(beside))
         apart = scipy.optimize.isotonic_regression(numpy.asarray([forth(row[y]) for row in beside]) - steps).x + steps
         at |= {id(row): back(place) for row, place in zip(beside, apart)}
-    return [{**row, "ends": (x, y), "end_label": row[line] if id(row) in at else None, "label_at": at.get(id(row))} for row in rows]
-
-
-def end_labels(x, y):
-    """Layers that write `end_label` to the right of a line's end."""
-    labelled = [{"filter": "isValid(datum.label_at)"}]
-    x, y, at = ({"field": key, "type": "quantitative"} for key in (x, y, "label_at"))
-    leader = {"type": "rule", "strokeWidth": 0.7, "color": "var(--soft)", "xOffset": 5, "x2Offset": 14}
-    text = {"type": "text", "align": "left", "dx": 16, "fontSize": LABEL_SIZE, "color": "var(--ink)"}
-    return [{"transform": labelled, "mark": leader, "encoding": {"x": x, "x2": {"field": x["field"]}, "y": y, "y2": {"field": "label_at"}}},
-            {"transform": labelled, "mark": text, "encoding": {"x": x, "y": at, "text": {"field": "end_label", "type": "nominal"}}}]
+    return [{**row, "end_x": x, "end_y": y, "end_label": row[line] if id(row) in at else None, "label_at": at.get(id(row))} for row in rows]
 
 
 class Chart:
     """Makes Vega-Lite of what figures.vegalite says of a chart, for the rows of a panel."""
 
-    def __init__(self, families, told, rows, layers):
-        self.told, self.rows, self.layers = told, rows, layers
+    def __init__(self, families, told, rows, below):
+        self.told, self.rows, self.layers = told, rows, {"$below": below, "$end_labels": ABOUT["end_labels"]}
         self.values = rows[0] | {"backends": list(families)}
         self.by_key = {
             "backend": told_apart("backend", colours(families)),
@@ -169,7 +159,7 @@ class Chart:
         if isinstance(value, str):
             return self.values[value[1:]] if value.startswith("$") else value.format_map(self.values) if "{" in value else value
         if isinstance(value, list):
-            return [self.completed(one) for part in value for one in (self.layers[part] if part in ("$below", "$end_labels") else [part])]
+            return [self.completed(one) for part in value for one in (self.layers[part] if part in list(self.layers) else [part])]
         if not isinstance(value, dict):
             return value
         found = {key: self.completed(one) for key, one in value.items()}
@@ -195,11 +185,11 @@ class Chart:
         return found
 
 
-def complete(about, families, told, rows, layers, alternative):
+def complete(about, families, told, rows, below, alternative):
     """The chart of a panel: as wide as that, and of those rows alone that its reader's filters let through."""
     chosen = {"filter": "indexof(shown, datum.backend) >= 0 && (scene == '' || datum.scene == scene)"}
     return {"$schema": LANGUAGE, "data": {"name": "rows"}, "transform": [chosen], "width": "container",
             "height": about.get("height") or about["step"][1], "autosize": {"type": "fit-x", "contains": "padding"},
             "description": alternative,
             "params": [{"name": "shown", "value": list(families)}, {"name": "scene", "value": ""}],
-            **Chart(families, told, rows, layers).completed(about["chart"])}
+            **Chart(families, told, rows, below).completed(about["chart"])}

@@ -208,10 +208,9 @@ class Figure:
     def panel(self, match, rows):
         about = self.about | self.about.get(rows[0].get("form"), {})
         heading = about.get("heading", ", ".join(f"{{{key}}}" for key in reversed(match))).format_map(rows[0])
-        layers = {"$below": self.below(rows) if self.below else [], "$end_labels": charts.end_labels(*rows[0].get("ends", ("", "")))}
         alternative = f"{heading}: {about['about']}, in {counted(len(rows), 'mark')}."
-        spec = charts.complete(about, self.page.families, self.columns, rows, layers, alternative)
-        return Panel(heading, match, spec, about.get("step"))
+        below = self.below(rows) if self.below else []
+        return Panel(heading, match, charts.complete(about, self.page.families, self.columns, rows, below, alternative), about.get("step"))
 
 
 # By figure: what makes its rows of the Page (without rows there is no figure), what tells its finding, and what draws layers below its
@@ -302,10 +301,8 @@ def fastest_within(rows, target):
 
 @figure_of("front", latest_runs, by="")
 def front(_, runs):
-    costs = []
-    for group in groups(runs, "machine", "scene").values():
-        coarse, fine = fastest_within(group, 1e-4), fastest_within(group, 1e-6)
-        costs += [fine["seconds"] / coarse["seconds"]] if coarse and fine else []
+    pairs = [[fastest_within(group, error) for error in (1e-4, 1e-6)] for group in groups(runs, "machine", "scene").values()]
+    costs = [fine["seconds"] / coarse["seconds"] for coarse, fine in pairs if coarse and fine]
     on_front = [row["formulation"] for row in runs if row["front"]]
     most = statistics.mode(on_front) if on_front else ""
     title = (f"{most} is most often on a Pareto front, in {percent(on_front.count(most) / len(on_front))} of its runs" if most else
@@ -575,15 +572,7 @@ def histograms(page):
     return shown
 
 
-def period_line(rows):
-    at = {"x": rows[0]["period"], "text": "period"}
-    x = {"field": "x", "type": "quantitative"}
-    return [{"data": {"values": [at]}, "mark": {"type": "rule", "color": "var(--ink)", "strokeDash": [4, 4]}, "encoding": {"x": x}},
-            {"data": {"values": [at]}, "mark": {"type": "text", "dy": -3, "baseline": "bottom", "color": "var(--soft)"},
-             "encoding": {"x": x, "y": {"value": 0}, "text": {"field": "text"}}}]
-
-
-@figure_of("latency", histograms, below=period_line)
+@figure_of("latency", histograms)
 def latencies(_, group):
     highest = max(row["hertz"] for row in group)
     plain = [row for row in group if row["hertz"] == highest and (row["edited"], row["drawn"]) == ("no", "no") and row["p999"] is not None]
@@ -699,17 +688,14 @@ def latest_suites(results):
 
 
 def gates(page):
-    rows = []
-    for row in reading.rows_of(latest_suites(page.results), "stress"):
-        value, gate = row.get("measured"), row.get("gate")
-        numbers = (value, gate) if row["gate_is"] == "at most" else (gate, value)
-        # Zero has no place on a logarithmic axis.
-        share = max(numbers[0] / numbers[1], MIN_SHARE) if all(numbers) else None
-        if gate is not None:
-            rows.append(row | {"measured": value, "unit": row.get("unit", ""), "detail": row.get("detail", ""), "share": share,
-                               "gate_share": 1,
-                               "passed": "yes" if row["passed"] else "no"})
-    return rows
+    def share(row):
+        """The larger number is at most the gate; zero has no place on a logarithmic axis."""
+        numbers = [row.get(key) for key in (("measured", "gate") if row["gate_is"] == "at most" else ("gate", "measured"))]
+        return max(numbers[0] / numbers[1], MIN_SHARE) if all(numbers) else None
+
+    return [row | {"measured": row.get("measured"), "unit": row.get("unit", ""), "detail": row.get("detail", ""), "share": share(row),
+                   "gate_share": 1, "passed": "yes" if row["passed"] else "no"}
+            for row in reading.rows_of(latest_suites(page.results), "stress") if row.get("gate") is not None]
 
 
 @figure_of("stress", gates, by="")

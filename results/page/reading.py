@@ -153,9 +153,8 @@ def significant(value, digits=5):
 
 def contender(row):
     """The backend, its formulation, its precision unless float32, and what tuning is not at its default."""
-    parts = row["name"].removeprefix(row["scene"] + "/").split("/iterations:")[0].split("/")[3:]
-    words = [row["backend"], row["formulation"]] + [row["precision"]] * (row["precision"] != "float32") + parts
-    return " ".join(words)
+    tuning = result_files.name_of(row).removeprefix(row["scene"] + "/").split("/")[3:]
+    return " ".join([row["backend"], row["formulation"]] + [row["precision"]] * (row["precision"] != "float32") + tuning)
 
 
 def short_contender(name):
@@ -183,20 +182,23 @@ def rows_of(results, name):
             for result in results for row in result.lists[name]]
 
 
+def in_microseconds(seconds):
+    return None if seconds is None else seconds * 1e6
+
+
 def measured(results):
     """A row for each contender, scene and file: the median over the repetitions, with the least and the most of them."""
     verdicts = {(result.path, row["name"]): result_files.threshold_of(row) for result in results for row in result.lists["verification"]}
     return [row | {
-        "threshold": verdicts.get((result.path, row["name"].split("/iterations:")[0]), "-"), "microseconds": row["real_time"], "least": min(times), "most": max(times), "repetition_times": tuple(times),
+        "threshold": verdicts.get((result.path, result_files.name_of(row)), "-"), "microseconds": row["real_time"],
+        "least": min(times), "most": max(times), "repetition_times": tuple(times), "limited_by": result_files.binder(row),
         "spring_rate": row["springs"] / row["real_time"] * 1e6, "of_limit": row.get("fraction_of_limit"),
-        "limited_by": result_files.binder(row),
         "of_sum": row["limit_sum_seconds"] * 1e6 / row["real_time"] if row.get("limit_sum_seconds") else None,
-        "sustained": row["sustained_seconds_per_step"] * 1e6 if row.get("sustained_seconds_per_step") else None,
-        "limit_microseconds": row["limit_seconds"] * 1e6 if row.get("limit_seconds") else None,
+        "sustained": in_microseconds(row.get("sustained_seconds_per_step") or None),
+        "limit_microseconds": in_microseconds(row.get("limit_seconds") or None),
         **moved_and_computed(row), "rounding": row.get("error_relative_l2"), "rounding_max": row.get("error_max"),
         "error_steps": row.get("error_steps", row["steps"]), "edits": row.get("edits"),
-        "edit_microseconds": row["edit_seconds_median"] * 1e6 if row.get("edit_seconds_median") is not None else None,
-        "without_edits": row.get("seconds_per_step_without_edits")}
+        "edit_microseconds": in_microseconds(row.get("edit_seconds_median")), "without_edits": row.get("seconds_per_step_without_edits")}
         for result in results for row, times in result_files.medians(rows_of([result], "benchmarks"))]
 
 
@@ -313,13 +315,9 @@ def bin_begin(number):
 
 def haptic(results):
     """A row for each rate and way of playing, of those that keep a histogram; times in microseconds."""
-    def microseconds(row, name):
-        seconds = result_files.tick_seconds(row, name)
-        return None if seconds is None else seconds * 1e6
-
     return [row | {"edited": "yes" if row["edited"] else "no", "drawn": "yes" if row.get("drawn") else "no",
                    "pictures": row.get("pictures_per_second"), "period": 1e6 / row["hertz"], "bins": bins_of(row),
-                   **{name: microseconds(row, name) for name in ("median", "p99", "p999", "worst")}}
+                   **{name: in_microseconds(result_files.tick_seconds(row, name)) for name in ("median", "p99", "p999", "worst")}}
             for row in rows_of(results, "haptic") if row.get("histogram")]
 
 

@@ -5,6 +5,7 @@ import pathlib
 import statistics
 
 import result_files
+from result_files import name_of
 
 RESULTS = pathlib.Path(__file__).resolve().parent.parent
 GPU, CPU = "nvidia-h200", "amd-epyc"
@@ -36,11 +37,6 @@ def machines(study):
 def limits_of_machine(machine=GPU):
     """The best of each limit over all studies of a machine."""
     return result_files.best_limits(loaded(path) for path in result_files.within(RESULTS / machine))
-
-
-def name_of(row):
-    """scene/backend/formulation/precision, and what of its tuning is not at its default."""
-    return row["name"].split("/iterations:")[0]
 
 
 def about_backend(one, row):
