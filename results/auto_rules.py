@@ -16,7 +16,6 @@ import math
 import pathlib
 import sys
 
-import result_files
 from readme import rows
 
 FILE = pathlib.Path(__file__).resolve().parent.parent / "harness/choice/auto_rules.json"
@@ -32,8 +31,7 @@ DATASETS = ("box", "heart")
 
 def cards():
     """The machines with a card that have a committed study `fastest`."""
-    return [folder.name for folder in sorted(rows.RESULTS.iterdir())
-            if folder.name != rows.CPU and result_files.named(folder, "fastest").exists()]
+    return [machine for machine in rows.having("fastest") if machine != rows.CPU]
 
 
 def families():
@@ -54,8 +52,7 @@ def bodies(family, machines, increments, occupancy):
     import pandas  # pylint: disable=import-outside-toplevel  # tests of other scripts import this one beside another NumPy
     low, high = occupancy
     # The processor has no figure8.
-    files = [(machine, study) for machine, study in itertools.product(machines, ("fastest", "figure8"))
-             if result_files.named(rows.RESULTS / machine, study).exists()]
+    files = [(machine, study) for machine, study in itertools.product(machines, ("fastest", "figure8")) if machine in rows.having(study)]
     times = pandas.DataFrame([
         {"particles": row["particles"], "machine": machine, "vote": f"{machine} {study} {row['formulation']}", "contender": contender(row),
          "backend": row["backend"], "time": row["real_time"]}
@@ -123,7 +120,7 @@ def min_steps_between_edits():
 def main():
     sources = (*itertools.product(("fastest", "figure8"), cards()), ("edits", rows.GPU), ("fastest", rows.CPU))
     commits = {f"{machine}/{study}": rows.result(study, machine)["context"]["voxspring"]["commit"]
-               for study, machine in sources if result_files.named(rows.RESULTS / machine, study).exists()}
+               for study, machine in sources if machine in rows.having(study)}
     blocks = ",\n".join("    " + json.dumps(rule) for rule in rules())
     edited = json.dumps({"min_steps_between_edits": min_steps_between_edits()})
     text = (f'{{\n  "made_by": "results/auto_rules.py",\n  "from": {json.dumps(commits)},\n  "edited": {edited},\n'

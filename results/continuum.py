@@ -44,13 +44,8 @@ def pattern_of(name, x):
 def graded(low, high, count, power, ends):
     """Points from `low` to `high`. They are denser towards `ends`, which is "lower", "upper" or "both"."""
     t = np.linspace(0, 1, count + 1)
-    if ends == "upper":
-        t = 1 - (1 - t) ** power
-    elif ends == "lower":
-        t = t ** power
-    else:
-        t = np.where(t < 0.5, 0.5 * (2 * t) ** power, 1 - 0.5 * (2 - 2 * t) ** power)
-    return low + (high - low) * t
+    both = np.where(t < 0.5, 0.5 * (2 * t) ** power, 1 - 0.5 * (2 - 2 * t) ** power)
+    return low + (high - low) * {"lower": t ** power, "upper": 1 - (1 - t) ** power, "both": both}[ends]
 
 
 def mesh_of(case, fine):

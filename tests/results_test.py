@@ -52,8 +52,7 @@ class AutoRules(unittest.TestCase):
         second += [row("box@4", 100, "cuda_a", 9, "fetch=l1")]
         own = {("fastest", "first"): first, ("fastest", "second"): second, ("fastest", auto_rules.rows.CPU): []}
         with mock.patch.object(auto_rules.rows, "medians", lambda study, machine: own.get((study, machine), [])), \
-                mock.patch.object(auto_rules, "cards", lambda: ["first", "second"]), \
-                mock.patch.object(auto_rules.result_files, "named", lambda folder, study: pathlib.Path(__file__)):
+                mock.patch.object(auto_rules.rows, "having", lambda study: ["first", "second", auto_rules.rows.CPU]):
             self.assertEqual([rule["order"] for rule in auto_rules.rules()], [["cuda_new", "cuda_a", "cuda_b"]])
 
     def test_the_fastest_goes_first_within_particles_and_occupancy(self):

@@ -8,7 +8,6 @@ columns.
 """
 
 import hashlib
-import itertools
 import json
 import math
 
@@ -103,15 +102,10 @@ def near_each_other(ends, x, shown):
     """The last rows of lines in groups: a label to the right of one would reach into the next one's, so that they share places.
     `shown`: all values along x."""
     reach = 0.25  # of the width of a chart; a label takes up to a third, but two seldom meet beyond this
-    forth = math.log if scale(shown)["type"] == "log" else float
+    forth = numpy.log if scale(shown)["type"] == "log" else numpy.asarray
     ends = sorted(ends, key=lambda row: row[x])
-    near = reach * (forth(max(shown)) - forth(min(shown)))
-    found = [[ends[0]]]
-    for before, row in itertools.pairwise(ends):
-        if forth(row[x]) - forth(before[x]) > near:
-            found.append([])
-        found[-1].append(row)
-    return found
+    apart = numpy.diff(forth([row[x] for row in ends])) > reach * numpy.ptp(forth(shown))
+    return numpy.split(numpy.asarray(ends), numpy.flatnonzero(apart) + 1)
 
 
 def with_end_labels(rows, line, x, y, height):

@@ -11,7 +11,7 @@ import statistics
 
 import result_files
 from readme import tables
-from readme.rows import (CPU, GPU, PAPER, RESULTS, Missing, about_backend, by_name, contender, fastest_of, figure, is_papers, medians,
+from readme.rows import (CPU, GPU, PAPER, Missing, about_backend, by_name, contender, fastest_of, figure, having, is_papers, medians,
                          medians_of, name_of, result, three_digits, tuning_of)
 from readme.tables import slow_down
 from result_files import distinct, groups, listed
@@ -256,22 +256,17 @@ def edit_us(case):
     return row("edits", scene, case, formulation="increment")["edit_seconds_median"] * 1e6
 
 
-def nanoseconds(one):
-    """The time of a step per particle."""
-    return one["real_time"] * 1e3 / one["particles"]
-
-
 def papers_lists(one):
     return papers_cuda(one) and one["addressing"] == "explicit"
 
 
 def growth(cases=papers_cuda, smallest=0, rows=None):
-    """How far the time a particle of each case is from that on its largest box, over the boxes of Figure 8, or other rows, from a size on."""
+    """How far the time per particle of each case is from that on its largest box, over rows, or the boxes of Figure 8, from a size on."""
     rows = [one for one in (medians("figure8") if rows is None else rows) if cases(one) and one["particles"] >= smallest]
     found = []
-    for of_case in groups(rows, contender).values():
-        last = nanoseconds(max(of_case, key=lambda one: one["particles"]))
-        found += [nanoseconds(one) / last for one in of_case]
+    for of_case in groups(sorted(rows, key=lambda one: one["particles"]), contender).values():
+        times = [one["real_time"] / one["particles"] for one in of_case]
+        found += [time / times[-1] for time in times]
     return max(max(found) - 1, 1 - min(found))
 
 
@@ -303,8 +298,7 @@ def is_concatenated(one):
 
 def as_paper_machine():
     """The machine whose study as_paper is judged: the page's own, otherwise another card; None before one has measured it."""
-    found = [folder.name for folder in sorted(RESULTS.iterdir()) if result_files.named(folder, "as_paper").exists()]
-    return GPU if GPU in found else next(iter(found), None)
+    return max(having("as_paper"), key=lambda machine: machine == GPU, default=None)
 
 
 def as_paper_card():
@@ -436,10 +430,6 @@ def worst_small_start():
 def resting_ratio(scene, case, formulation="increment"):
     """A step that leaves out what rests over one of everything."""
     return ratio("skips", scene, f"{case} rest=skip", f"{case} rest=step", formulation=formulation)
-
-
-def resting_ratios(scene):
-    return each(resting_ratio, [scene], IMPLICIT, ("position", "increment"))
 
 
 def launching_all(scene):

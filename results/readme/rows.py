@@ -29,9 +29,14 @@ def result(study, machine=GPU):
     return loaded(result_files.named(RESULTS / machine, study))
 
 
+def having(study):
+    """The machines with a committed result of a study."""
+    return [path.parent.name for path in result_files.committed(RESULTS) if result_files.study_of(path) == study]
+
+
 def machines(study):
     """The result of a study on every machine that has one."""
-    return [loaded(path) for path in result_files.committed(RESULTS) if result_files.study_of(path) == study]
+    return [result(study, machine) for machine in having(study)]
 
 
 def limits_of_machine(machine=GPU):
