@@ -18,8 +18,10 @@ from pathlib import Path
 import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.linalg import splu
-from skfem import Basis, ElementHex2, FacetBasis, Functional, LinearForm, MeshHex, MeshHex2, asm
+from skfem import Basis, ElementHex2, ElementVector, FacetBasis, Functional, LinearForm, MeshHex, MeshHex2, asm
+from skfem.helpers import ddot, dot
 
+ELEMENT = ElementVector(ElementHex2())
 LAMBDA = MU = 0.4  # Lame's constants for E = 1 and nu = 1/4
 SPRINGS = [(np.eye(3)[a], 1.0) for a in range(3)] + [
     (np.array(n) / np.sqrt(2), 2.0) for n in product((-1, 0, 1), repeat=3) if np.abs(n).sum() == 2 and next(v for v in n if v) > 0]
@@ -92,32 +94,25 @@ class Solid:
     """The elements' gradients and quadrature, and the assembly of forces and of their derivative."""
 
     def __init__(self, mesh):
-        self.basis = Basis(mesh, ElementHex2(), intorder=5)
-        gradients = np.array([self.basis.basis[a][0].grad for a in range(27)])  # node, axis, element, point
-        self.weights = self.basis.dx
-        elements, points = self.weights.shape
-        self.b = np.zeros((elements, points, 3, 3, 27, 3))
-        for i in range(3):
-            self.b[:, :, i, :, :, i] = gradients.transpose(2, 3, 1, 0)
-        self.b = self.b.reshape(elements, points, 9, 81)
-        self.dofs = (3 * self.basis.element_dofs.T[:, :, None] + np.arange(3)).reshape(elements, 81)
+        self.basis = Basis(mesh, ELEMENT, intorder=5)
+        gradients = np.array([function[0].grad for function in self.basis.basis])  # degree of freedom, row, axis, element, point
+        self.b = np.ascontiguousarray(gradients.reshape(81, 9, *self.basis.dx.shape).transpose(2, 3, 1, 0))
 
     def assemble(self, law, u):
-        elements, points = self.weights.shape
-        gradient = np.einsum("eqgd,ed->geq", self.b, u[self.dofs]).reshape(3, 3, elements, points)
+        elements, points = self.basis.dx.shape
+        gradient = self.basis.interpolate(u).grad
+        pressure = stress(law, gradient)
         tangent = np.empty((elements, points, 9, 9))
         for k, l in product(range(3), repeat=2):
             stepped = gradient.astype(complex)
             stepped[k, l] += TINY * 1j
             tangent[:, :, :, 3 * k + l] = stress(law, stepped).imag.reshape(9, elements, points).transpose(1, 2, 0) / TINY
-        weighted = self.b * self.weights[:, :, None, None]
-        forces = np.einsum("eqgd,geq->ed", weighted, stress(law, gradient).reshape(9, elements, points))
-        left = weighted.reshape(elements, -1, 81).swapaxes(1, 2)
-        local = left @ (tangent @ self.b).reshape(elements, -1, 81)
-        rows, columns = np.broadcast_arrays(self.dofs[:, :, None], self.dofs[:, None, :])
-        size = 3 * self.basis.N
-        matrix = coo_matrix((local.ravel(), (rows.ravel(), columns.ravel())), (size, size)).tocsc()
-        return np.bincount(self.dofs.ravel(), forces.ravel(), size), matrix
+        weighted = (self.b * self.basis.dx[:, :, None, None]).reshape(elements, -1, 81)
+        local = weighted.swapaxes(1, 2) @ (tangent @ self.b).reshape(elements, -1, 81)
+        dofs = self.basis.element_dofs.T
+        rows, columns = np.broadcast_arrays(dofs[:, :, None], dofs[:, None, :])
+        matrix = coo_matrix((local.ravel(), (rows.ravel(), columns.ravel())), (self.basis.N, self.basis.N)).tocsc()
+        return asm(LinearForm(lambda v, w: ddot(pressure, v.grad)), self.basis), matrix
 
 
 def deflection(name, law, load, fine):
@@ -127,21 +122,14 @@ def deflection(name, law, load, fine):
     solid = Solid(mesh)
     basis = solid.basis
     top = mesh.facets_satisfying(lambda x: np.isclose(x[2], case["height"]), boundaries_only=True)
-    end = FacetBasis(mesh, ElementHex2(), facets=top, intorder=5)
-
-    def along(over):
-        """The integral of each basis function times the pattern."""
-        parts = [asm(LinearForm(lambda v, w, i=i: pattern_of(case["pattern"], w.x)[i] * v), over) for i in range(3)]
-        return np.array(parts).T.ravel()
-
-    external = load * along(basis if case["body"] else end)
-    x = basis.doflocs
-    fixed = np.repeat(np.isclose(x[2], 0), 3)
-    for axis, symmetric in enumerate(case["symmetric"]):
-        if symmetric:
-            fixed[axis::3] |= np.isclose(x[axis], 0)
-    free = np.flatnonzero(~fixed)
-    u = np.zeros(len(fixed))
+    end = FacetBasis(mesh, ELEMENT, facets=top, intorder=5)
+    # The integral of each basis function times the pattern.
+    along = LinearForm(lambda v, w: dot(pattern_of(case["pattern"], w.x), v))
+    external = load * asm(along, basis if case["body"] else end)
+    held = [basis.get_dofs(lambda x, axis=axis: np.isclose(x[axis], 0)).all(f"u^{axis + 1}")
+            for axis, symmetric in enumerate(case["symmetric"]) if symmetric]
+    free = basis.complement_dofs(basis.get_dofs(lambda x: np.isclose(x[2], 0)).all(), *held)
+    u = basis.zeros()
     steps = 1 if law == "linear" or abs(load) < 0.5 * abs(case["load"]) else 5
     for step in range(1, steps + 1):
         for _ in range(20):
@@ -154,7 +142,7 @@ def deflection(name, law, load, fine):
         else:
             raise RuntimeError(f"{name} {law}: Newton's method does not converge")
     size = asm(Functional(lambda w: (pattern_of(case["pattern"], w.x) ** 2).sum(axis=0)), end)
-    return float(along(end) @ u / size)
+    return float(asm(along, end) @ u / size)
 
 
 def main(names):
