@@ -10,7 +10,6 @@ same bytes. `zcat RESULT.json.gz` prints it again; every script here and `voxspr
 import argparse
 import gzip
 import pathlib
-import sys
 
 import result_files
 
@@ -38,8 +37,7 @@ def main():
         for path in parser.parse_args().results:
             print(compact(path))
     except (result_files.BadInput, OSError) as error:
-        print(f"compact.py: {error}", file=sys.stderr)
-        sys.exit(2)
+        result_files.refuse(__file__, error)
 
 
 if __name__ == "__main__":

@@ -160,14 +160,6 @@ class Result:
         if not self.rows and not any(self.unmeasured.values()):
             self.refuse("the document", sorted(self.json), f"rows in any of {', '.join((*PLACES, *self.unmeasured))}")
 
-    def add_errors_by_chance(self, entry, row):
-        """Raises the errors against float64 of a backend whose runs differ, both alike, to where one of them is its spread."""
-        one, spread = entry.errors.get("error_relative_l2"), row.get("spread")
-        if one and spread and not self.backends.get(row["backend"], {}).get("deterministic", True):
-            for key in ("error_relative_l2", "error_max"):
-                if entry.errors.get(key) is not None:
-                    entry.by_chance[key] = entry.errors[key] * spread / one
-
     def unjudged(self, row):
         """Why the result does not say that a row's times are those of right states; empty if it does, or is older than such fields."""
         name, repetitions = row.get("name", "").split("/iterations:")[0], row.get("repetitions", 1)
@@ -194,7 +186,11 @@ class Result:
         else:
             entry.errors = {key: row[key] for key in ERRORS if key in row}
             entry.floors = {key: row.get(ERRORS[key]) for key in entry.errors}
-            self.add_errors_by_chance(entry, row)
+            one, spread = entry.errors.get("error_relative_l2"), row.get("spread")
+            if one and spread and not self.backends.get(row["backend"], {}).get("deterministic", True):
+                # Runs of such a backend differ: both errors against float64, raised alike to where one of them is its spread.
+                entry.by_chance = {key: entry.errors[key] * spread / one for key in ("error_relative_l2", "error_max")
+                                   if entry.errors.get(key) is not None}
         if list_name == "stability" and result_files.number(row.get("ratio")):
             entry.counters["ratio"] = [row["ratio"]]
             self.less_is_better["ratio"] = False
@@ -317,15 +313,9 @@ def noise_between(values, errors):
     return high
 
 
-@dataclasses.dataclass
-class Timed:
-    """A row that has times in both files, and what their noise depends on."""
-    row: dict
-    device: tuple  # its identity and its name
-    api: str
-    kind: tuple
-    by_host: bool  # whether the host's clock took the times
-    unknown: bool  # whether its run marked it, or its backend adds in any order
+# A row that has times in both files, and what their noise depends on: (identity, name) of the device, API and kind; whether the host's
+# clock took the times; whether its run marked it, or its backend adds in any order.
+Timed = collections.namedtuple("Timed", "row device api kind by_host unknown")
 
 
 def judge_times(timed, threshold):

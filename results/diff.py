@@ -35,11 +35,6 @@ EXPORTS = ("bmf", "github-action-benchmark")
 FORMS = ("terminal", "markdown", "json", *EXPORTS)
 
 
-def refuse(message):
-    print(f"diff.py: {message}", file=sys.stderr)
-    sys.exit(2)
-
-
 def time_text(value, unit):
     if unit == "times_limit":
         return f"{value:.3g}{LIMIT}"
@@ -196,9 +191,10 @@ def main():
         found = comparison.document(options.old, options.new, comparison.Rule(
             options.threshold, options.error_factor, options.across_devices, tuple(dict.fromkeys(options.fail_on))))
     except result_files.BadInput as error:
-        refuse(error)
+        result_files.refuse(__file__, error)
     except ImportError as absent:
-        refuse(f"{absent}: install Debian's python3-scipy and python3-fastjsonschema, or with pip scipy and fastjsonschema")
+        result_files.refuse(__file__, f"{absent}: install Debian's python3-scipy and python3-fastjsonschema, or with pip scipy and "
+                            "fastjsonschema")
     shown = [row for row in found["rows"] if options.all or row["verdict"] != "same"]
     if options.format in EXPORTS:
         print(json.dumps(exported(options.format, options.new, found["new"]), indent=2, ensure_ascii=False))

@@ -148,7 +148,7 @@ def main():
                     raise result_files.BadInput(f"{result.path}: {key}: {value} is not accepted; expected {first[key]}, as "
                                                 f"{results[0].path} has")
     except result_files.BadInput as error:
-        diff.refuse(error)
+        result_files.refuse(__file__, error)
     if not options.resample:
         return 1 if of_pairs(results, options.in_pairs, rule) else 0
     return of_resampled(results, options.resample, options.drift, rule)

@@ -170,8 +170,7 @@ def main():
         print(f"{machine.device}, commit {machine.commit}, {out}")
         sys.exit(remake(arguments.study or known, out, machine, arguments.check))
     except (result_files.BadInput, OSError) as error:
-        print(f"remake.py: {error}", file=sys.stderr)
-        sys.exit(2)
+        result_files.refuse(__file__, error)
     except KeyboardInterrupt:
         sys.exit(130)
 

@@ -15,15 +15,11 @@ takes Python 3.11 and the packages in requirements.txt, which `./run report` ins
 import argparse
 import os
 import pathlib
-import sys
 import tempfile
 
+from result_files import BadInput, refuse
+
 HERE = pathlib.Path(__file__).resolve().parent
-
-
-def refuse(message):
-    print(f"report.py: {message}", file=sys.stderr)
-    sys.exit(2)
 
 
 def write_whole(path, text):
@@ -59,13 +55,13 @@ def main(arguments=None):
         from page import document, export, pictures, reading  # pylint: disable=import-outside-toplevel
     except ModuleNotFoundError as error:
         in_tree = "`./run report` installs it, or " if (HERE.parent / "CMakeLists.txt").exists() else ""
-        refuse(f"the Python package {error.name} is missing: {in_tree}pip install -r {HERE / 'requirements.txt'}")
+        refuse(__file__, f"the Python package {error.name} is missing: {in_tree}pip install -r {HERE / 'requirements.txt'}")
     try:
         results = reading.read_all(options.results)
         shown = pictures.gather(results, options.pictures, options.program) if options.pictures else ({}, [])
         text = document.page(results, *shown) if options.out else ""
-    except reading.BadInput as error:
-        refuse(error)
+    except BadInput as error:
+        refuse(__file__, error)
     option = f"--figures {options.figures}"
     try:
         if options.figures:
@@ -78,7 +74,7 @@ def main(arguments=None):
             write_whole(options.out, text)
             print(options.out)
     except OSError as error:
-        refuse(f"{option}: {error.strerror}")
+        refuse(__file__, f"{option}: {error.strerror}")
 
 
 if __name__ == "__main__":

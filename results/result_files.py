@@ -7,6 +7,7 @@ import math
 import pathlib
 import re
 import statistics
+import sys
 import zlib
 
 RESULT = 1  # the newest version of schema.json that is read
@@ -20,6 +21,12 @@ MIN_SPREAD = 0.03
 
 class BadInput(Exception):
     """What the user gave cannot be used; the message says where and why."""
+
+
+def refuse(script, reason):
+    """Ends a script for bad input."""
+    print(f"{pathlib.Path(script).name}: {reason}", file=sys.stderr)
+    sys.exit(2)
 
 
 def shown(value, longest=60):
@@ -285,11 +292,14 @@ def listed(parts):
     return " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
 
 
-def medians(benchmarks):
-    """(row, times of its repetitions, or its own time without any) of every median among rows of `benchmarks`, in their order."""
+def medians(benchmarks, verification):
+    """Every median among rows of `benchmarks`, in their order, with the `times` of its repetitions, or its own time without any, and with
+    the `threshold` of its error."""
     times = groups((row for row in benchmarks if row.get("run_type") == "iteration"), "run_name", "steps")
-    medians_of = (row for row in benchmarks if row.get("aggregate_name") == "median")
-    return [(row, [one["real_time"] for one in times.get((row["run_name"], row["steps"]), [row])]) for row in medians_of]
+    verdicts = {row["name"]: row for row in verification}
+    return [row | {"times": [one["real_time"] for one in times.get((row["run_name"], row["steps"]), [row])],
+                   "threshold": threshold_of(verdicts.get(name_of(row), {}))}
+            for row in benchmarks if row.get("aggregate_name") == "median"]
 
 
 def tick_seconds(row, name):

@@ -13,7 +13,6 @@ Exit code: 0 done; 2 bad input.
 import csv
 import json
 import os
-import pathlib
 import sys
 
 import result_files
@@ -31,8 +30,7 @@ def main():
     try:
         rows = result_files.rows(paths)
     except result_files.BadInput as error:
-        print(f"{pathlib.Path(__file__).name}: {error}", file=sys.stderr)
-        sys.exit(2)
+        result_files.refuse(__file__, error)
     columns = list(dict.fromkeys(key for row in rows for key in row))
     try:
         writer = csv.DictWriter(sys.stdout, columns, lineterminator="\n")

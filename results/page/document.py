@@ -118,11 +118,8 @@ def template():
     def source(name):
         return re.sub(r"\s*\n\s*", " ", re.sub(r"(?<=[>}])\s*\n\s*|\s*\n\s*(?=[<{])", "", text_of(name).strip()))
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, loader=jinja2.FunctionLoader(source))
-    shared = (figures.engineering, figures.error_text, figures.fastest_within, figures.groups, figures.listed, figures.percent,
-              figures.time_text, result_files.spread_of, result_files.as_known, math.log, amount, captions, figures.each_at_its_best,
-              exact_enough, names)
-    environment.globals |= {function.__name__: function for function in shared} | {
-        "base64": lambda data: base64.b64encode(data).decode(), "marks": charts.MARKS,
+    environment.globals |= vars(result_files) | vars(figures) | globals() | {
+        "base64": lambda data: base64.b64encode(data).decode(), "log": math.log, "marks": charts.MARKS,
         "regions": reading.REGIONS, "small_error": SMALL_ERROR, "min_share": figures.MIN_SHARE,
         "min_spread": result_files.MIN_SPREAD,
         "error_columns": {error: f"Error of {figures.error_text(error)}" for error in figures.TARGETS}}

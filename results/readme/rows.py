@@ -52,12 +52,9 @@ def about_backend(one, row):
 
 
 def medians_of(one):
-    """The median row of each case of a result, in the order of the file, with its `times` (us per step) and their `spread`, and with what
-    is said of its backend."""
-    verdicts = {row["name"]: row for row in one.get("verification", [])}
-    return [row | {"times": times, "spread": result_files.spread_of(times),
-                   "threshold": result_files.threshold_of(verdicts.get(name_of(row), {}))} | about_backend(one, row)
-            for row, times in result_files.medians(one["benchmarks"])]
+    """The median row of each case of a result with the spread of its times (us per step), and with what is said of its backend."""
+    return [row | {"spread": result_files.spread_of(row["times"])} | about_backend(one, row)
+            for row in result_files.medians(one["benchmarks"], one.get("verification", []))]
 
 
 def medians(study, machine=GPU):
