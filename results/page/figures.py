@@ -129,7 +129,7 @@ def outcomes(results, rows):
 def ladder(entries):
     """(dataset, [(backends, on chip, particles)]): which backend wins up to which size, for the dataset with the most sizes. None
     unless each backend wins sizes beside each other. Backends whose state stays on the chip count as one."""
-    families = groups([entry.best | {"family_name": entry.best["scene"].split("@")[0]} for entry in entries if entry.won], "family_name")
+    families = groups((entry.best for entry in entries if entry.won), lambda row: row["scene"].split("@")[0])
     (family,), rows = max(families.items(), key=lambda item: len(item[1]), default=((None,), []))
     steps = []
     for row in rows:

@@ -44,15 +44,13 @@ def headings(rows, *texts):
 
 def thresholds(rows):
     """What the errors of rows were judged by, in a sentence."""
-    named = []
-    for (scene,), of_scene in groups(rows, "scene").items():
-        models = {}
-        for (formulation, precision), own in groups(of_scene, "formulation", "precision").items():
-            name = formulation + f" {precision}" * (precision != "float32")
-            models[name] = " or ".join(distinct(own, "threshold"))
-        named.append((scene, models))
-    one = len({name for _, models in named for name in models}) == 1
-    texts = (f"{scene} " + ", ".join(text if one else f"{name} {text}" for name, text in models.items()) for scene, models in named)
+    scenes = {}
+    for (scene, formulation, precision), own in groups(rows, "scene", "formulation", "precision").items():
+        name = formulation + f" {precision}" * (precision != "float32")
+        scenes.setdefault(scene, {})[name] = " or ".join(distinct(own, "threshold"))
+    one = len(set().union(*scenes.values())) == 1
+    texts = (f"{scene} " + ", ".join(text if one else f"{name} {text}" for name, text in models.items())
+             for scene, models in scenes.items())
     return f"Threshold on the error over the motion: {'; '.join(texts)}."
 
 
