@@ -115,8 +115,8 @@ def fastest_by_size():
 
 
 def undrawn_rows(rows):
-    """(row, the row of the same while the body is drawn, the share of the steps that drawing costs) of a study haptic without edits, by
-    scene and rate. The last two are None where that was not measured."""
+    """(row, the row of the same while the body is drawn, the share of the steps that drawing costs) of a study haptic without
+    edits, by scene and rate. The last two are None where that was not measured."""
     plain = groups((row for row in rows if not row["edited"]), "scene", "hertz", "name").values()
     pairs = [{bool(row.get("drawn")): row for row in own} for own in plain]
     found = [(pair[False], pair.get(True)) for pair in pairs if False in pair]

@@ -313,8 +313,8 @@ def noise_between(values, errors):
     return high
 
 
-# A row that has times in both files, and what their noise depends on: (identity, name) of the device, API and kind; whether the host's
-# clock took the times; whether its run marked it, or its backend adds in any order.
+# A row that has times in both files, and what their noise depends on: (identity, name) of the device, API and kind; whether the
+# host's clock took the times; whether its run marked it, or its backend adds in any order.
 Timed = collections.namedtuple("Timed", "row device api kind by_host unknown")
 
 

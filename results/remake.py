@@ -34,13 +34,14 @@ GPU_STUDIES = ("table1", "fastest", "figure8", "figure7", "as_paper", "edits", "
                "stress", "overhead", "energy", "haptic")
 # These are of the command of the Python package (docs/python.md), and are measured where they are named.
 PYTHON_STUDIES = ("peers",)
-# On a GPU server these leave out the processor, which has another folder: it took nearly half of the time of pareto, and a
-# quarter of that of stress.
-WITHOUT_PROCESSOR = ("pareto", "stability", "stress", "energy")
 CPU_STUDIES = ("fastest", "pareto", "stability", "stress", "haptic")
-# On a processor this leaves out graphics in software: its threads wait for each other and for a processor, so that a quarter of
-# its rows are noisy, and it takes sixteen of seventeen minutes.
-WITHOUT_SOFTWARE = ("fastest",)
+# On a GPU server some studies leave out the processor, which has another folder: it took nearly half of the time of pareto, and a
+# quarter of that of stress.
+OPTIONS_ON_GPU = dict.fromkeys(("pareto", "stability", "stress", "energy"), ["--backend", "!cpu_*"])
+OPTIONS_ON_GPU |= {"peers": ["--device", "cuda"]}
+# On a processor `fastest` leaves out graphics in software: its threads wait for each other and for a processor, so that a
+# quarter of its rows are noisy, and it takes sixteen of seventeen minutes.
+OPTIONS_ON_CPU = {"fastest": ["--backend", "!gl_*", "--backend", "!vulkan_*"]}
 # The time that all studies of a GPU server may take together; a longer run prints a note.
 BUDGET_SECONDS = 25 * 60
 
@@ -100,16 +101,9 @@ def reason_stale(path, machine):
 
 def arguments_of(study, plain, machine):
     """What runs a study, or goes on where it was cut short."""
-    arguments = [machine.program, "study", study, "--out", plain]
-    if machine.has_gpu and study in PYTHON_STUDIES:
-        arguments += ["--device", "cuda"]
-    if machine.has_gpu and study in WITHOUT_PROCESSOR:
-        arguments += ["--backend", "!cpu_*"]
-    if not machine.has_gpu and study in WITHOUT_SOFTWARE:
-        arguments += ["--backend", "!gl_*", "--backend", "!vulkan_*"]
-    if plain.with_name(plain.name + ".journal").exists():
-        arguments.append("--resume")
-    return arguments
+    options = (OPTIONS_ON_GPU if machine.has_gpu else OPTIONS_ON_CPU).get(study, [])
+    resume = ["--resume"] * plain.with_name(plain.name + ".journal").exists()
+    return [machine.program, "study", study, "--out", plain, *options, *resume]
 
 
 def measure(study, out, machine):

@@ -293,8 +293,8 @@ def listed(parts):
 
 
 def medians(benchmarks, verification):
-    """Every median among rows of `benchmarks`, in their order, with the `times` of its repetitions, or its own time without any, and with
-    the `threshold` of its error."""
+    """Every median among rows of `benchmarks`, in their order, with the `times` of its repetitions, or its own time without any,
+    and with the `threshold` of its error."""
     times = groups((row for row in benchmarks if row.get("run_type") == "iteration"), "run_name", "steps")
     verdicts = {row["name"]: row for row in verification}
     return [row | {"times": [one["real_time"] for one in times.get((row["run_name"], row["steps"]), [row])],

@@ -124,7 +124,8 @@ def with_end_labels(rows, line, x, y, height):
         steps = gap * numpy.arange(len(beside))
         apart = scipy.optimize.isotonic_regression(numpy.asarray([forth(row[y]) for row in beside]) - steps).x + steps
         at |= {id(row): back(place) for row, place in zip(beside, apart)}
-    return [{**row, "end_x": x, "end_y": y, "end_label": row[line] if id(row) in at else None, "label_at": at.get(id(row))} for row in rows]
+    return [{**row, "end_x": x, "end_y": y, "end_label": row[line] if id(row) in at else None, "label_at": at.get(id(row))}
+            for row in rows]
 
 
 class Chart:

@@ -210,7 +210,8 @@ class Figure:
         heading = about.get("heading", ", ".join(f"{{{key}}}" for key in reversed(match))).format_map(rows[0])
         alternative = f"{heading}: {about['about']}, in {counted(len(rows), 'mark')}."
         below = self.below(rows) if self.below else []
-        return Panel(heading, match, charts.complete(about, self.page.families, self.columns, rows, below, alternative), about.get("step"))
+        spec = charts.complete(about, self.page.families, self.columns, rows, below, alternative)
+        return Panel(heading, match, spec, about.get("step"))
 
 
 # By figure: what makes its rows of the Page (without rows there is no figure), what tells its finding, and what draws layers below its
@@ -693,8 +694,8 @@ def gates(page):
         numbers = [row.get(key) for key in (("measured", "gate") if row["gate_is"] == "at most" else ("gate", "measured"))]
         return max(numbers[0] / numbers[1], MIN_SHARE) if all(numbers) else None
 
-    return [row | {"measured": row.get("measured"), "unit": row.get("unit", ""), "detail": row.get("detail", ""), "share": share(row),
-                   "gate_share": 1, "passed": "yes" if row["passed"] else "no"}
+    return [row | {"measured": row.get("measured"), "unit": row.get("unit", ""), "detail": row.get("detail", ""),
+                   "share": share(row), "gate_share": 1, "passed": "yes" if row["passed"] else "no"}
             for row in reading.rows_of(latest_suites(page.results), "stress") if row.get("gate") is not None]
 
 

@@ -189,15 +189,15 @@ def in_microseconds(seconds):
 def measured(results):
     """A row for each contender, scene and file: the median over the repetitions, with the least and the most of them."""
     return [row | {
-        "microseconds": row["real_time"], "least": min(row["times"]), "most": max(row["times"]), "repetition_times": tuple(row["times"]),
-        "limited_by": result_files.binder(row),
+        "microseconds": row["real_time"], "least": min(row["times"]), "most": max(row["times"]),
+        "repetition_times": tuple(row["times"]), "limited_by": result_files.binder(row),
         "spring_rate": row["springs"] / row["real_time"] * 1e6, "of_limit": row.get("fraction_of_limit"),
         "of_sum": row["limit_sum_seconds"] * 1e6 / row["real_time"] if row.get("limit_sum_seconds") else None,
         "sustained": in_microseconds(row.get("sustained_seconds_per_step") or None),
         "limit_microseconds": in_microseconds(row.get("limit_seconds") or None),
         **moved_and_computed(row), "rounding": row.get("error_relative_l2"), "rounding_max": row.get("error_max"),
-        "error_steps": row.get("error_steps", row["steps"]), "edits": row.get("edits"),
-        "edit_microseconds": in_microseconds(row.get("edit_seconds_median")), "without_edits": row.get("seconds_per_step_without_edits")}
+        "error_steps": row.get("error_steps", row["steps"]), "without_edits": row.get("seconds_per_step_without_edits"),
+        "edits": row.get("edits"), "edit_microseconds": in_microseconds(row.get("edit_seconds_median"))}
         for result in results for row in result_files.medians(rows_of([result], "benchmarks"), result.lists["verification"])]
 
 

@@ -11,8 +11,8 @@ import statistics
 
 import result_files
 from readme import tables
-from readme.rows import (CPU, GPU, PAPER, Missing, about_backend, by_name, contender, fastest_of, figure, having, is_papers, medians,
-                         medians_of, name_of, result, three_digits, tuning_of)
+from readme.rows import (CPU, GPU, PAPER, Missing, about_backend, by_name, contender, fastest_of, figure, having, is_papers,
+                         medians, medians_of, name_of, result, three_digits, tuning_of)
 from readme.tables import slow_down
 from result_files import distinct, groups, listed
 
@@ -261,7 +261,7 @@ def papers_lists(one):
 
 
 def growth(cases=papers_cuda, smallest=0, rows=None):
-    """How far the time per particle of each case is from that on its largest box, over rows, or the boxes of Figure 8, from a size on."""
+    """How far the time per particle of each case is from that on its largest box, over rows (Figure 8's by default) from a size."""
     rows = [one for one in (medians("figure8") if rows is None else rows) if cases(one) and one["particles"] >= smallest]
     found = []
     for of_case in groups(sorted(rows, key=lambda one: one["particles"]), contender).values():

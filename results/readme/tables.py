@@ -177,8 +177,8 @@ def cards_of(one):
 
 
 def files():
-    """(study, result, letters of its cards, least and most repetitions, counts of rows) of each file. Counted are the rows that their
-    run marked, all, and those that it marked for other processes on the card."""
+    """(study, result, letters of its cards, least and most repetitions, counts of rows) of each file. Counted are the rows that
+    their run marked, all, and those that it marked for other processes on the card."""
     cards = {}
     for path in result_files.within(RESULTS / GPU):
         one = loaded(path)
