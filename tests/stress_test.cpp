@@ -1,6 +1,6 @@
 // The stress suite on every backend and formulation of this machine, and how all of them treat degenerate
 // input. A backend without its device is skipped, or fails if VOXSPRING_REQUIRE names it (required.h).
-#include "harness/study/stress.h"
+#include "harness/study/kinds/stress.h"
 
 #include <gtest/gtest.h>
 
@@ -13,8 +13,8 @@
 
 #include "backends/registry.h"
 #include "harness/scene/scene.h"
+#include "harness/study/kinds/stability.h"
 #include "harness/study/random_starts.h"
-#include "harness/study/stability_study.h"
 #include "harness/verification/verify.h"
 #include "tests/required.h"
 #include "tests/specifications.h"

@@ -1,6 +1,6 @@
 // The study `truth`: a right lattice converges to the continuum with the order that is claimed, and a wrong
 // one does not.
-#include "harness/study/truth.h"
+#include "harness/study/kinds/truth.h"
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>

@@ -19,11 +19,11 @@
 #include "harness/results/print.h"
 #include "harness/results/row_fields.h"
 #include "harness/scene/scene.h"
-#include "harness/study/pareto.h"
+#include "harness/study/kinds/pareto.h"
+#include "harness/study/kinds/truth.h"
 #include "harness/study/scaling_row.h"
 #include "harness/study/study.h"
 #include "harness/study/study_kind.h"
-#include "harness/study/truth.h"
 
 namespace voxspring {
 

@@ -4,15 +4,12 @@
 #include <cstdint>
 #include <glm/vec3.hpp>
 #include <optional>
-#include <ostream>
 #include <string>
 #include <vector>
 
 #include "backends/backend.h"
 #include "backends/physics/problem.h"
-#include "harness/results/result.h"
 #include "harness/results/row.h"
-#include "harness/results/table.h"
 
 namespace voxspring {
 
@@ -108,7 +105,5 @@ std::vector<std::string> judge_truth(std::vector<TruthRow>& rows);
 /// The fastest row of a case that claims an order, and whose small-strain error, model and rounding together,
 /// is at most `error`; null if there is none.
 const TruthRow* fastest_truth(const std::vector<TruthRow>& rows, const std::string& name, double error);
-
-void print_truth(const Result& result, std::ostream& out, TableWidth width);
 
 }  // namespace voxspring

@@ -3,13 +3,9 @@
 
 #include <memory>
 #include <optional>
-#include <ostream>
 #include <string>
 #include <vector>
 
-#include "harness/results/result.h"
-#include "harness/results/row.h"
-#include "harness/results/table.h"
 #include "harness/scene/scene.h"
 #include "harness/study/suite.h"
 
@@ -53,34 +49,5 @@ private:
     std::string scene_;
     std::vector<std::shared_ptr<Search>> searches_;
 };
-
-/// A row of the list `stability`.
-struct StabilityRow : Row {
-    double damping = 0;
-    std::string start_kind = {};  ///< "random" or "stretched"
-    double amplitude = 0, stretch = 0;
-    double theory_time_step = 0, measured_time_step = 0, ratio = 0;
-    int steps = 0;
-    std::optional<double> tolerance = {};
-    bool passed = false;
-
-    static void fields(auto& row, auto& of) {
-        of.required("damping", row.damping);
-        of.object("start", [&](auto& start) {
-            start.required("kind", row.start_kind);
-            start.required("amplitude", row.amplitude);
-            start.required("stretch", row.stretch);
-        });
-        of.required("theory_time_step", row.theory_time_step);
-        of.required("measured_time_step", row.measured_time_step);
-        of.required("ratio", row.ratio);
-        of.required("steps", row.steps);
-        of.nullable("tolerance", row.tolerance);
-        of.required("passed", row.passed);
-    }
-};
-
-/// Prints one line per scene, start and damping, with the range of the cases' results, and each map.
-void print_stability(const Result& result, std::ostream& out, TableWidth width = 0);
 
 }  // namespace voxspring

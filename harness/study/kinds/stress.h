@@ -5,14 +5,9 @@
 #include <cstdint>
 #include <map>
 #include <nlohmann/json_fwd.hpp>
-#include <optional>
-#include <ostream>
 #include <string>
 #include <vector>
 
-#include "harness/results/result.h"
-#include "harness/results/row.h"
-#include "harness/results/table.h"
 #include "harness/study/suite.h"
 
 namespace voxspring {
@@ -62,31 +57,5 @@ private:
 /// row per measurement; `skipped`; and `failed`, one row per threshold that does not hold.
 void run_stress(const BackendSpec& spec, Backend& backend, StressLengths lengths,
                 StressReferences& references, const Once& once);
-
-/// A row of the list `stress`.
-struct StressRow : Row {
-    int part = 0;
-    std::string measurement = {}, unit = {}, detail = {};
-    int steps = 0;
-    std::optional<double> measured = {};   ///< empty: not finite
-    std::optional<double> threshold = {};  ///< empty: only recorded
-    std::string threshold_is = {};         ///< "at most" or "at least"
-    bool passed = false;
-
-    static void fields(auto& row, auto& of) {
-        of.required("part", row.part);
-        of.required("measurement", row.measurement);
-        of.required("steps", row.steps);
-        of.nullable("measured", row.measured);
-        of.nullable("gate", row.threshold);
-        of.required("gate_is", row.threshold_is);
-        of.required("passed", row.passed);
-        of.required("unit", row.unit);
-        of.required("detail", row.detail);
-    }
-};
-
-/// Prints one line per measurement, scene and backend, with the figures of all formulations.
-void print_stress(const Result& result, std::ostream& out, TableWidth width = 0);
 
 }  // namespace voxspring

@@ -3,13 +3,10 @@
 #pragma once
 
 #include <optional>
-#include <ostream>
 #include <string>
 #include <vector>
 
-#include "harness/results/result.h"
 #include "harness/results/row.h"
-#include "harness/results/table.h"
 
 namespace voxspring {
 
@@ -37,9 +34,5 @@ struct ParetoRow : Row {
 /// front if its error against the converged solution is more than 1% smaller than that of every row before
 /// it. The errors are not known more precisely than 1%.
 void mark_fronts(std::vector<ParetoRow>& rows);
-
-/// Prints the front of each scene and device, fastest first, then the runs that diverged and those without
-/// such an error.
-void print_fronts(const Result& result, std::ostream& out, TableWidth width = 0);
 
 }  // namespace voxspring
