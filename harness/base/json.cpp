@@ -1,7 +1,6 @@
 #include "harness/base/json.h"
 
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 #include <zlib.h>
 
 #include <algorithm>
@@ -11,6 +10,7 @@
 #include <set>
 
 #include "harness/base/bad_input.h"
+#include "harness/base/text.h"
 
 namespace voxspring {
 namespace {
@@ -19,8 +19,6 @@ using nlohmann::json;
 
 constexpr std::size_t max_depth = 32;
 constexpr std::size_t max_file_bytes = std::size_t{16} << 20;
-
-std::string join(const std::vector<std::string>& words) { return fmt::format("{}", fmt::join(words, ", ")); }
 
 std::string range(double low, double high) { return fmt::format(" from {:g} to {:g}", low, high); }
 
@@ -119,7 +117,7 @@ std::string JsonValue::one_of(const std::vector<std::string>& accepted) const {
         const auto& text = value_->get_ref<const std::string&>();
         if (std::find(accepted.begin(), accepted.end(), text) != accepted.end()) return text;
     }
-    refuse("one of " + join(accepted));
+    refuse("one of " + joined(accepted));
 }
 
 glm::dvec3 JsonValue::vec3(double limit) const {
@@ -192,7 +190,7 @@ void JsonObject::finish() const {
         if (std::find(accepted_.begin(), accepted_.end(), item.key()) != accepted_.end()) continue;
         const std::string where = value_.path_.empty() ? "" : " of " + value_.path_;
         throw BadInput(value_.file(), child_path(value_.path_, item.key()), compact(item.value()),
-                       "the keys" + where + ": " + join(accepted_));
+                       "the keys" + where + ": " + joined(accepted_));
     }
 }
 

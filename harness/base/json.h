@@ -102,6 +102,12 @@ std::string json_text(const nlohmann::json& value, int indent = -1);
 /// `text` with U+FFFD in place of bytes that are not UTF-8, as in json_text().
 std::string utf8_text(const std::string& text);
 
+/// Versions of the files that results/*.schema.json describe. A version is raised with its schema if an older
+/// reader would misread a newer file; results/README.md says when.
+inline constexpr int scene_schema_version = 1;
+inline constexpr int study_schema_version = 1;
+inline constexpr int result_schema_version = 1;
+
 /// Refuses a document whose `schema_version` is beyond `newest`. A document without the key has version 1.
 void check_schema_version(JsonObject& document, int newest);
 

@@ -6,7 +6,8 @@
 
 #include "backends/registry.h"
 #include "harness/base/bad_input.h"
-#include "harness/base/schema_versions.h"
+#include "harness/base/json.h"
+#include "harness/base/text.h"
 
 namespace voxspring {
 namespace {
@@ -59,12 +60,10 @@ std::vector<Candidate> candidates_of(JsonObject result, const std::string& scene
         if (of != scene) continue;
         if (auto candidate = read_candidate(std::move(row))) candidates.push_back(*std::move(candidate));
     }
-    if (!scenes.contains(scene)) {
-        std::string known;
-        for (const std::string& name : scenes) known += (known.empty() ? "" : ", ") + name;
+    if (!scenes.contains(scene))
         throw BadInput(list.file(), "pareto", scene,
-                       "one of its scenes: " + (known.empty() ? "it has none" : known));
-    }
+                       "one of its scenes: " +
+                           (scenes.empty() ? "it has none" : joined({scenes.begin(), scenes.end()})));
     return candidates;
 }
 

@@ -8,7 +8,6 @@
 
 #include "backends/cpu/cpu_backend.h"
 #include "harness/base/json.h"
-#include "harness/base/schema_versions.h"
 #include "version.h"  // generated
 
 namespace voxspring {

@@ -7,7 +7,7 @@
 #include <string_view>
 
 #include "harness/base/bad_input.h"
-#include "harness/base/schema_versions.h"
+#include "harness/base/json.h"
 #include "harness/scene/units.h"
 #include "harness/volume/dataset.h"
 

@@ -9,7 +9,7 @@
 #include <utility>
 
 #include "harness/base/bad_input.h"
-#include "harness/base/schema_versions.h"
+#include "harness/base/json.h"
 #include "harness/base/text.h"
 #include "harness/results/row_fields.h"
 

@@ -1,6 +1,5 @@
 #include "harness/study/study.h"
 
-#include <memory>
 #include <nlohmann/json.hpp>
 #include <set>
 #include <utility>
@@ -9,7 +8,7 @@
 #include "builtin_study_files.h"  // generated
 #include "harness/base/bad_input.h"
 #include "harness/base/json.h"
-#include "harness/base/schema_versions.h"
+#include "harness/base/text.h"
 #include "harness/choice/auto_choice.h"
 #include "harness/study/measure.h"
 #include "harness/study/selection.h"
@@ -28,7 +27,7 @@ std::vector<std::string> read_patterns(const JsonValue& list) {
             if (asks_for_auto(patterns.back())) {
                 check_auto(patterns.back());
             } else if (expand(patterns.back()).empty() && !matches_left_out(patterns.back())) {
-                item.refuse("a glob that matches one of: " + registered_names());
+                item.refuse(accepted_globs(patterns.back()));
             }
         } catch (const BadSpecification& error) {
             item.refuse(error.what());
@@ -114,14 +113,11 @@ Study load_study(const std::string& argument) {
         builtin != builtin_study_files.end())
         return read_study(parse_json(builtin->second, std::string(builtin->first)), argument, {});
     if (path.extension() != ".json") {
-        std::string known;
         std::vector<std::string> names;
-        for (const auto& [file, text] : builtin_study_files) {
+        for (const auto& [file, text] : builtin_study_files)
             names.push_back(std::filesystem::path(file).stem().string());
-            known += names.back() + ", ";
-        }
         throw BadInput("command line", "STUDY", argument,
-                       known + "or a .json file" + did_you_mean(argument, names));
+                       joined(names) + ", or a .json file" + did_you_mean(argument, names));
     }
     return read_study(read_json(path), path.stem().string(), path);
 }
