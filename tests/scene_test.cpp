@@ -92,7 +92,7 @@ TEST(Scene, BuiltinScenesHaveTheirCounts) {
 
 TEST(Scene, EveryBuiltinSceneIsListedAndLoads) {
     std::vector<std::string> names;
-    for (const BuiltinScene& scene : builtin_scenes()) {
+    for (const Named& scene : builtin_scenes()) {
         names.push_back(scene.name);
         EXPECT_EQ(load_scene(scene.name).description, scene.description);
     }

@@ -615,7 +615,7 @@ const std::string_view* builtin_text(const std::string& name) {
 
 std::vector<std::string> builtin_name_list() {
     std::vector<std::string> names;
-    for (const BuiltinScene& scene : builtin_scenes()) names.push_back(scene.name);
+    for (const Named& scene : builtin_scenes()) names.push_back(scene.name);
     return names;
 }
 
@@ -764,8 +764,8 @@ Problem with_all_springs(const Scene& scene) {
     return problem;
 }
 
-std::vector<BuiltinScene> builtin_scenes() {
-    std::vector<BuiltinScene> scenes;
+std::vector<Named> builtin_scenes() {
+    std::vector<Named> scenes;
     for (const auto& [file, text] : builtin_scene_files) {
         const std::string name = std::filesystem::path(file).stem().string();
         scenes.push_back({name, read_scene_file(parse_json(text, name)).description});

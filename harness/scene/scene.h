@@ -123,11 +123,12 @@ Scene scene_of(const std::string& name, Problem problem, State state = {});
 /// of the time step.
 Problem with_all_springs(const Scene& scene);
 
-struct BuiltinScene {
+/// What is built into the program: a scene, or a study.
+struct Named {
     std::string name;
     std::string description;
 };
 /// All built-in scenes, sorted by name.
-std::vector<BuiltinScene> builtin_scenes();
+std::vector<Named> builtin_scenes();
 
 }  // namespace voxspring

@@ -9,6 +9,9 @@
 #include <utility>
 
 #include "backends/suggestion.h"
+#include "harness/base/bad_input.h"
+#include "harness/base/text.h"
+#include "harness/choice/auto_choice.h"
 
 namespace voxspring {
 namespace {
@@ -117,16 +120,68 @@ std::vector<BackendSpec> select(std::vector<BackendSpec> specs, const std::vecto
     return kept;
 }
 
-std::string registered_names() {
-    std::string names;
-    for (const auto& [name, entry] : registry()) names += (names.empty() ? "" : ", ") + name;
-    return names;
+void select_scenes(Study& study, const std::vector<std::string>& globs) {
+    if (globs.empty()) return;
+    std::vector<StudyScene> kept;
+    std::set<std::size_t> taken;
+    for (const std::string& glob : globs) {
+        bool found = false;
+        for (std::size_t i = 0; i < study.scenes.size(); ++i) {
+            if (!matches(glob, study.scenes[i].scene)) continue;
+            found = true;
+            if (taken.insert(i).second) kept.push_back(study.scenes[i]);
+        }
+        const auto same = [&](const StudyScene& item) { return item.scene == glob; };
+        if (!found && std::none_of(kept.begin(), kept.end(), same))
+            kept.push_back({.scene = glob, .steps = study.steps, .backends = {}});
+    }
+    study.scenes = std::move(kept);
+}
+
+std::vector<std::string> select_backends(Study& study, const std::vector<std::string>& globs) {
+    const auto asks_for = [](const StudyScene& item, const Study& of, const std::string& glob) {
+        std::vector<std::string> patterns = item.backends.empty() ? of.backends : item.backends;
+        std::erase_if(patterns, asks_for_auto);
+        const std::vector<BackendSpec> specs = expand_all(patterns);
+        return std::any_of(specs.begin(), specs.end(),
+                           [&](const BackendSpec& spec) { return matches(glob, spec); });
+    };
+    std::vector<std::vector<bool>> asked;  // by glob, by scene
+    for (const std::string& glob : globs) {
+        std::vector<bool>& by_scene = asked.emplace_back();
+        for (const StudyScene& item : study.scenes)
+            by_scene.push_back(leaves_out(glob) || (!asks_for_auto(glob) && asks_for(item, study, glob)));
+        if (leaves_out(glob) || std::find(by_scene.begin(), by_scene.end(), true) != by_scene.end()) continue;
+        if (!asks_for_auto(glob) && expand(glob).empty())
+            throw BadInput("command line", "--backend", glob, accepted_globs(glob));
+        std::set<std::string> added;
+        for (std::size_t n = 0; n < study.scenes.size(); ++n)
+            by_scene[n] = added.insert(study.scenes[n].scene).second;
+    }
+    std::vector<StudyScene> kept;
+    std::vector<std::string> without;
+    for (std::size_t n = 0; n < study.scenes.size(); ++n) {
+        StudyScene& item = study.scenes[n];
+        bool has_some = std::all_of(globs.begin(), globs.end(), leaves_out);
+        for (std::size_t g = 0; g < globs.size(); ++g) {
+            if (!asked[g][n]) continue;
+            item.only.push_back(globs[g]);
+            has_some = has_some || !leaves_out(globs[g]);
+        }
+        if (has_some) {
+            kept.push_back(std::move(item));
+        } else {
+            without.push_back(item.scene);
+        }
+    }
+    study.scenes = std::move(kept);
+    return without;
 }
 
 std::string accepted_globs(const std::string& pattern) {
     std::vector<std::string> names;
     for (const auto& [name, entry] : registry()) names.push_back(name);
-    return "a glob that matches one of: " + registered_names() +
+    return "a glob that matches one of: " + joined(names) +
            did_you_mean(pattern.substr(0, pattern.find(':')), names);
 }
 

@@ -1,10 +1,11 @@
-// Expands a study's patterns and the command line's globs into backends.
+// Expands a study's patterns and the command line's globs into backends and scenes.
 #pragma once
 
 #include <string>
 #include <vector>
 
 #include "backends/registry.h"
+#include "harness/study/study.h"
 
 namespace voxspring {
 
@@ -30,8 +31,13 @@ bool leaves_out(const std::string& glob);
 /// Applies the command line's --backend to a scene's cases: it removes some of them, and may add others.
 std::vector<BackendSpec> select(std::vector<BackendSpec> specs, const std::vector<std::string>& globs);
 
-/// The names of all registered backends: "cpu_parallel, cpu_reference, ...".
-std::string registered_names();
+/// Applies --scene to the study's scenes: it keeps some of them, each once, and may add others.
+void select_scenes(Study& study, const std::vector<std::string>& globs);
+
+/// Distributes the globs of --backend over the study's scenes, as StudyOptions::backends says. A glob that
+/// matches backends of the study applies to the scenes that have these. Removes scenes that are left without
+/// a backend and returns their names. Throws BadInput for a glob that no backend matches.
+std::vector<std::string> select_backends(Study& study, const std::vector<std::string>& globs);
 
 /// For the message about a `pattern` that matches no backend: what is accepted, and which name may have been
 /// meant.

@@ -45,10 +45,6 @@ struct Study {
 /// Loads a built-in study or a study file. Throws BadInput.
 Study load_study(const std::string& argument);
 
-struct Named {
-    std::string name;
-    std::string description;
-};
 std::vector<Named> builtin_studies();
 
 /// More ranks than any machine or study has.

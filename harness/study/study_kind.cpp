@@ -8,6 +8,7 @@
 
 #include "harness/base/bad_input.h"
 #include "harness/base/json.h"
+#include "harness/base/text.h"
 
 namespace voxspring {
 namespace {
@@ -19,20 +20,6 @@ Factories& factories() {
 }
 
 }  // namespace
-
-void StudyKind::read(JsonObject&) {}
-
-std::string StudyKind::read_scene(JsonObject& item) const { return item.require("scene").string(); }
-
-std::shared_ptr<const Scene> StudyKind::own_scene(const StudyScene&) const { return nullptr; }
-
-void StudyKind::check(const Study&, const StudyScene&, const Scene&) const {}
-
-int StudyKind::rows_of_case(const Study&, const StudyScene&) const { return 1; }
-
-double StudyKind::steps_of_case(const Study& study, const StudyScene& item) const {
-    return double(item.steps) * study.repetitions;
-}
 
 RegisteredStudyKind::RegisteredStudyKind(const std::string& name,
                                          std::function<std::unique_ptr<StudyKind>()> make) {
@@ -48,11 +35,8 @@ std::vector<std::string> study_kind_names() {
 std::unique_ptr<StudyKind> make_study_kind(const std::string& name) { return factories().at(name)(); }
 
 std::unique_ptr<StudyKind> kind_of(const Study& study) {
-    if (!factories().contains(study.kind)) {
-        std::string known;
-        for (const std::string& name : study_kind_names()) known += (known.empty() ? "" : ", ") + name;
-        throw BadInput("study " + study.name, "kind", study.kind, "one of: " + known);
-    }
+    if (!factories().contains(study.kind))
+        throw BadInput("study " + study.name, "kind", study.kind, "one of: " + joined(study_kind_names()));
     auto kind = make_study_kind(study.kind);
     JsonObject settings = parse_json(json_text(study.settings), "study " + study.name);
     kind->read(settings);

@@ -29,24 +29,26 @@ public:
     virtual ~StudyKind() = default;
 
     /// Reads the kind's keys of a study file. Keys that it does not ask for are refused.
-    virtual void read(JsonObject& study);
+    virtual void read(JsonObject&) {}
     /// The key of the list of scenes, usually "scenes". read_scene() returns the scene that an item of the
     /// list names, and checks the kind's keys of the item, which are later in the item's settings.
     virtual std::string scenes_key() const { return "scenes"; }
-    virtual std::string read_scene(JsonObject& item) const;
+    virtual std::string read_scene(JsonObject& item) const { return item.require("scene").string(); }
     /// The scene of an item, if the kind makes it; null if load_scene() does. A kind that makes scenes takes
     /// no --scene.
-    virtual std::shared_ptr<const Scene> own_scene(const StudyScene& item) const;
+    virtual std::shared_ptr<const Scene> own_scene(const StudyScene&) const { return nullptr; }
 
     /// Throws BadInput, before anything is measured, if the scene cannot be studied in this way.
-    virtual void check(const Study& study, const StudyScene& item, const Scene& scene) const;
+    virtual void check(const Study&, const StudyScene&, const Scene&) const {}
     /// Whether the kind measures backends with these capabilities, so that `auto` may choose one.
     virtual bool takes(const Capabilities&) const { return true; }
     /// The number of rows that a case adds to the result if it runs, as far as is known beforehand.
-    virtual int rows_of_case(const Study& study, const StudyScene& item) const;
+    virtual int rows_of_case(const Study&, const StudyScene&) const { return 1; }
     /// The number of steps of a case, all repetitions and time steps together, for the estimate of the time
     /// left.
-    virtual double steps_of_case(const Study& study, const StudyScene& item) const;
+    virtual double steps_of_case(const Study& study, const StudyScene& item) const {
+        return double(item.steps) * study.repetitions;
+    }
 
     /// Measures one scene and adds rows to the bench.
     virtual void run(StudyBench& bench) = 0;

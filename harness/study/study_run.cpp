@@ -31,7 +31,6 @@
 #include "harness/study/study.h"
 #include "harness/study/study_bench.h"
 #include "harness/study/study_kind.h"
-#include "harness/study/study_scenes.h"
 #include "harness/verification/reference.h"
 #include "harness/volume/dataset.h"
 #include "harness/volume/volume.h"
@@ -56,7 +55,7 @@ BackendSpec spec_of_label(const std::string& label) {
 
 /// Whether a scene is built into this program, and not in a file, which may change.
 bool is_builtin(const std::string& scene) {
-    const std::vector<BuiltinScene> all = builtin_scenes();
+    const std::vector<Named> all = builtin_scenes();
     const std::string name = scene.substr(0, scene.rfind('@'));
     return !std::filesystem::exists(scene) &&
            std::any_of(all.begin(), all.end(), [&](const auto& builtin) { return builtin.name == name; });
@@ -78,6 +77,63 @@ Study narrowed(Study study, const StudyOptions& options) {
                                  fmt::join(without, ", "));
     study.repetitions = options.repetitions.value_or(study.repetitions);
     return study;
+}
+
+/// Loads scenes and keeps them, since each is asked for twice. It keeps up to a quarter of the machine's
+/// memory; if that is too little, the largest scenes are kept, which take the longest to build.
+class StudyScenes {
+public:
+    /// `volume` has the options for scenes that are volume files.
+    StudyScenes(const StudyKind& kind, VolumeOptions volume) : kind_(kind), volume_(std::move(volume)) {}
+
+    /// The scene of an item. Throws BadInput, TooLarge.
+    std::shared_ptr<const Scene> of(const StudyScene& item);
+    /// Refuses `scene`, the scene of `item`, if a different scene has the same name, since results identify
+    /// scenes by name.
+    void check_name(const StudyScene& item, const Scene& scene);
+
+private:
+    void keep(const std::string& name, const std::shared_ptr<const Scene>& scene);
+
+    const StudyKind& kind_;
+    const VolumeOptions volume_;
+    std::map<std::string, std::shared_ptr<const Scene>> kept_;
+    std::uint64_t particles_ = 0;
+    std::map<std::string, const StudyScene*> named_;  ///< the first item of each name
+};
+
+std::shared_ptr<const Scene> StudyScenes::of(const StudyScene& item) {
+    if (auto own = kind_.own_scene(item)) return own;
+    if (item.built) return item.built;
+    if (const auto known = kept_.find(item.scene); known != kept_.end()) return known->second;
+    auto scene = std::make_shared<const Scene>(
+        load_scene(item.scene, is_body_file(item.scene) ? volume_ : VolumeOptions{}));
+    keep(item.scene, scene);
+    return scene;
+}
+
+void StudyScenes::keep(const std::string& name, const std::shared_ptr<const Scene>& scene) {
+    const std::uint64_t most = SceneSizeLimits::of_this_machine().particles / 4;
+    if (scene->problem.particle_count() > most) return;
+    kept_[name] = scene;
+    particles_ += scene->problem.particle_count();
+    while (particles_ > most) {
+        const auto smallest = std::min_element(kept_.begin(), kept_.end(), [](const auto& a, const auto& b) {
+            return a.second->problem.particle_count() < b.second->problem.particle_count();
+        });
+        particles_ -= smallest->second->problem.particle_count();
+        kept_.erase(smallest);
+    }
+}
+
+void StudyScenes::check_name(const StudyScene& item, const Scene& scene) {
+    const auto [first, added] = named_.emplace(scene.name, &item);
+    const StudyScene& other = *first->second;
+    if (added || (other.scene == item.scene && other.built == item.built)) return;
+    if (fingerprint_of(*of(other)) == fingerprint_of(scene)) return;
+    throw BadInput("study", "scene", item.scene,
+                   "a scene of another name: " + other.scene + " is called " + scene.name +
+                       " as well, and rows of the two could not be told apart; rename the file");
 }
 
 /// Checks options set by a program that calls run_study(). The command line has checked its options already.
