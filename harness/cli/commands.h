@@ -5,7 +5,6 @@
 #include <optional>
 #include <ostream>
 #include <string>
-#include <vector>
 
 #include "harness/export/export.h"
 #include "harness/scene/scene.h"

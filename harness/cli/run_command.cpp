@@ -21,7 +21,6 @@
 #include "harness/export/export.h"
 #include "harness/export/pictures.h"
 #include "harness/export/saved_state.h"
-#include "harness/export/tool_forces.h"
 #include "harness/scene/parts.h"
 #include "harness/scene/scene.h"
 #include "harness/scene/scene_runner.h"

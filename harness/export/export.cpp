@@ -52,6 +52,11 @@ Colouring parse_colouring(const std::string& text) {
     throw BadInput("command line", "--colour", text, "displacement or error");
 }
 
+/// The next multiple of `every` beyond `step`, or `last` if that comes before it. Nothing here overflows.
+int next_multiple(int step, int every, int last) {
+    return every <= last - step ? std::min(last, step + every - step % every) : last;
+}
+
 std::filesystem::path collection_of(std::filesystem::path path) { return path.replace_extension(".pvd"); }
 
 }  // namespace
@@ -132,10 +137,8 @@ Exports::~Exports() = default;
 
 int Exports::next(int step) const {
     int next = steps_;
-    // A series has its next file at the next multiple of its interval.
     for (const File& file : files_) {
-        if (file.every && *file.every <= steps_ - step)
-            next = std::min(next, step + *file.every - step % *file.every);
+        if (file.every) next = std::min(next, next_multiple(step, *file.every, steps_));
     }
     return next;
 }
@@ -182,5 +185,26 @@ void Exports::write(const Snapshot& snapshot) {
                              file.listed + "  </Collection>\n</VTKFile>\n");
     }
 }
+
+ToolForces::ToolForces(std::filesystem::path path, const Scene& scene, std::optional<int> every, int steps)
+    : path_(std::move(path)), scene_(scene), every_(every.value_or(scene.tool_motion.every)), steps_(steps) {
+    check_writable(path_, "--tool-force", ".csv");
+    if (!scene.problem.has_tool())
+        throw BadInput("command line", "--tool-force", path_.string(),
+                       "a scene with a tool beside it: " + scene.name + " has none");
+}
+
+int ToolForces::next(int step) const { return next_multiple(step, every_, steps_); }
+
+void ToolForces::add(int step, const glm::dvec3& force) {
+    if (step == last_) return;
+    last_ = step;
+    const double time_step = scene_.problem.time_step;
+    const glm::dvec3 at = scene_.tool_motion.at_step(step - 1, time_step);
+    text_ += fmt::format("{},{},{},{},{},{},{},{}\n", step, step * time_step, at.x, at.y, at.z, force.x,
+                         force.y, force.z);
+}
+
+void ToolForces::write() const { write_atomically(path_, text_); }
 
 }  // namespace voxspring

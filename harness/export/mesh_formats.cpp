@@ -1,11 +1,8 @@
 #include <fmt/format.h>
 
-#include <array>
 #include <cstdint>
-#include <cstring>
 #include <glm/geometric.hpp>
 #include <iterator>
-#include <utility>
 #include <vector>
 
 #include "harness/drawing/body_mesh.h"

@@ -8,7 +8,6 @@
 #include <charconv>
 #include <cmath>
 #include <cstdint>
-#include <cstring>
 #include <glm/vec3.hpp>
 #include <iterator>
 #include <limits>
