@@ -49,24 +49,19 @@ struct Read {
 
 }  // namespace
 
+NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(Bandwidth, footprint_bytes, written_share, bytes_per_second)
+
 nlohmann::json to_json(const DeviceLimits& limits) {
     nlohmann::json json = nlohmann::json::object();
     visit(limits, Write{json});
-    for (const Bandwidth& one : limits.bandwidth) {
-        json["bandwidth"].push_back({{"footprint_bytes", one.footprint_bytes},
-                                     {"written_share", one.written_share},
-                                     {"bytes_per_second", one.bytes_per_second}});
-    }
+    if (!limits.bandwidth.empty()) json["bandwidth"] = limits.bandwidth;
     return json;
 }
 
 DeviceLimits device_limits_of(const nlohmann::json& json) {
     DeviceLimits limits;
     visit(limits, Read{json});
-    for (const auto& one : json.value("bandwidth", nlohmann::json::array())) {
-        limits.bandwidth.push_back(
-            {one.at("footprint_bytes"), one.at("written_share"), one.at("bytes_per_second")});
-    }
+    limits.bandwidth = json.value("bandwidth", std::vector<Bandwidth>());
     return limits;
 }
 

@@ -7,7 +7,6 @@
 #include <cmath>
 #include <fstream>
 #include <glm/geometric.hpp>
-#include <optional>
 
 #include "harness/base/memory.h"
 #include "harness/mesh/mesh_parser.h"

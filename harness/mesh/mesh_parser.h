@@ -9,7 +9,6 @@
 #include <cstring>
 #include <string>
 #include <string_view>
-#include <type_traits>
 
 #include "harness/base/bad_input.h"
 #include "harness/mesh/mesh.h"

@@ -1,5 +1,5 @@
 // Readers of surfaces: STL, OBJ and PLY.
-#include <array>
+#include <map>
 #include <optional>
 #include <set>
 
@@ -33,51 +33,36 @@ glm::dvec3 point(MeshBytes& bytes, NumberLayout layout) {
     return p;
 }
 
-enum class PlyType : std::uint8_t { int8, uint8, int16, uint16, int32, uint32, float32, float64 };
+/// A type of PLY's numbers: reads one as a double.
+using PlyType = double (*)(MeshBytes& bytes, NumberLayout layout);
 
-PlyType ply_type(const MeshBytes& bytes, std::string_view name) {
-    static constexpr std::array<std::array<std::string_view, 2>, 8> names = {{{"char", "int8"},
-                                                                              {"uchar", "uint8"},
-                                                                              {"short", "int16"},
-                                                                              {"ushort", "uint16"},
-                                                                              {"int", "int32"},
-                                                                              {"uint", "uint32"},
-                                                                              {"float", "float32"},
-                                                                              {"double", "float64"}}};
-    for (std::size_t n = 0; n < names.size(); ++n) {
-        if (name == names[n][0] || name == names[n][1]) return PlyType(n);
-    }
-    bytes.refuse(name, "a type of PLY: char, uchar, short, ushort, int, uint, float or double");
+template <class Number>
+double ply_number(MeshBytes& bytes, NumberLayout layout) {
+    constexpr const char* what = "a number, as the header says";
+    return layout == NumberLayout::text ? bytes.number<double>(layout, what)
+                                        : double(bytes.number<Number>(layout, what));
 }
 
-double ply_number(MeshBytes& bytes, NumberLayout layout, PlyType type) {
-    constexpr const char* what = "a number, as the header says";
-    if (layout == NumberLayout::text) return bytes.number<double>(layout, what);
-    switch (type) {
-        case PlyType::int8:
-            return bytes.number<std::int8_t>(layout, what);
-        case PlyType::uint8:
-            return bytes.number<std::uint8_t>(layout, what);
-        case PlyType::int16:
-            return bytes.number<std::int16_t>(layout, what);
-        case PlyType::uint16:
-            return bytes.number<std::uint16_t>(layout, what);
-        case PlyType::int32:
-            return bytes.number<std::int32_t>(layout, what);
-        case PlyType::uint32:
-            return bytes.number<std::uint32_t>(layout, what);
-        case PlyType::float32:
-            return double(bytes.number<float>(layout, what));
-        case PlyType::float64:
-            break;
-    }
-    return bytes.number<double>(layout, what);
+PlyType ply_type(const MeshBytes& bytes, std::string_view name) {
+    static const std::map<std::string_view, PlyType> types = {
+        {"char", ply_number<std::int8_t>},     {"int8", ply_number<std::int8_t>},
+        {"uchar", ply_number<std::uint8_t>},   {"uint8", ply_number<std::uint8_t>},
+        {"short", ply_number<std::int16_t>},   {"int16", ply_number<std::int16_t>},
+        {"ushort", ply_number<std::uint16_t>}, {"uint16", ply_number<std::uint16_t>},
+        {"int", ply_number<std::int32_t>},     {"int32", ply_number<std::int32_t>},
+        {"uint", ply_number<std::uint32_t>},   {"uint32", ply_number<std::uint32_t>},
+        {"float", ply_number<float>},          {"float32", ply_number<float>},
+        {"double", ply_number<double>},        {"float64", ply_number<double>}};
+    const auto found = types.find(name);
+    if (found == types.end())
+        bytes.refuse(name, "a type of PLY: char, uchar, short, ushort, int, uint, float or double");
+    return found->second;
 }
 
 struct PlyProperty {
     std::string_view name;
-    PlyType type = PlyType::float32;
-    std::optional<PlyType> count{};  ///< type of the length of a list
+    PlyType type = nullptr;
+    PlyType count = nullptr;  ///< type of the length of a list; null: the property is no list
 };
 
 struct PlyElement {
@@ -210,25 +195,25 @@ Mesh read_ply(MeshBytes& bytes) {
         const bool is_vertex = element.name == "vertex", is_face = element.name == "face";
         std::set<std::string_view> axes;
         for (const PlyProperty& property : element.properties) {
-            if (!property.count && property.name.size() == 1) axes.insert(property.name);
+            if (property.count == nullptr && property.name.size() == 1) axes.insert(property.name);
         }
         if (is_vertex && !(axes.contains("x") && axes.contains("y") && axes.contains("z")))
             bytes.refuse("vertices without x, y and z", "the properties x, y and z of vertex");
         for (std::uint64_t n = 0; n < element.count; ++n) {
             glm::dvec3 p(0);
             for (const PlyProperty& property : element.properties) {
-                if (!property.count) {
-                    const double value = ply_number(bytes, header.layout, property.type);
+                if (property.count == nullptr) {
+                    const double value = property.type(bytes, header.layout);
                     const std::size_t axis = std::string_view("xyz").find(property.name);
                     if (is_vertex && property.name.size() == 1 && axis < 3) p[int(axis)] = value;
                     continue;
                 }
-                const double length = ply_number(bytes, header.layout, *property.count);
+                const double length = property.count(bytes, header.layout);
                 const bool is_polygon =
                     is_face && (property.name == "vertex_indices" || property.name == "vertex_index");
                 corners.clear();
                 for (double k = 0; k < length; ++k) {
-                    const double value = ply_number(bytes, header.layout, property.type);
+                    const double value = property.type(bytes, header.layout);
                     if (is_polygon)
                         corners.push_back(
                             vertex_index(value >= 0 && value < 1e15 ? std::int64_t(value) : -1));

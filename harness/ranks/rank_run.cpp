@@ -23,6 +23,25 @@
 #include "harness/scene/scene_runner.h"
 #include "harness/verification/divergence.h"
 
+namespace nlohmann {
+
+template <>
+struct adl_serializer<glm::ivec3> {
+    static void to_json(json& list, const glm::ivec3& v) { list = {v.x, v.y, v.z}; }
+    static void from_json(const json& list, glm::ivec3& v) {
+        for (int axis = 0; axis < 3; ++axis) v[axis] = list.at(std::size_t(axis));
+    }
+};
+template <>
+struct adl_serializer<std::chrono::duration<double>> {
+    static void to_json(json& number, std::chrono::duration<double> seconds) { number = seconds.count(); }
+    static void from_json(const json& number, std::chrono::duration<double>& seconds) {
+        seconds = std::chrono::duration<double>(number.get<double>());
+    }
+};
+
+}  // namespace nlohmann
+
 namespace voxspring {
 namespace {
 
@@ -42,11 +61,6 @@ double seconds_of(Exchange& exchange, RankBackend& backend, const std::function<
         least = std::min(least, Seconds(Clock::now() - begin).count() / rounds);
     }
     return least;
-}
-
-nlohmann::json json_of(const glm::ivec3& v) { return {v.x, v.y, v.z}; }
-glm::ivec3 triple_of(const nlohmann::json& json) {
-    return {json.at(0).get<int>(), json.at(1).get<int>(), json.at(2).get<int>()};
 }
 
 /// Copies the part of a rank's `state` that the run is to leave.
@@ -166,33 +180,12 @@ void wait_for(Together& all) {
 
 }  // namespace
 
-nlohmann::json to_json(const RankPlan& plan) {
-    nlohmann::json sampled = nlohmann::json::array();
-    for (const Decomposition::Brick& brick : plan.sampled)
-        sampled.push_back({json_of(brick.begin), json_of(brick.end)});
-    return {{"steps", plan.steps},
-            {"repetitions", plan.repetitions},
-            {"start_patience", plan.start_patience.count()},
-            {"patience", plan.patience.count()},
-            {"devices", plan.devices},
-            {"way", plan.way},
-            {"cut", json_of(plan.cut)},
-            {"sampled", sampled}};
-}
+NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(Decomposition::Brick, begin, end)
+NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(RankPlan, steps, repetitions, start_patience, patience, devices, way, cut,
+                                   sampled)
 
-RankPlan rank_plan_of(const nlohmann::json& json) {
-    std::vector<Decomposition::Brick> sampled;
-    for (const nlohmann::json& brick : json.at("sampled"))
-        sampled.push_back({triple_of(brick.at(0)), triple_of(brick.at(1))});
-    return {.steps = json.at("steps"),
-            .repetitions = json.at("repetitions"),
-            .start_patience = Seconds(json.at("start_patience").get<double>()),
-            .patience = Seconds(json.at("patience").get<double>()),
-            .devices = json.at("devices"),
-            .way = json.at("way"),
-            .cut = triple_of(json.at("cut")),
-            .sampled = std::move(sampled)};
-}
+nlohmann::json to_json(const RankPlan& plan) { return plan; }
+RankPlan rank_plan_of(const nlohmann::json& json) { return json.get<RankPlan>(); }
 
 DeviceNumber RankPlan::device_of(int rank) const {
     if (devices.empty()) return {.number = rank, .wraps = true, .parts = ranks()};

@@ -68,38 +68,33 @@ bool of_the_paper(const Row& row) {
     return std::find(names.begin(), names.end(), row.identity.backend) != names.end();
 }
 
-/// The quantities in the order of Quantity: their names, their units as text, and whether a target is an
-/// upper bound.
+/// The quantities in the order of Quantity: their names, their units as text, their values in a row (empty:
+/// not known), and whether a target is an upper bound.
 struct QuantityName {
     const char *name, *unit;
+    std::optional<double> (*of)(const Row&);  ///< null: follows from two rows
     bool at_most = false;
 };
 constexpr std::array quantities = {
-    QuantityName{"seconds_per_step", "s", true},
-    QuantityName{"particle_updates_per_second", "particles/s"},
-    QuantityName{"spring_updates_per_second", "springs/s"},
-    QuantityName{"fraction_of_limit", ""},
-    QuantityName{"ready_seconds", "s", true},
-    QuantityName{"speed_ratio", ""},
+    QuantityName{"seconds_per_step", "s", [](const Row& row) { return std::optional(row.step_seconds()); },
+                 true},
+    QuantityName{"particle_updates_per_second", "particles/s",
+                 [](const Row& row) { return std::optional(row.benchmark->particle_updates_per_second); }},
+    QuantityName{"spring_updates_per_second", "springs/s",
+                 [](const Row& row) { return std::optional(row.benchmark->spring_updates_per_second); }},
+    QuantityName{"fraction_of_limit", "",
+                 [](const Row& row) { return row.limit ? row.limit->fraction : std::nullopt; }},
+    QuantityName{
+        "ready_seconds", "s",
+        [](const Row& row) { return row.start ? std::optional(row.start->ready_seconds) : std::nullopt; },
+        true},
+    QuantityName{"speed_ratio", "", nullptr},
 };
 
 /// The target's quantity for `row`, the fastest one; a speed_ratio is relative to the fastest row of `over`.
 /// Empty if it is not known.
 std::optional<double> measured(const Target& target, const Row& row, const SplitCases& rows) {
-    switch (target.quantity) {
-        case Quantity::seconds_per_step:
-            return row.step_seconds();
-        case Quantity::particle_updates_per_second:
-            return row.benchmark->particle_updates_per_second;
-        case Quantity::spring_updates_per_second:
-            return row.benchmark->spring_updates_per_second;
-        case Quantity::fraction_of_limit:
-            return row.limit ? row.limit->fraction : std::nullopt;
-        case Quantity::ready_seconds:
-            return row.start ? std::optional(row.start->ready_seconds) : std::nullopt;
-        case Quantity::speed_ratio:
-            break;
-    }
+    if (const auto of = quantities.at(std::size_t(target.quantity)).of) return of(row);
     const Row* base = fastest_row(rows, by_glob(target.over));
     return base != nullptr ? std::optional(base->step_seconds() / row.step_seconds()) : std::nullopt;
 }

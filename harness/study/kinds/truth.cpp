@@ -99,12 +99,12 @@ const std::vector<TruthCase>& truth_cases() {
 }
 
 const TruthCase& truth_case(const std::string& name, const std::string& where) {
-    std::string known;
+    std::vector<std::string> known;
     for (const TruthCase& one : truth_cases()) {
         if (one.name == name) return one;
-        known += (known.empty() ? "" : ", ") + one.name;
+        known.push_back(one.name);
     }
-    throw BadInput(where, "scene", name, "one of the cases " + known);
+    throw BadInput(where, "scene", name, "one of the cases " + joined(known));
 }
 
 ContinuumAnswer continuum_answer(const TruthCase& of, const std::string& strain) {
