@@ -18,7 +18,6 @@
 #include <system_error>
 #include <thread>
 #include <utility>
-#include <vector>
 
 #include "harness/base/bad_input.h"
 #include "harness/base/json.h"

@@ -9,7 +9,6 @@
 #include <cstdint>
 #include <string>
 #include <type_traits>
-#include <vector>
 
 #include "backends/physics/huge_pages.h"
 #include "harness/process/message.h"

@@ -1,6 +1,5 @@
 #include "harness/study/kernel_trial.h"
 
-#include <algorithm>
 #include <chrono>
 #include <cmath>
 #include <ctime>

@@ -7,7 +7,6 @@
 #include <fstream>
 #include <limits>
 #include <new>
-#include <optional>
 #include <utility>
 
 #include "harness/base/bad_input.h"

@@ -1,7 +1,6 @@
 #include "harness/volume/dataset.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstddef>
 #include <limits>

@@ -6,7 +6,6 @@
 #include <nlohmann/json.hpp>
 #include <stdexcept>
 #include <thread>
-#include <utility>
 
 #include "harness/base/bad_input.h"
 #include "harness/base/interruption.h"

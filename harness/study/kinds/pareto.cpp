@@ -11,9 +11,7 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
-#include <span>
 #include <stdexcept>
-#include <tuple>
 #include <utility>
 
 #include "harness/base/bad_input.h"

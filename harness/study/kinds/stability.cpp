@@ -6,7 +6,6 @@
 #include <cmath>
 #include <cstdint>
 #include <glm/geometric.hpp>
-#include <limits>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <utility>
