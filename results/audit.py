@@ -127,7 +127,7 @@ def tables(page):
         if found := re.match(r"<!-- (/?)(\w+) -->", line):
             marker = "" if found[1] else found[2]
         if line.startswith("|") and not lines[index - 1].startswith("|"):
-            # The steps of a batch are part of a name.
+            # The number of steps identifies a row and is no result. Only gates() needs it, to find its row.
             header = {at: name for at, name in enumerate(cells_of(line)) if name != "steps" or marker == "gates"}
             end = next(at for at in range(index, len(lines)) if not lines[at].startswith("|"))
             rows = [(at + 1, [cell for place, cell in enumerate(cells_of(lines[at])) if place in header]) for at in range(index + 2, end)]

@@ -427,7 +427,7 @@ def moved(counters, less_is_better, threshold):
 
 
 def pair(old, new, options):
-    """A list of compared rows and one of the shifts of the run, as results/diff.schema.json has them."""
+    """The compared rows, and by how much the rows of each API on each device moved together: two lists of results/diff.schema.json."""
     compared, timed, reasons = [], [], {}
     for identity, place in dict.fromkeys([*old.rows, *new.rows]):
         before, after = old.rows.get((identity, place), []), new.rows.get((identity, place), [])

@@ -614,7 +614,7 @@ TEST_F(StudyKinds, ScalingVerifiesASampleWhereItIsAskedTo) {
     EXPECT_EQ(rows[1].at("same_bits"), true);
     std::ostringstream out;
     print_result(read_result(measured(R"("cpu_reference")", "2")), out);
-    expect_contains(out.str(), "box@6x6x24: errors and bits are those of a sample of 360 of 864 particles");
+    expect_contains(out.str(), "are known of a sample of 360 of 864 particles");
 
     const nlohmann::json wrong = measured(R"("nudged_7", "nudged_12")", "2", 1);
     ASSERT_EQ(wrong.at("failed").size(), 1u) << wrong.at("failed");

@@ -54,7 +54,8 @@ std::size_t multiply_add_float64(std::size_t count, double* result) { return mul
 // is overwritten in place has been read before. A store elsewhere bypasses the caches, which would otherwise
 // read the line first.
 
-/// Registers at once: independent sums, as many as keep two additions per cycle with a latency of four busy.
+/// Registers in use at once, one sum per register: two additions per cycle times a latency of four
+/// cycles.
 constexpr std::size_t group = 8;
 
 HWY_FLATTEN void read(const float* first, const float*, float* written, std::size_t count) {
@@ -157,11 +158,14 @@ double operations_per_second() {
     const double seconds = min_seconds([&](int count) {
         operations = 0;
         return parallel_seconds([&](std::size_t, std::size_t) {
-            // Factors that the compiler cannot know. The sums converge to 2.
+            // A factor that the compiler cannot know. With it the sums converge to 2.
             volatile T half = T(0.5);
             T result[] = {half, T(1)};
             std::size_t done = 0;
-            for (int n = 0; n < count; ++n) done = multiply_add_on_best_target(repetition, result);
+            for (int n = 0; n < count; ++n) {
+                result[1] = T(1);
+                done = multiply_add_on_best_target(repetition, result);
+            }
             operations += done;
             half = result[1];
         });

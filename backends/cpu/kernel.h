@@ -12,7 +12,8 @@
 
 namespace voxspring::cpu_parallel {
 
-/// A mask as wide as the scalars, so that both fill the same registers.
+/// A particle's mask, one bit per spring, in an integer as wide as the scalars. So a register holds as many
+/// masks as scalars.
 template <class T>
 using MaskOf = hwy::MakeUnsigned<T>;
 

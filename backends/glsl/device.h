@@ -67,7 +67,7 @@ struct AddressedList {
 struct Shader {
     std::string file;                      ///< without its ending
     std::string variant = {};              ///< what follows `file` in the name of its SPIR-V module
-    Defines macros = {};                   ///< what that variant has compiled in
+    Defines macros = {};                   ///< the macros that this variant is compiled with
     Constants constants = {};              ///< constants that the shader does not have are ignored
     std::optional<glm::ivec3> group{};     ///< extents of a work group, if the shader leaves them open
     std::optional<Precision> precision{};  ///< if it is not that of the backend
@@ -195,7 +195,7 @@ public:
 
     /// Whether feed() may return an object.
     virtual bool has_feeds() const { return false; }
-    /// Backend::feed(). `state`: what the shader reads of the words that are current.
+    /// FeedFacet::feed(). `state`: what the shader reads of the words that are current.
     virtual std::unique_ptr<Feed> feed(const std::vector<layout::FedWord<float>>& /*fed*/,
                                        std::uint32_t /*buffer*/, const Defines& /*macros*/,
                                        const std::array<Arrays, 2>& /*state*/) {

@@ -44,10 +44,11 @@ private:
 
 /// Origins of the blocks that hold an active voxel, x fastest.
 std::vector<BlockOrigin> list_blocks(const Lattice& lattice, BlockShape shape);
-/// list_blocks(), or an empty list if every block of the lattice holds an active voxel. A block's
-/// coordinates, which CUDA limits along y and z, then give its origin.
+/// list_blocks(), or an empty list if a launch needs none: every block of the lattice holds an active voxel,
+/// and fits_launch(). The block's coordinates in the launch then give its origin.
 std::vector<BlockOrigin> occupied_blocks(const Lattice& lattice, BlockShape shape);
-/// Whether a launch can cover all blocks, with one thread per voxel, without a list.
+/// Whether one launch can cover all blocks, with one thread per voxel. CUDA limits the number of blocks along
+/// y and z.
 bool fits_launch(const Lattice& lattice, BlockShape shape);
 
 /// The kernels' argument, with squared rest lengths and null pointers. The caller fills in what is on the

@@ -54,9 +54,9 @@ bool may_be_joined(const Problem& problem, const Brick& brick, glm::ivec3 at) {
     });
 }
 
-/// Where each of `parts` begins, layer by layer, and after them the number of layers. Each part but the first
-/// begins at a layer with particles, and all have about the same number of particles. The list is empty if
-/// too few layers have any.
+/// The first layer of each of `parts` slabs, and at the end the number of layers. All slabs have about the
+/// same number of particles, and each but the first begins at a layer with particles. The list is empty if
+/// fewer than `parts` layers have particles.
 std::vector<int> equal_parts(const std::vector<std::size_t>& particles_of_layer, int parts) {
     // Layers with particles, and the number of particles before each.
     std::vector<int> layer;

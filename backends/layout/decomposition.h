@@ -4,7 +4,7 @@
 // A subdomain is a whole problem: the particles that it steps, which are those of a brick of voxels, and, as
 // ghosts, the particles around them that a lattice spring may join to one of them. Ghosts are pinned, because
 // their motion comes from the subdomain that steps them: the program that runs a subdomain writes their
-// places after every step (Backend::border()). In each subdomain a tool holds only those of its particles
+// places after every step (BorderFacet::border()). In each subdomain a tool holds only those of its particles
 // that are stepped there. Particles keep their order and their rest positions, so a backend which sums forces
 // in the order of neighbours.h gives the same bits as for the whole.
 #pragma once

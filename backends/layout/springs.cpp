@@ -10,7 +10,7 @@ namespace voxspring::layout {
 
 namespace {
 
-// RestSpring has the offset from the neighbour, SpringRest the offset to it.
+// The offset of RestSpring points from the neighbour to the particle, that of SpringRest to the neighbour.
 template <class Real>
 SpringRest<Real> packed_rest(const RestSpring& rest) {
     return {vector_of<Real>(-rest.offset), Real(rest.deficit)};

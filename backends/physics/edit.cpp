@@ -103,7 +103,7 @@ public:
         line.include(b);
         return any_near(line, [&](const Triangle& triangle) { return goes_through(triangle, a, b); });
     }
-    /// Whether a line within `box` may be cut.
+    /// Whether the cut could hit a line within `box`. False is certain; true says that triangles are near.
     bool may_cut_within(const Box& box) const {
         return any_near(box, [](const Triangle&) { return true; });
     }

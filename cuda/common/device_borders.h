@@ -30,7 +30,8 @@ struct SharedElements {
     std::vector<std::uint32_t> sent, received;
 };
 
-/// Backend::device_borders() for a state that is stepped on `device`. Uses `state.first` if `way` overlaps.
+/// The result of BorderFacet::device_borders() for a state that is stepped on `device`. For a way that
+/// overlaps(), the caller has to set `state.first`, which steps the borders before the rest.
 template <class Real>
 std::shared_ptr<DeviceBorders> make_device_borders(const std::vector<SharedElements>& borders,
                                                    const std::string& way, const Device& device,

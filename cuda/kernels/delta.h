@@ -28,7 +28,8 @@ VOXSPRING_HOST_DEVICE inline int rank(std::uint32_t bits, std::uint32_t lane) {
 #endif
 }
 
-/// A list in registers: distances in words, counted from the particle's own word.
+/// A particle's list in registers: the offset, in words, from its own word to that of its neighbour in the
+/// middle of each row.
 struct ListedDeltas {
     FourDeltas near, far;
     /// The distance from the particle to the middle of row (dy, dz).

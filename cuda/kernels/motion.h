@@ -138,7 +138,7 @@ VOXSPRING_HOST_DEVICE Vector<Real> low_of(Vector<Real> high, Vector<Real> low) {
     return {kept(high.x, low.x), kept(high.y, low.y), kept(high.z, low.z)};
 }
 
-/// A particle after a step.
+/// What a step makes of one particle.
 template <class Real, bool split>
 struct Integrated {
     Point<Real, split> point;

@@ -140,9 +140,10 @@ private:
         if (time_step == scene_->problem.time_step) return;
         const bool edited = !scene_->edits.empty();
         if (edited || scene_->problem.has_tool())
-            throw BadInput("command line", "--time-step", fmt::format("{:g}", time_step),
-                           fmt::format("no --time-step, since {} has {} at given numbers of steps",
-                                       scene_->name, edited ? "edits" : "moves of the tool"));
+            throw BadInput(
+                "command line", "--time-step", fmt::format("{:g}", time_step),
+                fmt::format("no --time-step: {} has {} at given numbers of steps, whose times would change",
+                            scene_->name, edited ? "edits" : "moves of the tool"));
         const Problem& problem = scene_->problem;
         const double before = problem.time_step, damping = problem.damping;
         *scene_ = at_time_step(*scene_, time_step);

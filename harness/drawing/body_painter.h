@@ -46,7 +46,7 @@ public:
     void set_mesh(BodyMesh mesh);
     const BodyMesh& mesh() const { return mesh_; }
 
-    /// The buffer to pass to Backend::feed() with mesh().particles. Valid until the next set_mesh().
+    /// The buffer to pass to FeedFacet::feed() with mesh().particles. Valid until the next set_mesh().
     GLuint displacements() const { return displacements_.get(); }
     /// Sets displacements from the host, one per particle of the problem.
     void put_displacements(std::span<const glm::dvec3> displacement);
@@ -61,8 +61,8 @@ public:
     /// Copies the picture to the window's framebuffer.
     void show() const;
     Image picture() const;
-    /// The place on the body that is visible at a pixel of the picture; nullopt if no body is there. Needs a
-    /// style without samples.
+    /// The place on the body that is visible at a pixel of the picture; nullopt if no body is there.
+    /// Requires PictureStyle::samples to be 0, so one sample per pixel.
     std::optional<glm::dvec3> place_at(glm::dvec2 pixel) const;
     /// Where the mesh's vertices are (x, y, z), with the present contents of displacements(), and their
     /// values (w). Waits for the card.

@@ -95,7 +95,7 @@ PlyHeader ply_header(MeshBytes& bytes) {
             header.elements.push_back(
                 {name, bytes.number<std::uint64_t>(NumberLayout::text, "a number of elements")});
         } else if (key == "property") {
-            if (header.elements.empty()) bytes.refuse(key, "an element before its properties");
+            if (header.elements.empty()) bytes.refuse(key, "\"element\" before the first \"property\"");
             PlyProperty property;
             std::string_view type = bytes.word();
             if (type == "list") {

@@ -300,11 +300,10 @@ Voxelised voxelise(Mesh mesh, std::optional<double> chosen_pitch, double fill,
     }
     result.notes = mesh.notes;
     if (!chosen_pitch)
-        result.notes.push_back(
-            fmt::format("the pitch is {:g}, for {} voxels along the longest side of {:g}; --pitch, or "
-                        "\"pitch\" of a scene's "
-                        "dataset, sets it",
-                        pitch, std::max({dims.x, dims.y, dims.z}), std::max({extent.x, extent.y, extent.z})));
+        result.notes.push_back(fmt::format(
+            "the pitch is {:g}: {} voxels along the longest side, which is {:g} long; to change it, "
+            "give --pitch, or \"pitch\" in a scene's dataset",
+            pitch, std::max({dims.x, dims.y, dims.z}), std::max({extent.x, extent.y, extent.z})));
     for (std::string& note : notes_on(facts)) result.notes.push_back(std::move(note));
     result.source = {std::move(mesh), facts, low + pitch / 2, pitch, fill, volume, body_volume};
     return result;

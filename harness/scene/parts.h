@@ -21,7 +21,7 @@ struct BodyParts {
     std::vector<std::uint32_t> loose() const;
 };
 
-/// The parts that the problem's present springs connect.
+/// The connected parts of the body: particles that its present springs join, directly or through others.
 BodyParts parts_of(const Problem& problem);
 
 /// "the body has 3 parts: 10,437, 9 and 5 particles; 14 particles are in parts that nothing pins, and fall".

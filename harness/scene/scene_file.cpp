@@ -146,7 +146,8 @@ Parameter read_parameter(const JsonValue& value, bool groups_allowed,
     return parameter;
 }
 
-/// Reads Young's modulus, density and the unit of lengths. `given` are the keys that they replace.
+/// Reads Young's modulus, density and the unit of lengths. `replaced`: mass and stiffness, which must be
+/// absent beside Young's modulus.
 void read_units(JsonObject& document, SceneFile& scene,
                 std::initializer_list<std::optional<JsonValue>> replaced) {
     const auto with_unit = [](std::optional<double> (*convert)(const std::string&), const char* accepted) {

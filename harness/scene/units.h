@@ -20,8 +20,8 @@ struct Tissue {
     double shear_wave() const;     ///< speed in m/s
 };
 
-/// What a scene says in units of the world. Its times are then in seconds, its masses in kg and its lengths
-/// in `length`, so that a force is in kg times `length` per s^2 and a stiffness in N/m.
+/// The units of a scene that gives Young's modulus. Times are in seconds, masses in kg and lengths in
+/// `length`. So forces are in kg times `length` per s^2, and stiffness is in N/m.
 struct WorldUnits {
     std::string length;  ///< "mm" for example
     double metres = 1;   ///< in one unit of length

@@ -42,7 +42,7 @@ public:
     std::int64_t steps() const { return steps_; }  ///< number since the scene's start
     /// Grows with each change of springs, so that a painter knows when to rebuild the surface.
     std::uint64_t springs_version() const { return springs_version_; }
-    /// Grows with each upload, after which objects that refer to the backend's state (Backend::feed()) must
+    /// Grows with each upload, after which objects that refer to the backend's state (FeedFacet::feed()) must
     /// be made anew. Never 0.
     std::uint64_t uploads() const { return main_.uploads; }
 

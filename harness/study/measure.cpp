@@ -808,7 +808,8 @@ void measure(StudyBench& bench, const Batch& batch) {
             }
             solve_strained_start(bench, *solution, batch, cases, strained);
             judge_strained_starts(bench, cases, total);
-            // The processes of a card's cases have ended before those of the host are timed.
+            // The processes of this group end together, before the next group's start. So none runs while
+            // backends on the host are timed.
             for (Case& one : timed.entered) one.dismiss();
             for (Case& one : timed.entered) one.restart();
         }

@@ -99,8 +99,9 @@ void print_samples(const std::vector<ScalingRow>& rows, std::ostream& out) {
     for (const ScalingRow& row : rows) {
         const std::string& scene = row.identity.scene;
         if (!row.judged_particles || !printed.insert(scene).second) continue;
-        out << scene << ": errors and bits are those of a sample of " << *row.judged_particles << " of "
-            << row.workpiece->particles << " particles, at either end and in the middle\n";
+        out << scene << ": errors, and whether bits are those of one rank, are known of a sample of "
+            << *row.judged_particles << " of " << row.workpiece->particles
+            << " particles, at either end and in the middle\n";
     }
 }
 

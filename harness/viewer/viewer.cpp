@@ -192,7 +192,7 @@ private:
         if (simulation_->springs_version() != springs_version_) take_mesh();
         if (simulation_->uploads() != uploads_) {
             drop_feed();
-            // A backend can feed what particles follow, but not what a mesh needs of many particles.
+            // A backend feeds displacements of particles only. The host interpolates those of a bound mesh.
             FeedFacet* const feeds = bound_ ? nullptr : simulation_->backend().feeds();
             feed_ =
                 feeds != nullptr ? feeds->feed(painter_.mesh().particles, painter_.displacements()) : nullptr;

@@ -170,7 +170,8 @@ private:
         }
         if (!(offset >= double(min) && offset <= double(max))) {
             refuse("vox_offset", std::to_string(offset),
-                   fmt::format("an offset from {} to {}{}", min, max, is_pair_ ? "" : ", behind the header"));
+                   fmt::format("a byte offset from {} to {}{}", min, max,
+                               is_pair_ ? "" : ", behind the header"));
         }
         return std::int64_t(offset);
     }

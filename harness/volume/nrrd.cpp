@@ -39,7 +39,7 @@ Header read_header(std::istream& stream, const std::string& file) {
     for (auto line = lines.next(); !line || !line->empty(); line = lines.next()) {
         if (!line) {
             if (header.find("data file") != nullptr) break;
-            throw BadInput(file, "header", "a file that ends within it", "an empty line before the data");
+            throw BadInput(file, "header", "the end of the file", "an empty line before the data");
         }
         const auto assigned = line->find(":="), colon = line->find(':');
         if (header.is_list("data file")) {

@@ -555,7 +555,7 @@ def drawing_costs(rows):
 
 
 def histograms(page):
-    """The rows with the begins, ends and shares of their bins, by their medians; what is drawn stands below the same that is not."""
+    """The rows with the begins, ends and shares of their bins, sorted by median; a contender's row with drawing follows that without."""
     found = []
     for row in latest_of(reading.haptic, "scene", "contender", "hertz", "edited", "drawn")(page):
         edges = [(reading.bin_begin(number), reading.bin_begin(number + 1), share) for number, share in sorted(row["bins"].items())]

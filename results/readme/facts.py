@@ -135,7 +135,7 @@ IMPLICIT, EXPLICIT = of_paper("implicit"), of_paper("explicit")
 
 
 def datasets(formulation="position", rows=None):
-    """The datasets of the study fastest, or of other rows, on which both kinds of addressing ran without edits, small ones first.
+    """The datasets, by size, on which both kinds of addressing ran without edits: of `rows`, or else of the study `fastest`.
 
     Each has rows of the paper's CUDA strategies and of later lists; `ratio` is the best explicit time over the best implicit one.
     """

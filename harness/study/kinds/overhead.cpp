@@ -100,7 +100,7 @@ public:
     void check(const Study& study, const StudyScene&, const Scene& scene) const override {
         if (!scene.edits.empty())
             throw BadInput("study " + study.name, "scene " + scene.name, counted(scene.edits.size(), "edit"),
-                           "none in an overhead study");
+                           "no edits in an overhead study");
     }
     int rows_of_case(const Study&, const StudyScene&) const override { return 2; }
     double steps_of_case(const Study& study, const StudyScene& item) const override {

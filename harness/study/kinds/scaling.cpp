@@ -235,7 +235,7 @@ private:
     std::vector<int> counts_ = {1, 2};
     std::vector<std::string> ways_ = known_ways;
     std::vector<std::string> cuts_ = known_cuts;
-    std::map<int, std::vector<glm::ivec3>> cuts_of_ranks_;  ///< of the current scene
+    std::map<int, std::vector<glm::ivec3>> cuts_of_ranks_;  ///< of the current scene: parts along x, y and z
     int begun_ = 0;
 };
 
