@@ -61,7 +61,7 @@ DEVICE_TIMES = {("benchmarks", "real_time"), ("benchmarks", "sustained_seconds_p
 # Errors, each with the field that has the uncertainty of its float64 reference.
 ERRORS = {"error_relative_l2": "divergence", "error_max": None, "total_error_relative_l2": "total_error_uncertainty",
           "force_error": None, "model_error": "continuum_error"}
-STRESS_ERRORS = ("relative", "spacings")  # units of errors; growth, energies and counts only have gates
+STRESS_ERRORS = ("relative", "spacings")  # units of errors; growth, energies and counts are judged by their gates alone
 
 FALSE_ALARMS = 0.05  # the fraction of files without any change in which some row is still called slower or faster
 CONFIDENCE = 0.95
@@ -124,6 +124,7 @@ class Row:
     noisy: list = dataclasses.field(default_factory=list)  # reasons for which its run marked its times as not to be trusted
     failure: str = ""
     unjudged: str = ""  # why not all of its times are known to be those of right states
+    unverified: int = 0  # how many of its repetitions that are; all if the row was not verified
 
 
 def identity_of(row):
@@ -161,12 +162,13 @@ class Result:
             self.refuse("the document", sorted(self.json), f"rows in any of {', '.join((*PLACES, *self.unmeasured))}")
 
     def unjudged(self, row):
-        """Why the result does not say that a row's times are those of right states; empty if it does, or is older than such fields."""
+        """(why the result does not say that a row's times are those of right states, of how many repetitions). Empty and 0 if it does, or
+        is older than such fields."""
         name, repetitions = row.get("name", "").split("/iterations:")[0], row.get("repetitions", 1)
         if self.verdicts and name not in self.verdicts:
-            return "its states were not verified"
+            return "its states were not verified", repetitions
         judged = self.verdicts.get(name, {}).get("repetitions_judged", repetitions)
-        return f"{judged} of {repetitions} repetitions were verified" if judged < repetitions else ""
+        return (f"{judged} of {repetitions} repetitions were verified", repetitions - judged) if judged < repetitions else ("", 0)
 
     def refuse(self, key, value, accepted):
         raise BadInput(f"{self.path}: {key}: {result_files.shown(value)}: expected {accepted}")
@@ -177,7 +179,7 @@ class Result:
         name = row.get("name", "/".join(identity[:4])).split("/iterations:")[0]
         entry = Row(name[len(identity[0]) + 1:].replace("/", " "), chaotic=row.get("chaotic", False), noisy=list(row.get("noisy", [])))
         if list_name == "benchmarks":
-            entry.unjudged = self.unjudged(row)
+            entry.unjudged, entry.unverified = self.unjudged(row)
         entry.measure = tuple((key, row[key]) for key in ("particles", "springs", "steps", "error_steps", "end_time")
                               if key in row and (list_name, key) != ("truth", "steps"))
         if list_name == "stress":
@@ -324,7 +326,7 @@ def judge_times(timed, threshold):
     import scipy.special  # pylint: disable=import-outside-toplevel
     times, counts = [one.row["time"] for one in timed], [one.row["repetitions"] for one in timed]
     changes = numpy.log([time["ratio"] for time in times])
-    # Without repetitions in both files there is no noise but that between runs; without those of one, a row cannot be told.
+    # If neither file has repetitions of a row, only the noise between runs counts. If one lacks them, the row is too noisy to tell.
     errors = numpy.array([time["error"] if min(of) > 1 else 0 if max(of) == 1 else math.inf for time, of in zip(times, counts)])
     degrees = numpy.array([max(1, sum(of) - 2) for of in counts])
     shifts, scales, tails = (numpy.zeros(len(timed)) for _ in range(3))
@@ -491,7 +493,7 @@ def judge_state(a, b, row, differ, options):
         return "new", "failed before"
     if differ:
         return "not comparable", ", ".join(differ)
-    if b.unjudged and not a.unjudged:
+    if b.unverified > a.unverified:
         return "not comparable", b.unjudged
     if words := grown(a, b, options.error_factor):
         return "error grew", words

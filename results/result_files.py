@@ -76,7 +76,7 @@ SAME = 1e-6
 
 
 def number(value):
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and -math.inf < value < math.inf
 
 
 def unlike(row, key, value):
@@ -94,7 +94,7 @@ def contradictions(result):
             place = f"verification[{index}].{at}"
             for bound, error in BOUNDS.items() if row.get("passed") else ():
                 if number(run.get(bound)) and (run.get(error) is None or number(run[error]) and run[error] > run[bound]):
-                    yield place + error, run.get(error), f"{run[bound]:g} at most, as {bound} says, or passed to be false"
+                    yield place + error, run.get(error), f"at most {run[bound]:g}, as {bound} says, or passed to be false"
             if number(run.get("error_max")) and number(run.get("error_rms")) and run["error_rms"] > (1 + SAME) * run["error_max"]:
                 yield place + "error_rms", run["error_rms"], f"{run['error_max']:g} at most, which error_max is"
         if row.get("passed") and row.get("finite") is False:

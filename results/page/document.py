@@ -45,12 +45,14 @@ def by_size(entries):
         return None
     family, steps = found
     last, headline_words, words = len(steps) - 1, [], []
-    for index, (backends, on_chip, particles) in enumerate(steps):
-        size = figures.engineering(particles, "particles")
-        until = "beyond" if index == last else f"up to {size}"
+    for index, (backends, on_chip, (fewest, most)) in enumerate(steps):
+        is_last = index == last
+        size, start = figures.engineering(most, "particles"), figures.engineering(fewest, "particles")
+        until = f"from {start}" if is_last else f"to {size.removesuffix(' particles')}"
         headline_words.append(f"{'on chip' if on_chip else figures.listed(backends)} {until}")
         verb = "" if index else " are the fastest" if len(backends) > 1 else " is the fastest"
-        words.append(f"{figures.listed(backends)}{verb} up to {size}{', with the state on the chip,' * on_chip}")
+        sizes = f"from {start.removesuffix(' particles')} to {size}" if is_last else f"up to {size}"
+        words.append(f"{figures.listed(backends)}{verb} {sizes}{', with the state on the chip,' * on_chip}")
     return f"{family}: {', '.join(headline_words)}", f"Of the sizes of {family}, {figures.listed(words)}".removesuffix(",")
 
 
@@ -136,9 +138,9 @@ def answer(own, entries, runs):
 
 def page(results, pictures, left_out):
     """The whole page as text: pictures by dataset, and (datasets, why they have none)."""
-    # The machine with most rows of time comes first everywhere.
-    weight = collections.Counter(result.machine for result in results for _ in result.lists["benchmarks"])
-    results = sorted(results, key=lambda result: -weight[result.machine])
+    # The model with most rows of time comes first everywhere, and of its machines the one with most.
+    weight = collections.Counter(name for result in results for name in {result.model, result.machine} for _ in result.lists["benchmarks"])
+    results = sorted(results, key=lambda result: (-weight[result.model], -weight[result.machine]))
     shown, drawn = figures.all_figures(results)
     runs, found = figures.latest_runs(shown), shown.outcomes
     machine, title, lead = headline(found, runs, drawn)

@@ -127,17 +127,18 @@ def outcomes(results, rows):
 
 
 def ladder(entries):
-    """(dataset, [(backends, on chip, particles)]): which backend wins up to which size, for the dataset with the most sizes. None
-    unless each backend wins sizes beside each other. Backends whose state stays on the chip count as one."""
+    """(dataset, [(backends, on chip, fewest and most particles)]): which backend wins which sizes, for the dataset with the most sizes.
+    None unless each backend wins sizes beside each other. Backends whose state stays on the chip count as one. Sizes that none wins are
+    left out."""
     families = groups((entry.best for entry in entries if entry.won), lambda row: row["scene"].split("@")[0])
     (family,), rows = max(families.items(), key=lambda item: len(item[1]), default=((None,), []))
     steps = []
     for row in rows:
         on_chip = row["operation_rate"] is not None and row["operations_per_byte"] is None
         if steps and (row["backend"] in steps[-1][0] or on_chip and steps[-1][1]):
-            steps[-1] = (list(dict.fromkeys([*steps[-1][0], row["backend"]])), on_chip, row["particles"])
+            steps[-1] = (list(dict.fromkeys([*steps[-1][0], row["backend"]])), on_chip, (steps[-1][2][0], row["particles"]))
         else:
-            steps.append(([row["backend"]], on_chip, row["particles"]))
+            steps.append(([row["backend"]], on_chip, 2 * (row["particles"],)))
     names = [name for backends, _, _ in steps for name in backends]
     return (family, steps) if len(rows) > FEW and 1 < len(steps) <= FEW and len(set(names)) == len(names) else None
 

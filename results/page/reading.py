@@ -37,7 +37,7 @@ class Result:
         result_files.check_agreement(path, data)
         context, about = data["context"], data["context"]["voxspring"]
         self.study, self.commit, self.date = about["study"]["name"], about["commit"], context["date"]
-        self.machine = about["gpu"] if isinstance(about.get("gpu"), str) else about["cpu"]
+        self.machine = self.model = about["gpu"] if isinstance(about.get("gpu"), str) else about["cpu"]
         self.driver = about.get("driver") if isinstance(about.get("driver"), str) else ""
         self.cores, self.host = context.get("num_cpus"), context.get("host_name") or ""
         self.backends = {name: one for name, one in about.get("backends", {}).items() if isinstance(one, dict)}
