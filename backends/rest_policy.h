@@ -69,7 +69,7 @@ public:
 private:
     const Parameters parameters_;
     bool checks_ = false, chooses_ = false;
-    int left_ = 0;   ///< steps to the next decision
+    int left_ = 0;   ///< steps until the next decision whether tiles are checked
     int pause_ = 0;  ///< length of the next pause
 };
 

@@ -468,7 +468,7 @@ def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--claims", type=int, default=120)
-    parser.add_argument("--all", action="store_true", help="every claim; prints those that are wrong alone")
+    parser.add_argument("--all", action="store_true", help="audit every claim, and print only the wrong ones")
     options = parser.parse_args()
     known, without = claims()
     if not 0 < options.claims <= len(known):

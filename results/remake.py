@@ -92,7 +92,7 @@ def reason_stale(path, machine):
     if context.get("commit") != machine.commit:
         return f"of commit {str(context.get('commit'))[:8]}, not {machine.commit[:8]}"
     if not context.get("clean", False):
-        return "of a tree with changes"
+        return "of a source tree with uncommitted changes"
     cards = {one.get("uuid") for one in context.get("backends", {}).values()} - {"", None}
     if machine.uuid and cards and cards != {machine.uuid}:
         return "of another card"

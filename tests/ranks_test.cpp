@@ -105,7 +105,7 @@ TEST_F(Mailrooms, TellEveryRankOfTheFirstFailure) {
 TEST_F(Mailrooms, WaitNoLongerThanTheirPatience) {
     Exchange exchange(mailroom_, 0);
     exchange.set_patience(std::chrono::milliseconds(50));
-    EXPECT_EQ(message_of([&] { meet(exchange); }), "rank 0 heard nothing of rank 1 for 0.05 s");
+    EXPECT_EQ(message_of([&] { meet(exchange); }), "rank 0 waited for rank 1 for 0.05 s");
     EXPECT_TRUE(mailroom_.has_failed());
 }
 
@@ -598,7 +598,7 @@ TEST(RankRuns, EndWhereTheSystemStartsNoFurtherThread) {
 
 TEST(RankRuns, EndWhereARankHangs) {
     for (const char* way : {"memory", "peer"})
-        EXPECT_EQ(error_of("rank_hangs", way), "rank 0 heard nothing of rank 1 for 1 s");
+        EXPECT_EQ(error_of("rank_hangs", way), "rank 0 waited for rank 1 for 1 s");
 }
 
 TEST(RankRuns, GiveTheBitsOfOneRankFromDeviceToDevice) {

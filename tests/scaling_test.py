@@ -84,7 +84,7 @@ class Scaling(FaultyStudies):
         self.assertRegex(reasons["part_crashes", "as 2 ranks of 1x1x2 by memory"], "killed by signal 11")
         self.assertRegex(reasons["part_crashes", "as 2 ranks of 1x1x2 by mpi"], f"rank 1 on {host}: was killed by signal 11")
         for way in ("memory", "mpi"):
-            self.assertRegex(reasons["part_hangs", f"as 2 ranks of 1x1x2 by {way}"], "rank 0 heard nothing of rank 1 for 1 s")
+            self.assertRegex(reasons["part_hangs", f"as 2 ranks of 1x1x2 by {way}"], "rank 0 waited for rank 1 for 1 s")
 
     def test_a_study_whose_rank_was_killed_is_resumed(self):
         self.study(backends=["cpu_reference:formulation=position", "slow"], ranks=[2], steps=20, scenes=[{"scene": "box@5"}])

@@ -23,7 +23,7 @@ namespace {
 
 using namespace cpu_parallel;
 
-/// The places of a register of particles: x or u and, if the formulation has it, its low part.
+/// Where the particles in one SIMD register are: x or u and, in the compensated formulation, its low part.
 template <Formulation formulation, class L>
 struct Place {
     Lanes3<L> high;

@@ -98,7 +98,8 @@ public:
         return std::make_unique<GlArray>(std::move(buffer));
     }
     void copy(const glsl::Array& from, glsl::Array& to) override {
-        // Makes what shaders wrote visible to the copies of other commands, and the copy to shaders.
+        // The first barrier makes what shaders wrote visible to the copy, the second one makes the copy
+        // visible to shaders.
         glMemoryBarrier(GL_BUFFER_UPDATE_BARRIER_BIT);
         buffer_of(to).copy(context_, buffer_of(from));
         glMemoryBarrier(barrier_);

@@ -55,7 +55,8 @@ void ComputeBackend<Real>::upload_state(const Problem& problem, const State& sta
         const layout::PackedState<Real> packed =
             layout::pack<Real>(problem, state, placement, layout_.bits, formulation());
         put_vector(words_[0], packed.current);
-        // By increments a step writes every particle's word to this array before any step reads it.
+        // By increments there is no state before. This array then only needs its size: a step writes every
+        // particle's word before any step reads it.
         put_vector(words_[1], by_increments(formulation()) ? packed.current : packed.previous);
         for (std::unique_ptr<Array>& low : low_) put_vector(low, packed.current_low);
         put_vector(increment_, packed.increment);
@@ -75,7 +76,7 @@ void ComputeBackend<Real>::upload(const Problem& problem, const State& state) {
     device_->use("uploading", [&] {
         device_->wait();
         problem_ = &problem;
-        (void)device_->take_compile_time();  // of earlier problems
+        (void)device_->take_compile_time();  // that of earlier problems is left out
         start_ = {};
         const std::size_t words_before = layout_.placement.words;
         layout_ = lay_out(problem);

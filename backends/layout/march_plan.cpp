@@ -203,7 +203,7 @@ int best_length(const std::vector<Run>& runs, int slots) {
     return best;
 }
 
-/// A body cut into items of one tile, and the predicted cost of a step.
+/// A body cut into items that all have the same tile, and the predicted seconds of a step.
 class Candidate {
 public:
     Candidate(const MarchCells& cells, const MarchTile& tile, Precision precision, Formulation formulation,
@@ -467,7 +467,7 @@ std::uint64_t max_plan_bytes(const Lattice& lattice, const MarchShape& shape) {
     // Two runs have an empty plane between them, and parts of a longer run have at least two planes.
     static_assert(shortest_part == 3);
     const std::uint64_t items = tiles * std::uint64_t(units_of(lattice.dims.z, 2));
-    // An item has words for one plane more than it has planes.
+    // An item has at most one word per thread for each of its planes and for the plane after them.
     return items * sizeof(MarchItem) +
            (planes + items) * std::uint64_t(shape.threads()) * sizeof(std::uint64_t);
 }

@@ -55,7 +55,7 @@ State unpack(const Problem& problem, const PackedState<Real>& packed, const Plac
 /// Problem::load, one per word. Empty if the problem has none.
 template <class Real>
 std::vector<Vector<Real>> pack_load(const Problem& problem, const Placement& placement);
-/// 1 / mass, one per word. Empty if there is one material.
+/// 1 / mass of the particle in each word, 0 in words without a particle. Empty if there is one material.
 template <class Real>
 std::vector<Real> pack_inverse_masses(const Problem& problem, const Placement& placement);
 /// 1 / stiffness, one per word. Empty if there is one material.

@@ -91,7 +91,8 @@ protected:
     /// The buffer that holds x(t), 0 or 1.
     int current() const { return current_; }
 
-    /// Returns to step 0, with x(t) in buffer 0.
+    /// Counts steps from 0 again, and resets the tool and the divergence monitor. The caller has put the
+    /// start's x(t) into buffer 0.
     void reset_to_step_zero();
     /// To be called when enqueue_step() would enqueue something else than before.
     void forget_graphs();

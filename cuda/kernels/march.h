@@ -179,8 +179,8 @@ private:
     Particles* const force_[2];
 };
 
-/// x or u at t + dt, or v at t + dt (which needs no `at`). `before` is what the step overwrites; `force` is
-/// in units of MarchStep::scale.
+/// One component of x or u at t + dt; by increments that of v at t + dt, which needs no `at`. `before` is the
+/// number that the step overwrites: x or u at t - dt, or v at t. `force` is in units of MarchStep::scale.
 template <class Terms, class Real>
 VOXSPRING_HOST_DEVICE Real integrate_component(const MarchStep<Real>& step, Real at, Real before, Real force,
                                                Real gravity) {

@@ -388,7 +388,8 @@ private:
             integrate<MotionTerms>(step_.motion, lane.word, lane.self, lane.before, force);
         lane.self.point = next.point;
         lane.before = next.before;
-        // A branch is faster here: without it the kernel of increments with 80 registers waits longer.
+        // A branch is faster here than a predicated store, with which the kernel of increments with 80
+        // registers waits longer.
         if (lane.published != nullptr && (in_ticks || !last))
             publish_if(true, lane.published + turn_of(1 - half, tag + 1) * step_.published_count,
                        next.point.high, tag + 1);

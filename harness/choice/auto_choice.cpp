@@ -33,7 +33,8 @@ std::string reason_for(const std::string& backend) {
         {"cuda_bricks", "what multiprocessors hold together stays there from step to step"},
         {"cuda_march", "each thread marches along a column and reads a particle once"},
         {"cuda_tiles", "a list of active tiles alone, each stepped by one or two threads"},
-        {"cuda_explicit_delta", "compressed lists of active particles alone, which runs of them share"},
+        {"cuda_explicit_delta",
+         "only active particles have neighbour lists, and all particles of a run share one list"},
         {"gl_fragment_implicit", "a lattice needs no lists, and the stencil mask skips what is empty"},
         {"cpu_parallel", "it steps on every core, with SIMD instructions"}};
     if (const auto found = reasons.find(backend); found != reasons.end()) return found->second;

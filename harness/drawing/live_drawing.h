@@ -48,8 +48,8 @@ public:
     /// Hands over the displacements if a sixtieth of a second has passed and the buffer is free again. Throws
     /// DeviceError if the backend fails or drawing has failed.
     void hand_over_if_due();
-    /// To be called after the backend has been given `edit`, which must outlive this. The drawing thread
-    /// rebuilds the mesh.
+    /// To be called after the backend has been given `edit`, which must outlive this drawing. The drawing
+    /// thread then rebuilds the mesh.
     void follow(const SpringEdit& edit);
     /// Connects the backend to the present mesh if that is new. It takes longer than a tick may and belongs
     /// between two ticks. Until it is called nothing is handed over. Throws DeviceError.

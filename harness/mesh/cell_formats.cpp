@@ -144,7 +144,8 @@ private:
             corners.push_back(vertex_index(vtk_integer(bytes_, layout_, type)));
         for (std::size_t n = 1; n < offsets.size(); ++n) {
             if (offsets[n] < offsets[n - 1] || offsets[n] > std::int64_t(corners.size()))
-                bytes_.refuse(std::to_string(offsets[n]), "offsets that ascend up to the number of corners");
+                bytes_.refuse(std::to_string(offsets[n]),
+                              "offsets that never descend, each at most the number of corners");
             all.emplace_back(corners.begin() + offsets[n - 1], corners.begin() + offsets[n]);
         }
         return all;

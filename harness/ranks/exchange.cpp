@@ -148,7 +148,7 @@ void Exchange::wait_for(int other, const Ready& ready) const {
         if (mailroom_.has_failed()) throw RankLost(mailroom_.reason());
         if (std::chrono::steady_clock::now() - begin < patience_) continue;
         const std::string reason =
-            fmt::format("rank {} heard nothing of rank {} for {:g} s", rank_, other, patience_.count());
+            fmt::format("rank {} waited for rank {} for {:g} s", rank_, other, patience_.count());
         mailroom_.fail(reason);
         throw RankLost(mailroom_.has_failed() ? mailroom_.reason() : reason);
     }

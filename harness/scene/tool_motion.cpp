@@ -69,7 +69,7 @@ void check_gaps(const std::vector<double>& time, const std::string& file) {
     throw BadInput(
         file, fmt::format("line {}, time", longest - interval.begin() + 3),
         fmt::format("a gap of {:g}", *longest),
-        fmt::format("samples at most {} times their median interval of {:g} apart", max_gap, *middle));
+        fmt::format("intervals of at most {} times their median, which is {:g}", max_gap, *middle));
 }
 
 }  // namespace

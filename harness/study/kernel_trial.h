@@ -52,7 +52,7 @@ public:
     /// The state from which a further run, which is not timed, has to begin after the repetitions. Null: the
     /// scene's own start strains enough springs to verify the kernel.
     const State* strained_start();
-    /// Judges the state that this further run left.
+    /// Judges the state that the run from strained_start() left.
     void judge_strained(const State& left);
 
     /// The result with this kernel as its only case: in `benchmarks` and `verification`, or in `failed`.

@@ -455,8 +455,8 @@ bool TimedCase::leaves_out_tiles() const {
     return work.contains("tiles_stepped") && work.at("tiles_stepped") < work.at("tiles");
 }
 
-/// The bound of a step of the whole body, by launches that take `launch` seconds if that is less than
-/// elsewhere; without a name if it is not known.
+/// The shortest time of a step of the whole body. A launch takes `launch` seconds, or what the device's
+/// limits say if that is less. `limited_by` is empty if the time is not known.
 StepBound TimedCase::bound(std::optional<double> launch, const std::vector<DeviceLimits>& of_card) const {
     if (!case_.limits || kept("step work").is_null()) return {};
     DeviceLimits own = *case_.limits;

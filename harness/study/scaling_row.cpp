@@ -124,7 +124,7 @@ void print_what_pays(const std::vector<ScalingRow>& rows, std::ostream& out) {
             const std::string from = two_digits(*best->pays_from_particles) + " particles of this shape on";
             const bool by_model = double(one.workpiece->particles) >= *best->pays_from_particles;
             if (by_model != (times > 1)) {
-                out << "; the model, by which they are faster from " << from << ", does not hold here";
+                out << "; the model does not hold here: by it they are faster from " << from;
             } else {
                 out << (times > 1 ? ", and are by the model from " : "; by the model they are faster from ")
                     << from;

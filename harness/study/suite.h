@@ -34,8 +34,8 @@ private:
 
 /// What measure_suites() needs for the cases of a scene.
 struct SuiteHooks {
-    /// Makes the case of a backend, whose runner is a SuiteRunner. Empty if the case cannot run; its row then
-    /// has been added.
+    /// Makes the case of a backend; the runner of that case is a SuiteRunner. Returns empty if the case
+    /// cannot run, and has then added a row that says so.
     std::function<std::optional<Case>(const BackendSpec&)> enter;
     /// What earlier cases have found out, as information for the next one; may be empty.
     std::function<nlohmann::json()> known = {};

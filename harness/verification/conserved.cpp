@@ -29,7 +29,7 @@ double spring_energy(const RestSpring& rest, const glm::dvec3& relative) {
     return stretch * stretch / 2;
 }
 
-/// Sums over particles: squared displacement, mass, and moment of mass.
+/// Sums over particles: squared distance from the start, mass, and mass times displacement.
 struct Moved {
     double squares = 0, mass = 0;
     glm::dvec3 moment{0};

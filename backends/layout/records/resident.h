@@ -106,7 +106,7 @@ struct HeldResidentStep : ResidentStep {
     TickLine line;             ///< for ToolMode::ticks
 };
 
-/// The exchange of a part of a body beside this one. It may be in the memory of another device.
+/// The exchange array of a neighbouring part of the body. It may be in another device's memory.
 struct ResidentNeighbour {
     TaggedPoint* exchange;
     std::uint32_t words;  ///< points in each half of `exchange`; steps alternate between the halves

@@ -119,7 +119,7 @@ public:
     void check(const Study& study, const StudyScene&, const Scene& scene) const override {
         if (!scene.edits.empty())
             throw BadInput("study " + study.name, "scene " + scene.name, counted(scene.edits.size(), "edit"),
-                           "none in an energy study");
+                           "no edits in an energy study");
     }
     int rows_of_case(const Study&, const StudyScene&) const override { return 1; }
     double steps_of_case(const Study&, const StudyScene& item) const override { return item.steps; }

@@ -435,7 +435,7 @@ public:
     void check(const Study& study, const StudyScene&, const Scene& scene) const override {
         const std::string where = "study " + study.name, what = "scene " + scene.name;
         if (!scene.problem.has_tool() || scene.tool_motion.empty())
-            throw BadInput(where, "tool of " + what, missing, "one that moves, in a haptic study");
+            throw BadInput(where, "tool of " + what, missing, "a tool that moves, in a haptic study");
         if (!scene.edits.empty())
             throw BadInput(where, what, counted(scene.edits.size(), "edit"),
                            "none in a haptic study, which makes its own");
