@@ -96,7 +96,7 @@ def contradictions(result):
                 if number(run.get(bound)) and (run.get(error) is None or number(run[error]) and run[error] > run[bound]):
                     yield place + error, run.get(error), f"at most {run[bound]:g}, as {bound} says, or passed to be false"
             if number(run.get("error_max")) and number(run.get("error_rms")) and run["error_rms"] > (1 + SAME) * run["error_max"]:
-                yield place + "error_rms", run["error_rms"], f"{run['error_max']:g} at most, which error_max is"
+                yield place + "error_rms", run["error_rms"], f"at most {run['error_max']:g}, which error_max is"
         if row.get("passed") and row.get("finite") is False:
             yield f"verification[{index}].passed", True, "false, since the state is not finite"
     cases = groups(enumerate(rows.get("benchmarks", [])), lambda one: str(one[1].get("name")).split("/iterations:")[0])
@@ -137,7 +137,7 @@ def contradictions(result):
     for index, row in enumerate(rows.get("stress", [])):
         if row.get("passed") and row.get("gate_is") == "at most" and number(row.get("measured")) and number(row.get("gate")) \
                 and row["measured"] > row["gate"]:
-            yield f"stress[{index}].measured", row["measured"], f"{row['gate']:g} at most, as gate says, or passed to be false"
+            yield f"stress[{index}].measured", row["measured"], f"at most {row['gate']:g}, as gate says, or passed to be false"
     context = result.get("context") if isinstance(result.get("context"), dict) else {}
     about = context.get("voxspring") if isinstance(context.get("voxspring"), dict) else {}
     on = about.get("backends") if isinstance(about.get("backends"), dict) else {}
