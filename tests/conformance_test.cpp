@@ -205,6 +205,10 @@ TEST_P(Conformance, UploadRewindsAndRepeatsToTheBit) {
     const std::string at_start = backend->state_fingerprint();
     backend->upload(problem, swapped);
     EXPECT_NE(at_start, backend->state_fingerprint()) << "two particles have changed places";
+    State faster = start;
+    faster.increment.back().z += 1e-3;
+    backend->upload(problem, faster);
+    EXPECT_NE(at_start, backend->state_fingerprint()) << "the last particle moves otherwise";
 }
 
 TEST_P(Conformance, RewindsToTheStartThatItKeptToTheBit) {

@@ -119,12 +119,14 @@ public:
     void step(int count) override { ByBatch::step(batch() < held ? count : count - 1); }
 };
 
-/// A backend on the host whose time depends on its process.
-class OfProcess final : public ByBatch {
+/// A backend that steps on the host.
+class OnHost final : public ByBatch {
 public:
-    OfProcess() : ByBatch([](int) { return 100 + double(getpid() % 97); }) {}
+    using ByBatch::ByBatch;
     Capabilities capabilities() const override { return WrappedBackend::capabilities(); }
 };
+/// Microseconds that depend on the process.
+double of_process(int) { return 100 + double(getpid() % 97); }
 
 /// Compiles for 1000 s where no cache is found, and says that it took 3000 s where there is one.
 class Compiling final : public ByBatch {
@@ -182,7 +184,10 @@ const std::vector<Registered> registered = [] {
     all.push_back(registered_for_test("sustain_slow",
                                       [] { return std::make_unique<ByBatch>([](int) { return 101; }); }));
     all.push_back(registered_for_test("hot_wrong", [] { return std::make_unique<WrongWhenHot>(); }));
-    all.push_back(registered_for_test("host_processes", [] { return std::make_unique<OfProcess>(); }));
+    all.push_back(
+        registered_for_test("host_processes", [] { return std::make_unique<OnHost>(&of_process); }));
+    all.push_back(
+        registered_for_test("sustain_host", [] { return std::make_unique<OnHost>([](int) { return 50; }); }));
     all.push_back(registered_for_test("start_compiling", [] { return std::make_unique<Compiling>(); }));
     all.push_back(registered_for_test("once_wrong", [] { return std::make_unique<WrongOnce>(true); }));
     all.push_back(registered_for_test("once_wrong_any", [] { return std::make_unique<WrongOnce>(false); }));
@@ -318,17 +323,25 @@ struct Measured {
 const nlohmann::json sustaining = {{"start_times", false}, {"sustained_seconds", 0.6}};
 
 // Catches a sustained time that includes the batches of the burst, is that of the burst, or is of a row that
-// is not the fastest.
+// is not the fastest of a device.
 TEST(Sustained, IsTheTimeThatADeviceHolds) {
     const Measured measured("sustain_*", sustaining, held);
-    ASSERT_EQ(measured.medians.size(), 2u) << nlohmann::json(measured.result).at("failed");
+    ASSERT_EQ(measured.medians.size(), 3u) << nlohmann::json(measured.result).at("failed");
     const Row& hot = measured.medians.at("sustain_hot");
     EXPECT_NEAR(hot.benchmark->real_microseconds, 100, rounding * 100);
     EXPECT_NEAR(hot.counters.at("sustained_seconds_per_step"), 125e-6, rounding * 125e-6);
-    EXPECT_EQ(measured.medians.at("sustain_slow").counters.find("sustained_seconds_per_step"), nullptr);
+    for (const char* other : {"sustain_slow", "sustain_host"})
+        EXPECT_EQ(measured.medians.at(other).counters.find("sustained_seconds_per_step"), nullptr) << other;
     std::ostringstream printed;
     print_table(measured.result, printed);
     EXPECT_THAT(printed.str(), ::testing::HasSubstr("125 us"));
+}
+
+// Catches a host whose fastest row has no sustained time, though no device was measured.
+TEST(Sustained, IsThatOfTheHostWithoutADevice) {
+    const Measured measured("sustain_host", sustaining);
+    EXPECT_NEAR(measured.medians.at("sustain_host").counters.at("sustained_seconds_per_step"), 50e-6,
+                rounding * 50e-6);
 }
 
 // Catches batches without a pause whose states nobody looks at.

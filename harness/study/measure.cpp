@@ -739,9 +739,8 @@ void sustain_fastest(StudyBench& bench, std::deque<TimedGroup>& groups) {
             if (!std::isfinite(one.seconds())) continue;
             const Options& options = one.spec().options;
             TimedCase*& best = fastest[{options.formulation, options.precision}];
-            const bool is_better = best == nullptr || (best->on_host() && !one.on_host()) ||
-                                   (best->on_host() == one.on_host() && one.seconds() < best->seconds());
-            if (is_better) best = &one;
+            const auto rank = [](const TimedCase& of) { return std::pair(of.on_host(), of.seconds()); };
+            if (best == nullptr || rank(one) < rank(*best)) best = &one;
         }
     }
     for (const auto& [key, one] : fastest) {
