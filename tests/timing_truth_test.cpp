@@ -123,8 +123,15 @@ public:
 class OnHost final : public ByBatch {
 public:
     using ByBatch::ByBatch;
-    Capabilities capabilities() const override { return WrappedBackend::capabilities(); }
+    Capabilities capabilities() const override {
+        Capabilities capabilities = ByBatch::capabilities();
+        capabilities.family = "cpu";
+        capabilities.uuid.clear();
+        return capabilities;
+    }
 };
+
+
 /// Microseconds that depend on the process.
 double of_process(int) { return 100 + double(getpid() % 97); }
 
