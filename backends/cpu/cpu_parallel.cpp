@@ -365,7 +365,10 @@ private:
                 const std::uint32_t tile = tiles_->at(
                     {int(in_slice % state_.grid.row / block_size<T>), int(in_slice / state_.grid.row), z});
                 tiles_->use(tile);
-                blocks_.push_back({block, in_slice, tile, z % 2 != 0, has_full_stencil(block)});
+                std::uint8_t quarters = 0;
+                for (std::ptrdiff_t i = 0; i < block_size<T>; ++i)
+                    quarters |= std::uint8_t(all || begin[i] != 0) << (i * 4 / block_size<T>);
+                blocks_.push_back({block, in_slice, tile, z % 2 != 0, has_full_stencil(block), quarters});
             }
         }
         tiles_->mark_all_active(step_);

@@ -79,15 +79,17 @@ HWY_INLINE L stiffness(const Task<T>& task, const Opposites<T>& pair, std::ptrdi
     return series_stiffness(L::load(task.compliance + i), L::load(task.compliance + neighbour));
 }
 
-/// Leaves the force densities of the springs to the higher neighbours of a register of particles.
+/// Leaves the force densities of the springs between a register of particles and those of their higher
+/// neighbours that lie at `least` or beyond.
 template <Formulation formulation, class L, class T>
-HWY_INLINE void leave_densities(const Task<T>& task, const Block& block, std::ptrdiff_t lane) {
+HWY_INLINE void leave_densities(const Task<T>& task, const Block& block, std::ptrdiff_t lane,
+                                std::ptrdiff_t least) {
     const std::ptrdiff_t i = block.first + lane;
     const auto here = place<formulation, L>(task, i);
     for (std::size_t p = 0; p < task.opposites_count; ++p) {
         const Opposites<T>& pair = task.opposites[block.odd_slice][p];
-        if (pair.higher_density == nullptr) continue;
         const std::ptrdiff_t higher = i + pair.stride;
+        if (pair.higher_density == nullptr || higher + std::ptrdiff_t(L::count()) <= least) continue;
         const Springs<formulation, L> springs(here, place<formulation, L>(task, higher),
                                               broadcast3<L>(pair.rest_offset));
         springs.density(pair, stiffness<L>(task, pair, i, higher), L(task.shortest_squared))
@@ -294,6 +296,7 @@ HWY_INLINE void prefetch(const Task<T>& task, const Block& block) {
     };
     fetch(task.at, block.first + task.farthest);
     fetch(task.next, block.first);
+    if (!block.full_stencil) hwy::Prefetch(task.mask + block.first);
     if constexpr (by_increments(formulation)) fetch(task.increment, block.first);
     if constexpr (formulation == Formulation::compensated) {
         fetch(task.at_low, block.first + task.farthest);
@@ -306,15 +309,22 @@ template <Formulation formulation, class L, class T>
 HWY_FLATTEN void run_task(const Task<T>& shared) {
     // A local copy that nothing points to: a store to the state cannot change it, so it stays in registers.
     const Task<T> task = shared;
-    // Blocks between a prefetch and its use: far enough for memory, near enough for the first cache. From 16
-    // to 64 there is no difference.
-    constexpr std::ptrdiff_t ahead = 24;
-    const auto each_lane = [](auto run) HWY_ATTR {
-        for (std::ptrdiff_t lane = 0; lane < block_size<T>; lane += std::ptrdiff_t(L::count())) run(lane);
+    // Blocks between a prefetch and its use: far enough for memory. With 24, what was fetched drove out of
+    // the first cache what the blocks before it read; from 2 to 8 there is no difference.
+    constexpr std::ptrdiff_t ahead = 8;
+    constexpr std::ptrdiff_t size = block_size<T>, count = std::ptrdiff_t(L::count());
+    // Calls run(lane) for the registers of a block that hold a particle, as far as quarters of it tell.
+    const auto each_register = [](const Block& block, auto run) HWY_ATTR {
+        constexpr unsigned quarters = (1U << std::max<std::ptrdiff_t>(count * 4 / size, 1)) - 1;
+        for (std::ptrdiff_t lane = 0; lane < size; lane += count) {
+            if (count == size || (block.active_quarters >> (lane * 4 / size) & quarters) != 0) run(lane);
+        }
     };
     for (const Block* block = task.lead; block != task.begin; ++block) {
         if (task.action != nullptr && task.action[block->tile] == 0) continue;
-        each_lane([&](std::ptrdiff_t lane) HWY_ATTR { leave_densities<formulation, L>(task, *block, lane); });
+        each_register(*block, [&](std::ptrdiff_t lane) HWY_ATTR {
+            leave_densities<formulation, L>(task, *block, lane, task.begin->first);
+        });
     }
     for (const Block* block = task.begin; block != task.end; ++block) {
         const std::uint8_t action =
@@ -322,20 +332,22 @@ HWY_FLATTEN void run_task(const Task<T>& shared) {
         if ((action & tile_steps) != 0) {
             if (task.end - block > ahead) prefetch<formulation>(task, block[ahead]);
             if (block->full_stencil) {
-                each_lane([&](std::ptrdiff_t lane)
-                              HWY_ATTR { step_particles<formulation, true, L>(task, *block, lane); });
+                for (std::ptrdiff_t lane = 0; lane < size; lane += count)
+                    step_particles<formulation, true, L>(task, *block, lane);
             } else {
-                each_lane([&](std::ptrdiff_t lane)
-                              HWY_ATTR { step_particles<formulation, false, L>(task, *block, lane); });
+                each_register(*block, [&](std::ptrdiff_t lane) HWY_ATTR {
+                    step_particles<formulation, false, L>(task, *block, lane);
+                });
             }
             continue;
         }
         if ((action & tile_falls_asleep) != 0) {
-            each_lane([&](std::ptrdiff_t lane) HWY_ATTR { fall_asleep<formulation, L>(task, *block, lane); });
+            each_register(*block, [&](std::ptrdiff_t lane)
+                                      HWY_ATTR { fall_asleep<formulation, L>(task, *block, lane); });
         }
         if ((action & tile_leaves_densities) != 0) {
-            each_lane([&](std::ptrdiff_t lane)
-                          HWY_ATTR { leave_densities<formulation, L>(task, *block, lane); });
+            each_register(*block, [&](std::ptrdiff_t lane)
+                                      HWY_ATTR { leave_densities<formulation, L>(task, *block, lane, 0); });
         }
     }
 }

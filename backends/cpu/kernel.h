@@ -28,6 +28,7 @@ struct Block {
     bool odd_slice;
     bool full_stencil;  ///< every voxel has a particle that can move and has a neighbour in every direction
                         ///< in use
+    std::uint8_t active_quarters;  ///< one bit per quarter of the block: whether it has a particle
 };
 
 /// What a step does with a tile. The values can be combined.
