@@ -236,7 +236,8 @@ nb::object neighbour_stiffness_of(const Body& body) {
     });
 }
 
-/// A list of a member of each spring.
+/// A new numpy array with a row of `columns` elements per spring (a list if that is 0), filled by
+/// fill(spring, its first element).
 template <class T, class Fill>
 nb::object of_springs(const Body& body, std::size_t columns, Fill fill) {
     const std::vector<Spring> springs = list_springs(body.problem());

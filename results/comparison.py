@@ -296,7 +296,7 @@ def compare_times(old, new):
 
 
 def scale_of(values):
-    """Rousseeuw and Croux's Qn: the standard deviation of normal values, whatever becomes of nearly half of them."""
+    """Rousseeuw and Croux's Qn: an estimate of the standard deviation of normal values. Nearly half of them may be outliers."""
     import numpy  # pylint: disable=import-outside-toplevel
     count, half = len(values), len(values) // 2 + 1
     of_few = {4: 0.512, 5: 0.844, 6: 0.611, 7: 0.857, 8: 0.669, 9: 0.872}
@@ -571,7 +571,7 @@ def notes_on(old, new, rows, shifts, options):
     if not any(row["verdict"] in JUDGED for row in rows):
         notes.append("nothing was judged: no row of both files is comparable")
     if old.study != new.study:
-        notes.append(f"the studies differ ({old.study}, {new.study}), and with them what ran in between")
+        notes.append(f"the studies differ ({old.study}, {new.study}), so other cases ran before and between those compared")
     cut_short = [result.path.name for result in (old, new) if result.context.get("unfinished")]
     return notes + [f"{name} is unfinished: its study was cut short" for name in cut_short]
 

@@ -79,8 +79,8 @@ HWY_INLINE L stiffness(const Task<T>& task, const Opposites<T>& pair, std::ptrdi
     return series_stiffness(L::load(task.compliance + i), L::load(task.compliance + neighbour));
 }
 
-/// Leaves the force densities of the springs between a register of particles and those of their higher
-/// neighbours that lie at `least` or beyond.
+/// Stores the force densities of the springs between the particles of a SIMD register and those of their
+/// higher neighbours that lie at element `least` or beyond.
 template <Formulation formulation, class L, class T>
 HWY_INLINE void leave_densities(const Task<T>& task, const Block& block, std::ptrdiff_t lane,
                                 std::ptrdiff_t least) {
@@ -97,7 +97,8 @@ HWY_INLINE void leave_densities(const Task<T>& task, const Block& block, std::pt
     }
 }
 
-/// The spring forces on a register of particles. `full_stencil`: as in Block, so nothing needs masking.
+/// The spring forces on the particles of a SIMD register. `full_stencil`: as in Block, so nothing needs
+/// masking.
 template <Formulation formulation, bool full_stencil, class L, class T, class Mask>
 HWY_INLINE Lanes3<L> sum_forces(const Task<T>& task, const Block& block, std::ptrdiff_t lane, Mask mask,
                                 const Place<formulation, L>& here) {
@@ -163,14 +164,14 @@ HWY_INLINE Lanes3<L> where_moving(Chosen moving, Lanes3<L> moved, Lanes3<L> held
     }
 }
 
-/// What a step did to a register of particles.
+/// How a step changed the particles of a SIMD register.
 template <class L>
 struct Motion {
     hn::Vec<MaskTag<L>> changes;  ///< all bits of the state that changed
     Lanes3<L> increment;          ///< how far they moved
 };
 
-/// What acts on a register of particles.
+/// What acts on the particles of a SIMD register.
 template <class L>
 struct Action {
     Lanes3<L> force, gravity;
@@ -235,8 +236,8 @@ HWY_INLINE Motion<L> integrate_place(const Task<T>& task, std::ptrdiff_t i, Chos
     return {hn::Or(difference(next, here.high), difference(here.high, previous)), next - here.high};
 }
 
-/// Whether a register of particles keeps its tile active: a bit changed or, with `slow` above 0, a particle
-/// moved that far.
+/// Whether the particles of a SIMD register keep their tile active: a bit changed or, with `slow` above 0, a
+/// particle moved that far.
 template <class L, class T, class Mask>
 HWY_INLINE bool is_active(const Task<T>& task, Mask mask, const Motion<L>& motion) {
     const MaskTag<L> tag;
@@ -247,7 +248,7 @@ HWY_INLINE bool is_active(const Task<T>& task, Mask mask, const Motion<L>& motio
     return !hn::AllTrue(tag, hn::Or(hn::RebindMask(tag, slow), empty));
 }
 
-/// Steps a register of particles.
+/// Steps the particles of a SIMD register.
 template <Formulation formulation, bool full_stencil, class L, class T>
 HWY_INLINE void step_particles(const Task<T>& task, const Block& block, std::ptrdiff_t lane) {
     const std::ptrdiff_t i = block.first + lane;
@@ -273,7 +274,7 @@ HWY_INLINE void step_particles(const Task<T>& task, const Block& block, std::ptr
     if (task.action != nullptr) task.active_tile[block.tile] |= std::uint8_t(is_active(task, mask, motion));
 }
 
-/// Leaves a register of particles where it is, from now on at rest.
+/// Leaves the particles of a SIMD register where they are, from now on at rest.
 template <Formulation formulation, class L, class T>
 HWY_INLINE void fall_asleep(const Task<T>& task, const Block& block, std::ptrdiff_t lane) {
     const std::ptrdiff_t i = block.first + lane;

@@ -49,8 +49,8 @@ HWY_INLINE Bits mixed(Bits a, std::uint32_t by) {
     return hn::Xor(product, hn::ShiftRight<29>(product));
 }
 
-/// The random numbers of a register of particles in one step. Each follows from a counter, so order does not
-/// matter.
+/// The random numbers of the particles of a SIMD register in one step. Each follows from a counter, so order
+/// does not matter.
 class Random {
 public:
     HWY_INLINE Random(const RoundingBits& rounding, std::ptrdiff_t i) : rounding_(rounding) {
@@ -92,7 +92,7 @@ private:
     Bits base_;
 };
 
-/// The forces on a register of particles. The error of `force` is relative to `size`.
+/// The forces on the particles of a SIMD register. The error of `force` is relative to `size`.
 struct Forces {
     V force, size;
 };

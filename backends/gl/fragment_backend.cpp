@@ -20,7 +20,7 @@ namespace voxspring::gl {
 namespace {
 
 // Texture units, as in shaders/particle.glsl.
-constexpr GLuint state_unit = 0;  // up to four of them
+constexpr GLuint state_unit = 0;  // the first of up to four
 constexpr GLuint load_unit = 4;
 constexpr GLuint material_unit = 5;
 

@@ -129,7 +129,8 @@ public:
     virtual void check(const char* doing) const = 0;
     /// Waits for everything enqueued.
     virtual void wait() = 0;
-    /// Called before arrays and passes are destroyed that may be in use.
+    /// To be called before arrays and passes are destroyed. Drops what was not submitted and waits for the
+    /// rest, so that the device uses none of them any more. An API that sees to this itself does nothing.
     virtual void abandon() noexcept {}
 
     /// An array with these values, at least one byte.

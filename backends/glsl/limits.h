@@ -44,8 +44,9 @@ struct CopyPass {
     double written_share() const { return writes ? 1.0 / (reads + 1) : 0; }
 };
 
-/// Fills in the rates, each by the best of the passes that write the same share, and the rate of a copy.
-/// `seconds_of(pass, words)`: seconds of a pass over arrays of `words` words.
+/// Fills in `limits.bandwidth`: at each footprint and for each share of written bytes, the rate of the
+/// fastest pass. The rate of a copy follows from these. `seconds_of(pass, words)`: seconds of a pass over
+/// arrays of `words` words.
 template <class SecondsOf>
 void measure_bandwidth(DeviceLimits& limits, std::span<const CopyPass> passes, const SecondsOf& seconds_of) {
     for (const std::size_t footprint : footprints) {

@@ -79,7 +79,8 @@ public:
             if (row[r] == nullptr ? !within(middle, particles) : std::int64_t(row[r][x]) != middle)
                 return false;
         }
-        // From here on a gap in any row starts a list.
+        // The list now says that no row has a gap. A later particle with a gap that matters starts a new
+        // list.
         gap_known_ = (1U << row_count) - 1;
         return true;
     }

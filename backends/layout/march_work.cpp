@@ -10,8 +10,8 @@ namespace voxspring::layout {
 namespace {
 
 /// Operations of a spring of the march. They are counted as in pull_operations(), except for what follows the
-/// root: 1 on positions and displacements; by increments in float32 3 with those of the root and of the
-/// reciprocal. Face springs are also scaled.
+/// root: 1 for the formulations `position` and `displacement`; by increments in float32 3 with those of the
+/// root and of the reciprocal. Face springs are also scaled.
 template <class Real>
 std::uint64_t march_pull_operations(const Direction& direction, Formulation formulation) {
     const std::uint64_t axes = axes_of(direction);

@@ -453,7 +453,8 @@ ResidentLayout lay_out_resident(const Problem& problem, const ResidentCard& card
                       deal_out(problem, card.blocks, rows))
             .make();
     };
-    // A block has whole rows. On a card with few blocks these can take more lanes than single particles do.
+    // Rows are dealt out whole. On a card with few blocks, the rows of a block can take more lanes than it
+    // has, although its share of single particles would fit.
     std::vector<bool> in_rows = {partition == Partition::rows};
     if (partition == Partition::automatic && rows_are_full(problem)) in_rows = {true, false};
     const std::size_t own = problem.particle_count() - problem.ghosts.size();

@@ -65,8 +65,9 @@ private:
 
 /// How many tiles have a particle.
 std::size_t active_tile_count(const Problem& problem);
-/// How many threads a kernel has per tile on a card that steps `resident` tiles at once with one. Two have a
-/// tenth more springs to evaluate in all, but fill the card for a body of few tiles.
+/// How many threads a kernel has per tile: one or two. Two evaluate a tenth more springs in all, but fill the
+/// card if the body has few tiles. `resident`: how many tiles the card steps at once with one thread per
+/// tile.
 unsigned threads_per_tile(std::size_t tiles, std::size_t resident);
 
 /// An upper bound of the device memory of the lists and of `arrays` arrays of vectors, for blocks of

@@ -28,7 +28,7 @@ VOXSPRING_HOST_DEVICE constexpr BrickMask brick_mask() {
 struct FullTileMasks {
     static constexpr bool by_side = true;
     TileSides sides;
-    std::uint32_t moving;  ///< one bit per particle
+    std::uint32_t moving;  ///< bit n: the thread's particle n moves
 
     /// `words`: the complete masks of the thread's `particles` particles.
     template <class Words>

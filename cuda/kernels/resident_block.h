@@ -56,7 +56,7 @@ public:
         float points[2][3][shape.slots];
     };
     struct PointsAndOrder : Points {
-        TickOrder order;  ///< of the current tick
+        TickOrder order;  ///< what the host ordered for the current tick
     };
     using Shared = std::conditional_t<in_ticks, PointsAndOrder, Points>;
 

@@ -164,8 +164,9 @@ public:
             fill_before(before_place_.ahead(n), item.begin + n);
     }
 
-    /// Asks for planes whose slots have become free, before `plane` arrives. Fills are as far ahead of
-    /// arrivals as the prologue made them, so a fill needs no more state than an arrival.
+    /// Asks for the planes whose slots have become free. To be called before `plane` arrives. A fill is
+    /// always the same number of planes ahead of the arrival, so its slot and parity follow from the
+    /// arrival's.
     __device__ void refill(int plane) {
         if (threadIdx.x != 0) return;
         fill(place_.ahead(shape.planes - 2), plane + shape.planes - 2);

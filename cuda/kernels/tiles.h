@@ -30,7 +30,7 @@ VOXSPRING_HOST_DEVICE Vector<Real> load_tile_axes_once(const Real* from) {
     return {load_once(from), load_once(from + tile_axis), load_once(from + 2 * tile_axis)};
 }
 
-/// The rows around a tile.
+/// The entries of the eight rows of tiles around a tile's own row.
 struct TileRows {
     TileRow row[tile_rows];
 

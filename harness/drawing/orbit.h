@@ -35,7 +35,7 @@ public:
 
     /// Turns around the body: half a turn for a movement by the picture's height.
     void turn(glm::dvec2 pixels, glm::ivec2 size);
-    /// Shifts the view so that the point that it looks at follows the pointer.
+    /// Pans: the point that the camera looks at follows the pointer on the screen.
     void shift(glm::dvec2 pixels, glm::ivec2 size);
     /// Moves nearer if `notches` is positive.
     void zoom(double notches);

@@ -80,7 +80,7 @@ std::array<double, cells> weights(const Box& box, const Connected& of) {
     return weight;
 }
 
-/// Gives vertices their motion in one state.
+/// Makes Carrier give each vertex its motion in one state.
 struct Motions {
     using Item = Motion;
     std::span<const glm::dvec3> displacement;
@@ -100,7 +100,7 @@ struct Motions {
     }
 };
 
-/// Gives vertices the particles that they follow, with their weights.
+/// Makes Carrier give each vertex the particles that it follows, with their weights.
 struct Followed {
     using Item = std::vector<std::pair<std::uint32_t, float>>;
 

@@ -178,7 +178,8 @@ private:
         }
     }
 
-    /// From a shell's outside to its inside the winding number grows: a patch faces the lower one.
+    /// Turns each patch (a piece that is no shell) so that it faces the side with the lower winding number.
+    /// The winding number grows from a shell's outside to its inside.
     void turn_patches(const std::vector<Piece*>& shells) {
         std::vector<const Piece*> patches;
         for (const Piece& piece : pieces_) {

@@ -166,7 +166,7 @@ Mesh read_obj(MeshBytes& bytes) {
         const std::string_view key = line.word();
         const auto number = [&]<class Number>(std::string_view word, Number& value) {
             if (!MeshBytes::parse(word, value))
-                bytes.refuse(text, key == "v" ? "v and three coordinates" : "f and the numbers of vertices");
+                bytes.refuse(text, key == "v" ? "v and three coordinates" : "f and the indices of vertices");
         };
         if (key == "v") {
             glm::dvec3& p = mesh.points.emplace_back();

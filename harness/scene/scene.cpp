@@ -246,8 +246,8 @@ std::optional<WorldUnits> use_units(SceneFile& scene, const LabelledGrid& labell
     if (!one_stiffness) {
         if (!scene.young->everywhere)
             refuse_young(
-                "one value, or spring_groups without corner: with three groups springs differ by "
-                "group, and cannot differ by label as well");
+                "one value for all labels, or spring_groups without corner: with all three groups "
+                "stiffness differs between groups, and cannot also differ between labels");
         scene.stiffness.everywhere.reset();
         for (const SpringGroup group : scene.spring_groups)
             scene.stiffness.by_group[group] =

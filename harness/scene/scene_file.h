@@ -56,7 +56,7 @@ struct Region {
     std::optional<AnatomicalSide> anatomical{};
     int axis = 0;        ///< axis of the side
     bool upper = false;  ///< whether it is the side with the larger coordinate
-    int slices = 1;      ///< number of slices from the side
+    int slices = 1;      ///< number of slices, counted from the side inward
     /// If > 0, replaces `slices`: share of the extent of the active voxels, at least one slice.
     double fraction = 0;
     glm::ivec3 from{0};

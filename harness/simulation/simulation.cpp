@@ -397,7 +397,7 @@ std::string Simulation::compare(bool on) {
     }
     if (is_broken()) return not_finite;
     Running other;
-    other.backend = make_perturbed_reference({});  // accepts every problem; not perturbed
+    other.backend = make_perturbed_reference({});  // in float64, unperturbed; accepts every problem
     other.upload(std::make_shared<const Problem>(problem_), state());
     if (holds_) other.backend->tool()->move_tool(moved_);
     tick_ = -1;  // makes the next step place the scene's tool again

@@ -178,7 +178,7 @@ std::size_t StudyBench::uploads_side_by_side() const {
     return is_heavy(scene()) ? std::min(of_heavy, side_by_side()) : side_by_side();
 }
 
-/// Introduces all cases before the first of them measures its device's limits.
+/// Constructs the backends of all cases side by side, before the first of them measures its device's limits.
 void StudyBench::introduce_at_once(std::vector<Case>& cases) const {
     at_once(
         cases.size(), side_by_side(), [&](std::size_t n) { cases[n].begin_introduction(); },

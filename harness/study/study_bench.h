@@ -125,7 +125,7 @@ public:
     /// expected_cases().
     void show(const std::string& what, int done, int total) { progress_.show(what, done, total); }
 
-    /// Fills `context.voxspring` with the devices and limits of all scenes so far.
+    /// Writes the devices of all scenes so far, and their limits, to `context.voxspring` of the result.
     void describe_devices();
 
 private:

@@ -132,8 +132,8 @@ void StudyScenes::check_name(const StudyScene& item, const Scene& scene) {
     if (added || (other.scene == item.scene && other.built == item.built)) return;
     if (fingerprint_of(*of(other)) == fingerprint_of(scene)) return;
     throw BadInput("study", "scene", item.scene,
-                   "a scene of another name: " + other.scene + " is called " + scene.name +
-                       " as well, and rows of the two could not be told apart; rename the file");
+                   "a scene with a name that no other has: " + other.scene + " is called " + scene.name +
+                       " as well, and their rows could not be told apart; rename the file");
 }
 
 /// Checks options set by a program that calls run_study(). The command line has checked its options already.
@@ -391,7 +391,8 @@ void StudyRun::run_scene(const StudyScene& item, std::size_t number) {
     kind_->run(*bench_);
 }
 
-/// The number of rows with measurements.
+/// The number of rows with measurements. The rows of `benchmarks` do not count: each case of them also has a
+/// row of `verification`.
 std::size_t StudyRun::row_count() const {
     std::size_t count = 0;
     for (const auto& [name, list] : result_.lists()) {

@@ -33,8 +33,8 @@ struct Spread {
     /// How far a particle of the reference ends from its start, of which `max` is a share.
     double motion_max = 0;
     double motion_rms = 0;
-    double mean = 0;         ///< of the mean over all particles, as Comparison::mean
-    double motion_mean = 0;  ///< how far that mean of the reference ends from its start
+    double mean = 0;         ///< of the particles' mean positions (Comparison::mean)
+    double motion_mean = 0;  ///< how far the reference's mean position ends from its start
     std::array<double, Statistic::count> statistic{};  ///< differences of statistics(), for a chaotic scene
     int runs = 0;
 };

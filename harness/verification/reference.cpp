@@ -153,7 +153,7 @@ std::string hash_for_seed(const Scene& scene, int steps, const RoundingModel& mo
 }
 std::uint64_t seed_of(const std::string& hash) { return std::stoull(hash.substr(0, 16), nullptr, 16); }
 
-/// A hash per model, computed in parallel. For a large scene all of them then take as long as one.
+/// Calls hash_of_model() for all models in parallel, since hashing a large scene takes long.
 std::vector<std::string> hashes_of(const std::vector<RoundingModel>& models,
                                    const std::function<std::string(const RoundingModel&)>& hash_of_model) {
     (void)fingerprint_of_executable();  // called here first because it may throw

@@ -64,7 +64,7 @@ public:
         }
         if (axes_.size() > 3) {
             throw BadInput(claims.file, claims.kinds_key, claims.kinds_text,
-                           "three axes along which voxels lie, and a size of 1 along any other");
+                           "three spatial axes, and a size of 1 along any further spatial axis");
         }
     }
 

@@ -63,7 +63,7 @@ struct DeltaStep : ImplicitStep<Real> {
     // stiffness.
     const std::uint32_t* off_lattice_neighbour;
     const SpringConstants<Real>* off_lattice_constants;
-    const SpringRest<Real>* off_lattice_rest;  ///< null on positions
+    const SpringRest<Real>* off_lattice_rest;  ///< null in the formulation `position`
     bool operator==(const DeltaStep&) const = default;
 };
 

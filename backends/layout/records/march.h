@@ -115,7 +115,8 @@ struct MarchArrays {
     bool operator==(const MarchArrays&) const = default;
 };
 
-/// What a step writes: x or u at t + dt (on positions and displacements over that of t - dt), and v in place.
+/// What a step writes: x or u at t + dt, and v in place. The formulations `position` and `displacement`
+/// overwrite x or u at t - dt.
 template <class Real>
 struct MarchOutput {
     Real* next;

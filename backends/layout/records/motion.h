@@ -23,7 +23,7 @@ struct Motion {
 /// What a step writes.
 template <class Real>
 struct Output {
-    ParticleRecord<Real>* next;      ///< at t + dt; on positions and displacements it held t - dt
+    ParticleRecord<Real>* next;      ///< at t + dt; before, t - dt for `position` and `displacement`
     ParticleRecord<Real>* next_low;  ///< their low parts (`compensated`)
     /// v, by increments: x of all words, then y, then z, `pitch` apart. A step overwrites it in place.
     Real* increment;

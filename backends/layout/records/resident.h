@@ -16,9 +16,10 @@ struct alignas(16) TaggedPoint {
 /// How a warp's springs are split: 2 y + z of Across, or mixed, where all springs wait for the border.
 inline constexpr int mixed_border = 4;
 inline constexpr int border_kinds = 5;
-/// A warp whose border lies at -1 is mirrored: what its tables call (dx, dy, dz) is (dx, -dy, dz), or (dx,
-/// dy, -dz), or (dx, -dy, -dz). So the warps of a block share the code of few kinds, which the instruction
-/// cache holds.
+/// Across has borders at dy = 1 and dz = 1 only. A warp with a border at dy = -1 is mirrored along y: in its
+/// tables dy has the opposite sign. A border at dz = -1 is mirrored along z in the same way. So the warps of
+/// a block share the code of few kinds, which the instruction cache holds. ResidentStep::border has the kind
+/// in the bits `border_kind_bits`, and the other two constants for the axes along which the warp is mirrored.
 inline constexpr int border_kind_bits = 7;
 inline constexpr int mirrored_y = 8;
 inline constexpr int mirrored_z = 16;
