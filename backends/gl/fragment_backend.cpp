@@ -467,7 +467,9 @@ State FragmentBackend::download() {
     if (formulation() == Formulation::compensated) {
         const std::vector<glm::vec4> low = texels(0, 2);
         const std::vector<glm::vec4> motion_low = texels(0, 3);
-        for (std::size_t i = 0; i < texel_.size(); ++i) {
+#pragma omp parallel for
+        for (std::ptrdiff_t n = 0; n < particles; ++n) {
+            const auto i = std::size_t(n);
             state.displacement[i] += glm::dvec3(low[texel_[i]]);
             state.increment[i] += glm::dvec3(motion_low[texel_[i]]);
         }
