@@ -17,8 +17,8 @@
 
 #include "backends/layout/march_cost.h"
 #include "backends/registry.h"
+#include "harness/study/selection.h"
 #include "harness/study/study.h"
-#include "harness/study/study_bench.h"
 #include "harness/verification/verify.h"
 #include "tests/required.h"
 #include "tests/simd_target.h"

@@ -378,7 +378,14 @@ TEST(Study, LeavesOutWhatTheCommandLineDoesNotWant) {
     EXPECT_EQ(measured({"!cpu_*"}), std::set<std::string>{"test_sound"});
     // They come in any order, and nothing is added for them.
     EXPECT_EQ(measured({"cpu_reference", "!test_sound"}), std::set<std::string>{"cpu_reference"});
-    EXPECT_THROW(measured({"!none_of_this_name"}), BadInput);
+    EXPECT_EQ(measured({"!cpu_reference/*"}), std::set<std::string>{"test_sound"});
+    EXPECT_THAT([&] { measured({"!cpu_refrence"}); },
+                ::testing::ThrowsMessage<BadInput>(HasSubstr("did you mean cpu_reference?")));
+    for (const std::vector<std::string>& none : {std::vector<std::string>{"!cpu_*", "!test_*"},
+                                                 std::vector<std::string>{"cpu_reference", "!cpu_*"}}) {
+        EXPECT_THAT([&] { measured(none); }, ::testing::ThrowsMessage<BadInput>(
+                                                 HasSubstr("expected globs that leave the study a backend")));
+    }
 }
 
 TEST(Study, ARunThatDivergesIsNotTimed) {

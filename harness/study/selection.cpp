@@ -98,11 +98,6 @@ std::vector<BackendSpec> expand_all(const std::vector<std::string>& patterns) {
 bool leaves_out(const std::string& glob) { return glob.starts_with('!'); }
 
 std::vector<BackendSpec> select(std::vector<BackendSpec> specs, const std::vector<std::string>& globs) {
-    for (const std::string& glob : globs) {
-        if (leaves_out(glob))
-            std::erase_if(specs, [&](const BackendSpec& spec) { return matches(glob.substr(1), spec); });
-    }
-    if (std::all_of(globs.begin(), globs.end(), leaves_out)) return specs;
     std::vector<BackendSpec> kept;
     for (const std::string& glob : globs) {
         if (leaves_out(glob)) continue;
@@ -117,7 +112,30 @@ std::vector<BackendSpec> select(std::vector<BackendSpec> specs, const std::vecto
             }
         }
     }
+    if (std::all_of(globs.begin(), globs.end(), leaves_out)) kept = std::move(specs);
+    for (const std::string& glob : globs) {
+        if (leaves_out(glob))
+            std::erase_if(kept, [&](const BackendSpec& spec) { return matches(glob.substr(1), spec); });
+    }
     return kept;
+}
+
+const std::vector<std::string>& patterns_of(const Study& study, const StudyScene& item) {
+    return item.backends.empty() ? study.backends : item.backends;
+}
+
+std::vector<BackendSpec> known_specs(const Study& study, const StudyScene& item) {
+    const auto known = [](std::vector<std::string> patterns) {
+        std::erase_if(patterns, asks_for_auto);
+        return patterns;
+    };
+    return select(expand_all(known(patterns_of(study, item))), known(item.only));
+}
+
+bool has_backends(const Study& study, const StudyScene& item) {
+    const bool takes_all = std::all_of(item.only.begin(), item.only.end(), leaves_out);
+    const std::vector<std::string>& asked = takes_all ? patterns_of(study, item) : item.only;
+    return std::any_of(asked.begin(), asked.end(), asks_for_auto) || !known_specs(study, item).empty();
 }
 
 void select_scenes(Study& study, const std::vector<std::string>& globs) {
@@ -140,7 +158,7 @@ void select_scenes(Study& study, const std::vector<std::string>& globs) {
 
 std::vector<std::string> select_backends(Study& study, const std::vector<std::string>& globs) {
     const auto asks_for = [](const StudyScene& item, const Study& of, const std::string& glob) {
-        std::vector<std::string> patterns = item.backends.empty() ? of.backends : item.backends;
+        std::vector<std::string> patterns = patterns_of(of, item);
         std::erase_if(patterns, asks_for_auto);
         const std::vector<BackendSpec> specs = expand_all(patterns);
         return std::any_of(specs.begin(), specs.end(),
@@ -148,34 +166,43 @@ std::vector<std::string> select_backends(Study& study, const std::vector<std::st
     };
     std::vector<std::vector<bool>> asked;  // by glob, by scene
     for (const std::string& glob : globs) {
+        const std::string named = leaves_out(glob) ? glob.substr(1) : glob;
         std::vector<bool>& by_scene = asked.emplace_back();
-        for (const StudyScene& item : study.scenes)
-            by_scene.push_back(leaves_out(glob) || (!asks_for_auto(glob) && asks_for(item, study, glob)));
-        if (leaves_out(glob) || std::find(by_scene.begin(), by_scene.end(), true) != by_scene.end()) continue;
-        if (!asks_for_auto(glob) && expand(glob).empty())
-            throw BadInput("command line", "--backend", glob, accepted_globs(glob));
+        for (const StudyScene& item : study.scenes) by_scene.push_back(asks_for(item, study, named));
+        const bool is_in_study = std::find(by_scene.begin(), by_scene.end(), true) != by_scene.end();
+        if (!is_in_study && !asks_for_auto(glob) && expand(named).empty())
+            throw BadInput("command line", "--backend", glob, accepted_globs(named));
         std::set<std::string> added;
-        for (std::size_t n = 0; n < study.scenes.size(); ++n)
-            by_scene[n] = added.insert(study.scenes[n].scene).second;
+        for (std::size_t n = 0; n < study.scenes.size(); ++n) {
+            if (leaves_out(glob)) {
+                by_scene[n] = true;
+            } else if (!is_in_study) {
+                by_scene[n] = added.insert(study.scenes[n].scene).second;
+            }
+        }
     }
+    const bool takes_all = std::all_of(globs.begin(), globs.end(), leaves_out);
     std::vector<StudyScene> kept;
-    std::vector<std::string> without;
+    std::set<std::string> dropped;
     for (std::size_t n = 0; n < study.scenes.size(); ++n) {
         StudyScene& item = study.scenes[n];
-        bool has_some = std::all_of(globs.begin(), globs.end(), leaves_out);
+        bool is_asked = takes_all;
         for (std::size_t g = 0; g < globs.size(); ++g) {
             if (!asked[g][n]) continue;
             item.only.push_back(globs[g]);
-            has_some = has_some || !leaves_out(globs[g]);
+            is_asked = is_asked || !leaves_out(globs[g]);
         }
-        if (has_some) {
+        if (globs.empty() || (is_asked && has_backends(study, item))) {
             kept.push_back(std::move(item));
         } else {
-            without.push_back(item.scene);
+            dropped.insert(item.scene);
         }
     }
+    if (kept.empty() && !dropped.empty())
+        throw BadInput("command line", "--backend", joined(globs), "globs that leave the study a backend");
     study.scenes = std::move(kept);
-    return without;
+    for (const StudyScene& item : study.scenes) dropped.erase(item.scene);
+    return {dropped.begin(), dropped.end()};
 }
 
 std::string accepted_globs(const std::string& pattern) {

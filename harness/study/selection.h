@@ -31,12 +31,20 @@ bool leaves_out(const std::string& glob);
 /// Applies the command line's --backend to a scene's cases: it removes some of them, and may add others.
 std::vector<BackendSpec> select(std::vector<BackendSpec> specs, const std::vector<std::string>& globs);
 
+/// The patterns of an item's backends: its own, or else those of the study.
+const std::vector<std::string>& patterns_of(const Study& study, const StudyScene& item);
+/// The backends that are known before the scene is loaded, without the choices of the rules.
+std::vector<BackendSpec> known_specs(const Study& study, const StudyScene& item);
+/// Whether there are known_specs(), or the rules choose a backend for the scene.
+bool has_backends(const Study& study, const StudyScene& item);
+
 /// Applies --scene to the study's scenes: it keeps some of them, each once, and may add others.
 void select_scenes(Study& study, const std::vector<std::string>& globs);
 
 /// Distributes the globs of --backend over the study's scenes, as StudyOptions::backends says. A glob that
-/// matches backends of the study applies to the scenes that have these. Removes scenes that are left without
-/// a backend and returns their names. Throws BadInput for a glob that no backend matches.
+/// matches backends of the study applies to the scenes that have these. Removes items that are left without
+/// a backend, and returns the names of the scenes that then have no item. Throws BadInput for a glob that no
+/// backend matches, and if all scenes are left without a backend.
 std::vector<std::string> select_backends(Study& study, const std::vector<std::string>& globs);
 
 /// For the message about a `pattern` that matches no backend: what is accepted, and which name may have been

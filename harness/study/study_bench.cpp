@@ -24,10 +24,6 @@
 namespace voxspring {
 namespace {
 
-const std::vector<std::string>& patterns_of(const Study& study, const StudyScene& item) {
-    return item.backends.empty() ? study.backends : item.backends;
-}
-
 bool has_driver(const BackendSpec& spec) { return spec.entry->api != host_api; }
 
 /// Longer than a driver takes to report whether there is a device. A backend that hangs here hangs again
@@ -45,14 +41,6 @@ std::string other_card(const nlohmann::json& backends, const std::string& uuid) 
 }
 
 }  // namespace
-
-std::vector<BackendSpec> known_specs(const Study& study, const StudyScene& item) {
-    const auto known = [](std::vector<std::string> patterns) {
-        patterns.erase(std::remove_if(patterns.begin(), patterns.end(), asks_for_auto), patterns.end());
-        return patterns;
-    };
-    return select(expand_all(known(patterns_of(study, item))), known(item.only));
-}
 
 StudyBench::StudyBench(const Study& study, const StudyOptions& options, Journal& journal, Progress& progress,
                        const StudyKind& kind, Result& result)

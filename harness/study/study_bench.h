@@ -161,7 +161,4 @@ private:
     References references_;  ///< report their progress, and throw Interrupted
 };
 
-/// The backends that are known before the scene is loaded, without the choices of the rules.
-std::vector<BackendSpec> known_specs(const Study& study, const StudyScene& item);
-
 }  // namespace voxspring

@@ -73,7 +73,7 @@ bool is_finished(const std::filesystem::path& file) {
 Study narrowed(Study study, const StudyOptions& options) {
     select_scenes(study, options.scenes);
     if (const auto without = select_backends(study, options.backends); !without.empty())
-        std::cerr << fmt::format("voxspring: --backend leaves out scenes that have none of these: {}\n",
+        std::cerr << fmt::format("voxspring: --backend leaves these scenes without a backend: {}\n",
                                  fmt::join(without, ", "));
     study.repetitions = options.repetitions.value_or(study.repetitions);
     return study;
@@ -243,24 +243,16 @@ void StudyRun::check(const StudyScene& item) {
 
 /// Throws if there is no backend to run, as far as is known without a device.
 void StudyRun::check_backends(const StudyScene& item) const {
-    const auto& patterns = item.backends.empty() ? study_.backends : item.backends;
-    const auto chooses = [](const std::vector<std::string>& asked) {
+    const auto check_each = [](const std::vector<std::string>& asked) {
         for (const std::string& pattern : asked) {
             if (asks_for_auto(pattern)) check_auto(pattern);
         }
-        return std::any_of(asked.begin(), asked.end(), asks_for_auto);
     };
-    for (const std::string& glob : options_.backends) {
-        if (leaves_out(glob) && expand(glob.substr(1)).empty())
-            throw BadInput("command line", "--backend", glob, accepted_globs(glob.substr(1)));
-    }
-    if (chooses(item.only) || (chooses(patterns) && item.only.empty()) || !known_specs(study_, item).empty())
-        return;
-    if (!options_.backends.empty())
-        throw BadInput("command line", "--backend", options_.backends.front(),
-                       accepted_globs(options_.backends.front()));
-    throw BadInput("study " + study_.name, "backends of " + item.scene, patterns.front(),
-                   accepted_globs(patterns.front()));
+    check_each(item.only);
+    check_each(patterns_of(study_, item));
+    if (has_backends(study_, item)) return;
+    throw BadInput("study " + study_.name, "backends of " + item.scene, patterns_of(study_, item).front(),
+                   accepted_globs(patterns_of(study_, item).front()));
 }
 
 /// The cost of a scene as far as is known beforehand: particle steps.
