@@ -3,6 +3,7 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
+#include <omp.h>
 #include <sys/shm.h>
 #include <sys/socket.h>
 #include <sys/stat.h>
@@ -523,6 +524,17 @@ TEST(Study, WhatIsCompiledAheadCountsAsCompiled) {
         EXPECT_GE(row.at("upload_seconds"), 0);
         EXPECT_LT(row.at("upload_seconds"), 1000);
     }
+}
+
+TEST(Study, ACaseHasItsThreadsAgainAfterLimitsCouldNotBeMeasured) {
+    const int threads = omp_get_max_threads(), share = omp_get_num_procs() + 1;
+    CaseProgram program{"timing"};
+    program.threads = share;
+    const Answerer answer =
+        case_answerer(case_description(BackendSpec::parse("unmeasured"), program), nullptr);
+    EXPECT_THROW(answer({{"do", "limits"}}, {}), DeviceError);
+    EXPECT_EQ(omp_get_max_threads(), share);
+    omp_set_num_threads(threads);
 }
 
 TEST(Study, GoesOnWithoutLimits) {

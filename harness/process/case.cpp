@@ -11,6 +11,7 @@
 #include "backends/outpaced.h"
 #include "harness/base/bad_input.h"
 #include "harness/base/interruption.h"
+#include "harness/base/thread_count.h"
 #include "harness/device/limits.h"
 #include "harness/results/capabilities.h"
 #include "harness/scene/scene_runner.h"
@@ -56,11 +57,8 @@ private:
         const std::unique_ptr<Backend> backend = spec_.make();
         if (backend->limits() == nullptr) throw Unavailable("the backend measures no limits");
         // The limits are those of the whole processor, even if this case works with a share of its threads.
-        const int share = omp_get_max_threads();
-        omp_set_num_threads(omp_get_num_procs());
-        const DeviceLimits measured = backend->limits()->measure_limits();
-        omp_set_num_threads(share);
-        return voxspring::to_json(measured);
+        const ThreadCount all(omp_get_num_procs());
+        return voxspring::to_json(backend->limits()->measure_limits());
     }
     nlohmann::json construct() {
         const auto begin = Clock::now();

@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "harness/base/statistics.h"
+#include "harness/base/thread_count.h"
 #include "harness/device/energy.h"
 #include "harness/device/noise.h"
 #include "harness/scene/scene_runner.h"
@@ -87,17 +88,13 @@ private:
 /// prepared meanwhile.
 class AllProcessors {
 public:
-    AllProcessors() : before_(omp_get_max_threads()) {
-        omp_set_num_threads(omp_get_num_procs());
+    AllProcessors() {
 #pragma omp parallel
         {}  // starts the threads before anything is timed
     }
-    AllProcessors(const AllProcessors&) = delete;
-    AllProcessors& operator=(const AllProcessors&) = delete;
-    ~AllProcessors() { omp_set_num_threads(before_); }
 
 private:
-    const int before_;
+    const ThreadCount all_{omp_get_num_procs()};
 };
 
 Batch batch_of(const nlohmann::json& parameters) {
