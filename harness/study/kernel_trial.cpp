@@ -116,7 +116,6 @@ ReferenceSolution KernelTrial::solve(const Scene& scene) {
     ReferenceSolution solution{scene.problem, steps_, references_.after(scene, steps_), {}, scene.state};
     const RoundingModel model = rounding_model_of(spec_);
     solution.spreads.emplace_back(model, references_.spread(scene, steps_, solution.same_step, model));
-    solution.conserved = conserved(scene.problem, solution.same_step);
     solution.refined.reason = "it is not computed for a kernel";
     return solution;
 }

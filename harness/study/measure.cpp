@@ -669,7 +669,6 @@ ReferenceSolution solution_of(StudyBench& bench, const Problem& last, const Batc
     References& references = bench.references();
     ReferenceSolution solution{last, steps, references.after(scene, steps), {}, scene.state};
     add_spreads(bench, scene, specs, solution);
-    solution.conserved = conserved(last, solution.same_step);
     if (batch.total_error) {
         solution.refined = references.refined(scene, {scene.problem.time_step, steps}, {steps});
     } else {

@@ -161,6 +161,10 @@ std::string to_string(Statistic::Kind kind) {
 }
 
 StateSummary summary_of(const Problem& problem, const State& start, const State& state) {
+    return summary_of(problem, start, state, energy(problem, state));
+}
+
+StateSummary summary_of(const Problem& problem, const State& start, const State& state, const Energy& known) {
     const std::size_t count = problem.particle_count();
     const auto sums = sum_of<Moved>(count, [&](Moved& part, std::size_t i) {
         const glm::dvec3 moved = state.displacement[i] - start.displacement_of(i);
@@ -172,7 +176,7 @@ StateSummary summary_of(const Problem& problem, const State& start, const State&
     StateSummary summary;
     if (count > 0) summary.moved = std::sqrt(sums.squares / double(count));
     if (sums.mass > 0) summary.centre_of_mass = sums.moment / sums.mass;
-    summary.energy = energy(problem, state);
+    summary.energy = known;
     summary.spectrum = spectrum_of(problem, state);
     return summary;
 }

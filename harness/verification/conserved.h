@@ -68,6 +68,8 @@ struct StateSummary {
 /// Summarises `state`, which the problem's particles reached from `start`. The order of summation does not
 /// depend on the number of threads.
 StateSummary summary_of(const Problem& problem, const State& start, const State& state);
+/// Takes the energy of `state`, which is known already.
+StateSummary summary_of(const Problem& problem, const State& start, const State& state, const Energy& known);
 
 /// Compares a run with the reference, both after the same steps from the same start:
 ///

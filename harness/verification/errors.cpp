@@ -32,6 +32,11 @@ void judge_statistics(Comparison& comparison, const Spread& spread, const Statis
     }
 }
 
+const Conserved& conserved_of(const ReferenceSolution& solution) {
+    if (!solution.conserved) solution.conserved = conserved(solution.problem, solution.same_step);
+    return *solution.conserved;
+}
+
 }  // namespace
 
 const Spread* spread_of(const ReferenceSolution& solution, const RoundingModel& model) {
@@ -48,7 +53,8 @@ JudgedState judge(const ReferenceSolution& solution, const State& state, const B
     if (!comparison.passed() || spread == nullptr) return comparison;
     if (is_chaotic(*spread)) {
         if (!solution.summary)
-            solution.summary = summary_of(solution.problem, solution.start, solution.same_step);
+            solution.summary = summary_of(solution.problem, solution.start, solution.same_step,
+                                          conserved_of(solution).energy);
         const StateSummary summary = summary_of(solution.problem, solution.start, state);
         comparison.energy = summary.energy;
         judge_statistics(comparison, *spread, statistics(summary, *solution.summary));
@@ -118,7 +124,7 @@ Errors errors_of(const ReferenceSolution& solution, const State& state, const Ju
         errors.total_uncertainty = solution.refined.uncertainty;
     }
     const Energy reached = judged.energy ? *judged.energy : energy(solution.problem, state);
-    const Drift drifted = drift({momentum(solution.problem, state), reached}, solution.conserved);
+    const Drift drifted = drift({momentum(solution.problem, state), reached}, conserved_of(solution));
     errors.momentum = drifted.momentum;
     errors.energy = drifted.energy;
     return errors;

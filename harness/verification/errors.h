@@ -24,11 +24,12 @@ struct ReferenceSolution {
     State same_step;     ///< float64 at the same time step; the difference from it is the rounding error
     Refined refined;     ///< float64 in the limit of time step 0; the difference from it is the total error
     const State& start;  ///< the state at which the runs began
-    Conserved conserved = {};  ///< conserved quantities of same_step
     /// The spread of each rounding model. Runs whose model is missing are only required to be finite.
     std::vector<std::pair<RoundingModel, Spread>> spreads = {};
-    mutable std::optional<StateSummary> summary =
-        {};  ///< summary of same_step; judge() computes it on demand
+    // Conserved quantities and, if the scene is chaotic, the summary of same_step. They are computed on
+    // demand.
+    mutable std::optional<Conserved> conserved = {};
+    mutable std::optional<StateSummary> summary = {};
     mutable std::map<double, double> strained_shares = {};  ///< of strained_share(), by the bound
 };
 /// The spread of `model`, or null if `solution` has none.

@@ -393,7 +393,6 @@ void ParetoStudy::measure(StudyBench& bench, const std::vector<int>& counts, Row
             ReferenceSolution solution{stepped.problem, steps, bench.references().after(stepped, steps),
                                        *refined, stepped.state};
             if (steps == counts.front()) measure_spreads(bench, stepped, cases, solution);
-            solution.conserved = conserved(solution.problem, solution.same_step);
             const Step step{scene, stepped, solution, span.time_step * span.steps, state};
             for (Case& one : cases) {
                 bench.show(one.spec().label(), begun++, total());

@@ -28,7 +28,6 @@
 #include "harness/study/scaling_row.h"
 #include "harness/study/study_bench.h"
 #include "harness/study/study_kind.h"
-#include "harness/verification/conserved.h"
 #include "harness/verification/errors.h"
 
 namespace voxspring {
@@ -368,7 +367,6 @@ void RankedCase::make_judgements() {
         part.solution.emplace(
             ReferenceSolution{part.problem, steps, part_of(after, sample.in_around), {}, part.start});
         part.solution->refined.reason = "it is of a sample";
-        part.solution->conserved = conserved(part.problem, part.solution->same_step);
         const RoundingModel model = rounding_model_of(spec_);
         part.solution->spreads.emplace_back(model,
                                             bench_.references().spread(sample.around, steps, after, model));
