@@ -18,7 +18,6 @@ namespace {
 constexpr unsigned block_threads = 128;
 /// Blocks per multiprocessor in float32 where each thread steps a whole tile.
 constexpr int whole_tile_blocks = 4;
-constexpr int first_with_dependent_launches = 90;
 
 /// An upper bound of the device memory.
 template <class Real>
@@ -32,7 +31,7 @@ public:
     explicit TilesBackend(const Options& options)
         : AxesBackend<Real>(options.formulation),
           tuned_threads_(options.tuning.at("threads")),
-          dependent_(this->device().architecture() >= first_with_dependent_launches) {}
+          dependent_(this->device().has_dependent_launches()) {}
 
     void upload(const Problem& problem, const State& state) override {
         this->template begin_upload<Real>();

@@ -3,9 +3,6 @@
 namespace voxspring::cuda {
 namespace {
 
-/// Compute capability times ten.
-constexpr int first_with_dependent_launches = 90;
-
 bool is_tuned(const Options& options, const std::string& key, const std::string& value) {
     const auto found = options.tuning.find(key);
     return found != options.tuning.end() && found->second == value;
@@ -29,7 +26,7 @@ KernelFamily::KernelFamily(const Options& options, Fetch path)
 
 KernelFamily KernelFamily::on(const Device& device) const {
     KernelFamily family = *this;
-    if (may_be_dependent) family.dependent_launch = device.architecture() >= first_with_dependent_launches;
+    if (may_be_dependent) family.dependent_launch = device.has_dependent_launches();
     return family;
 }
 
@@ -80,7 +77,7 @@ template std::string too_many_words<double>(std::size_t, const Device&, Fetch);
 template <class Real>
 std::string launch_refusal(std::size_t words, const Device& device, const KernelFamily& family) {
     const int architecture = device.architecture();
-    if (family.dependent_launch && architecture < first_with_dependent_launches)
+    if (family.dependent_launch && !device.has_dependent_launches())
         return "compute capability " + std::to_string(architecture / 10) + "." +
                std::to_string(architecture % 10) + " has no dependent launches, which came with 9.0";
     return too_many_words<Real>(words, device, family.fetch);

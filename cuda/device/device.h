@@ -47,6 +47,8 @@ public:
     bool ends_long_kernels() const { return ends_long_kernels_; }
     /// Compute capability, 90 for 9.0.
     int architecture() const { return architecture_; }
+    /// Whether a kernel may be launched while the one before it still runs: from compute capability 9.0 on.
+    bool has_dependent_launches() const { return architecture_ >= 90; }
     /// Free device memory in bytes.
     std::size_t free_bytes() const;
 
