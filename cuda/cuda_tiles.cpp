@@ -1,10 +1,9 @@
 // The active tiles of 2 x 2 x 2 voxels as a list, one or two threads per tile: explicit addressing of tiles.
-#include <algorithm>
-#include <limits>
 #include <memory>
 #include <optional>
 #include <span>
 #include <string>
+#include <vector>
 
 #include "backends/layout/border_blocks.h"
 #include "backends/layout/tile_lists.h"
@@ -36,10 +35,10 @@ public:
     void upload(const Problem& problem, const State& state) override {
         this->template begin_upload<Real>();
         this->set_problem(problem);
-        tile_threads_ = tuned_threads_ == "auto"
-                            ? threads_per_tile(active_tile_count(problem), resident_tiles())
-                            : unsigned(std::stoi(tuned_threads_));
-        lists_.emplace(problem, block_threads / tile_threads_);
+        const ActiveTiles active(problem);
+        tile_threads_ = tuned_threads_ == "auto" ? threads_per_tile(active.count, resident_tiles())
+                                                 : unsigned(std::stoi(tuned_threads_));
+        lists_.emplace(problem, active, block_threads / tile_threads_);
         this->upload_state(problem, state);
         rows_.upload(lists_->rows(), this->stream());
         masks_.upload(lists_->masks(), this->stream());

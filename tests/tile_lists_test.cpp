@@ -44,7 +44,7 @@ public:
 
     Simulation(const Problem& problem, const State& start)
         : problem_(problem),
-          lists_(problem, block_tiles),
+          lists_(problem, ActiveTiles(problem), block_tiles),
           state_(pack_soa<Real>(problem, start, V::formulation, places())) {
         static_cast<MarchStep<Real>&>(step_) = make_march_step<Real>(problem, V::formulation);
         if (!by_increments(V::formulation)) {
@@ -181,8 +181,8 @@ TYPED_TEST(TileBody, PartsHaveTheBitsOfTheWhole) {
 // step of the heart, and 12.4 instead of 11.2 of the box.
 TEST(TileThreads, AreTwoWhereTilesDoNotFillTheCard) {
     constexpr std::size_t resident = std::size_t(132) * 512;
-    EXPECT_EQ(threads_per_tile(active_tile_count(lattice(solid({96, 96, 96}))), resident), 1U);
-    EXPECT_EQ(threads_per_tile(active_tile_count(lattice(solid({64, 64, 64}))), resident), 2U);
+    EXPECT_EQ(threads_per_tile(ActiveTiles(lattice(solid({96, 96, 96}))).count, resident), 1U);
+    EXPECT_EQ(threads_per_tile(ActiveTiles(lattice(solid({64, 64, 64}))).count, resident), 2U);
     EXPECT_EQ(threads_per_tile(35000, resident), 2U);
     EXPECT_EQ(threads_per_tile(35000, resident / 4), 1U) << "a smaller card is full";
 }
@@ -210,7 +210,7 @@ TEST(TileThreads, DoNotChangeBits) {
 TEST(TileLists, LiesWithinItsArrays) {
     for (const auto& [name, problem] : lattices()) {
         SCOPED_TRACE(name);
-        const TileLists lists(problem, block_tiles);
+        const TileLists lists(problem, ActiveTiles(problem), block_tiles);
         const auto listed = std::uint32_t(lists.masks().size());
         EXPECT_EQ(listed, lists.blocks() * block_tiles + 2 * group_tiles);
         for (const TileRow& row : lists.rows()) {

@@ -24,15 +24,6 @@ glm::ivec3 tiles_along(const Lattice& lattice, const glm::ivec3& begin) {
     return (begin + lattice.dims + 1) / 2;
 }
 
-/// Whether each tile of the lattice has a particle.
-std::vector<std::uint8_t> active_tiles(const Lattice& lattice, const glm::ivec3& begin) {
-    const glm::ivec3 dims = tiles_along(lattice, begin);
-    std::vector<std::uint8_t> active(volume(dims));
-    for (const std::uint32_t voxel : lattice.voxel)
-        active[index_in(dims, (begin + lattice.coordinates(voxel)) / 2)] = 1;
-    return active;
-}
-
 /// Tiles of the list, padding included.
 std::uint32_t listed_tiles(std::size_t active, std::uint32_t block_tiles) {
     return std::uint32_t(rounded_up(active, std::size_t(block_tiles))) + 2 * group_tiles;
@@ -79,18 +70,26 @@ struct SetBits {
 
 }  // namespace
 
-TileLists::TileLists(const Problem& problem, std::uint32_t block_tiles)
+ActiveTiles::ActiveTiles(const Problem& problem) {
+    const Lattice& lattice = problem.lattice;
+    const glm::ivec3 begin = begin_in_tile(problem), dims = tiles_along(lattice, begin);
+    of_lattice.resize(volume(dims));
+    for (const std::uint32_t voxel : lattice.voxel)
+        of_lattice[index_in(dims, (begin + lattice.coordinates(voxel)) / 2)] = 1;
+    count = std::size_t(std::count(of_lattice.begin(), of_lattice.end(), std::uint8_t(1)));
+}
+
+TileLists::TileLists(const Problem& problem, const ActiveTiles& active, std::uint32_t block_tiles)
     : begin_(begin_in_tile(problem)),
       voxels_(problem.lattice.dims),
       dims_(tiles_along(problem.lattice, begin_)),
       voxel_(problem.lattice.voxel) {
-    const std::vector<std::uint8_t> active = active_tiles(problem.lattice, begin_);
-    number_.assign(active.size(), no_particle);
+    number_.assign(active.of_lattice.size(), no_particle);
     std::uint32_t next = group_tiles;
-    for (std::size_t cell = 0; cell < active.size(); ++cell) {
-        if (active[cell] != 0) number_[cell] = next++;
+    for (std::size_t cell = 0; cell < number_.size(); ++cell) {
+        if (active.of_lattice[cell] != 0) number_[cell] = next++;
     }
-    const std::uint32_t listed = listed_tiles(next - group_tiles, block_tiles);
+    const std::uint32_t listed = listed_tiles(active.count, block_tiles);
     blocks_ = (listed - 2 * group_tiles) / block_tiles;
     bits_.resize(listed);
     for (std::size_t i = 0; i < problem.particle_count(); ++i) {
@@ -186,16 +185,11 @@ std::vector<EditedWord> TileLists::edit(const SpringEdit& edit) {
     return edited;
 }
 
-std::size_t active_tile_count(const Problem& problem) {
-    const std::vector<std::uint8_t> active = active_tiles(problem.lattice, begin_in_tile(problem));
-    return std::size_t(std::count(active.begin(), active.end(), std::uint8_t(1)));
-}
-
 unsigned threads_per_tile(std::size_t tiles, std::size_t resident) { return tiles <= resident ? 2 : 1; }
 
 template <class Real>
 std::uint64_t tile_bytes(const Problem& problem, std::uint32_t block_tiles, int arrays) {
-    const std::uint64_t listed = listed_tiles(active_tile_count(problem), block_tiles);
+    const std::uint64_t listed = listed_tiles(ActiveTiles(problem).count, block_tiles);
     return listed * (sizeof(TileMask) + tile_rows * sizeof(TileRow) +
                      std::uint64_t(arrays) * tile_particles * sizeof(Vector<Real>));
 }

@@ -16,15 +16,22 @@
 
 namespace voxspring::layout {
 
+/// Which tiles of a lattice have a particle. Found by a pass over all particles.
+struct ActiveTiles {
+    explicit ActiveTiles(const Problem& problem);
+    std::vector<std::uint8_t> of_lattice;  ///< one per tile of the lattice: 1 if it has a particle, else 0
+    std::size_t count = 0;                 ///< of those that have one
+};
+
 /// Tiles begin at even voxels. Those of a part of a body (decomposition.h) begin at even voxels of the whole,
 /// so that sums have the same order in the part as in the whole. They are in canonical order, x fastest. A
 /// group of padding precedes the first one, and the list ends with at least another, since kernels read one
 /// tile beyond either end.
 class TileLists {
 public:
-    /// `problem` has a lattice, and no springs beyond it. The list is filled up to whole blocks of
-    /// `block_tiles` tiles, a multiple of group_tiles.
-    TileLists(const Problem& problem, std::uint32_t block_tiles);
+    /// `problem` has a lattice, and no springs beyond it. `active` are its tiles. The list is filled up to
+    /// whole blocks of `block_tiles` tiles, a multiple of group_tiles.
+    TileLists(const Problem& problem, const ActiveTiles& active, std::uint32_t block_tiles);
 
     std::uint32_t blocks() const { return blocks_; }
     /// The tile of the particle at `voxel`, counted from the first one that is stepped.
@@ -63,8 +70,6 @@ private:
     std::uint32_t blocks_ = 0;
 };
 
-/// How many tiles have a particle.
-std::size_t active_tile_count(const Problem& problem);
 /// How many threads a kernel has per tile: one or two. Two evaluate a tenth more springs in all, but fill the
 /// card if the body has few tiles. `resident`: how many tiles the card steps at once with one thread per
 /// tile.
