@@ -348,6 +348,21 @@ class Attacks(InTemporaryFolder):
             self.assertEqual(list(result_files.contradictions(result_files.load(path))), [], path)
 
 
+class KeptInTwoLanguages(unittest.TestCase):
+    """Committed files do not say these, so scripts know them as well as the program."""
+
+    def test_the_least_strained_share(self):
+        [share] = re.findall(r"min_strained_share = ([0-9.]+);", pathlib.Path("harness/verification/errors.h").read_text())
+        self.assertEqual(result_files.MIN_STRAINED_SHARE, float(share))
+
+    def test_the_formulations_by_increments(self):
+        header = pathlib.Path("backends/physics/formulation.h").read_text()
+        [names] = re.findall(r"enum class Formulation : std::uint8_t \{ (.*) \};", header)
+        [first] = re.findall(r"return formulation >= Formulation::(\w+);", header)
+        order = names.split(", ")
+        self.assertEqual(auto_rules.BY_INCREMENTS, tuple(order[order.index(first):]))
+
+
 class Thresholds(unittest.TestCase):
     def test_each_says_which_run_verifies_a_row(self):
         own = {"tolerance": 1e-3, "tolerance_rms": 2e-4, "motion_max": 2.0, "motion_rms": 1.0, "strained_share": 0.9}
