@@ -6,6 +6,17 @@ namespace voxspring {
 
 std::string to_string(Precision precision) { return precision == Precision::float32 ? "float32" : "float64"; }
 
+std::optional<Choice> choice_of_auto(const Options& options,
+                                     const std::map<std::string, std::string>& values) {
+    Choice choice;
+    for (const auto& [parameter, value] : values) {
+        const auto asked = options.tuning.find(parameter);
+        if (asked == options.tuning.end() || asked->second != "auto") continue;
+        choice.tuning += (choice.tuning.empty() ? "" : ",") + parameter + "=" + value;
+    }
+    return choice.tuning.empty() ? std::nullopt : std::optional(choice);
+}
+
 std::string Backend::unsupported(const Problem& problem) const {
     // tool() only says whether there is a facet, but a facet that was asked for may change the backend.
     const bool has_tool = const_cast<Backend*>(this)->tool() != nullptr;

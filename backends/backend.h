@@ -6,6 +6,7 @@
 #include <cstdint>
 #include <functional>
 #include <map>
+#include <optional>
 #include <stdexcept>
 #include <string>
 #include <vector>
@@ -32,6 +33,11 @@ struct Options {
     /// registered.
     std::map<std::string, std::string> tuning;
 };
+
+/// The choice of a backend that chose `values`: those of parameters that `options` leave to it, with the
+/// value "auto". Empty if there are none.
+std::optional<Choice> choice_of_auto(const Options& options,
+                                     const std::map<std::string, std::string>& values);
 
 /// There is no such device, driver or context here. The backend is skipped with this reason.
 class Unavailable : public std::runtime_error {

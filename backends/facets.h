@@ -40,7 +40,7 @@ using WorkCount = std::map<std::string, std::uint64_t>;
 
 /// Values of tuning parameters that a backend chose for a problem.
 struct Choice {
-    std::string tuning;                                 ///< "tile=64x16"
+    std::string tuning;                                 ///< "interior=vote,registers=64"
     std::optional<double> step_seconds = std::nullopt;  ///< the prediction by which it chose, if it has one
 };
 
@@ -272,7 +272,8 @@ public:
     virtual WorkCount count_work() { return {}; }
     /// The time to compile code for the problem of the last upload().
     virtual CompileTime compile_time() const { return {}; }
-    /// What the last upload() chose by itself, if the backend chooses.
+    /// What the last upload() chose by itself: every parameter with the value "auto", and what that means for
+    /// the problem.
     virtual std::optional<Choice> choice() const { return std::nullopt; }
 };
 

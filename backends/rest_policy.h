@@ -45,6 +45,11 @@ public:
     /// To be called before the first step. `checks`: tiles are checked at first. `chooses`: this may change.
     void start(bool checks, bool chooses);
 
+    /// What `rest` amounts to: "step", "skip", or "skip_or_step" where it changes from step to step.
+    std::string choice() const {
+        if (chooses_) return "skip_or_step";
+        return checks_ ? "skip" : "step";
+    }
     /// Whether tiles are checked now or may be checked later.
     bool may_check() const { return checks_ || chooses_; }
     /// Whether the next step checks them.

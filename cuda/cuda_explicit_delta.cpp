@@ -1,5 +1,6 @@
 // Neighbour lists compressed to what changes along a run of particles.
 #include <memory>
+#include <optional>
 
 #include "backends/layout/delta_lists.h"
 #include "cuda/common/measure.h"
@@ -48,6 +49,7 @@ class DeltaBackend final : public ParticleBackend<Real, DeltaStep<Real>> {
 public:
     DeltaBackend(const KernelFamily& family, const Options& options)
         : ParticleBackend<Real, DeltaStep<Real>>(family),
+          options_(options),
           block_(unsigned(std::stoul(options.tuning.at("block")))),
           registers_(options.tuning.at("registers")),
           interior_(options.tuning.at("interior") == "vote") {}
@@ -94,6 +96,11 @@ public:
         launch_for_each(*support_kernels<Real>().write_slices, changes.slices.size(), this->stream(),
                         edited_slices_.send(std::span<const EditedSlice>(changes.slices), this->stream()),
                         changes.slices.size(), slices_on_device_.data());
+    }
+
+    std::optional<Choice> choice() const override {
+        return choice_of_auto(options_, {{"dependent_launch", this->family().dependent_launch ? "on" : "off"},
+                                         {"registers", std::to_string(registers_for(this->problem()))}});
     }
 
     StepWork step_work(const Problem& problem) const override {
@@ -154,6 +161,7 @@ private:
                edited_columns_.bytes() + edited_slices_.bytes();
     }
 
+    const Options options_;
     const unsigned block_;
     const std::string registers_;
     const bool interior_;

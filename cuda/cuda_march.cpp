@@ -94,8 +94,8 @@ public:
         : AxesBackend<Real>(options.formulation),
           tuned_(options.tuning.at("tile")),
           tiles_(tiles_of(tuned_, precision)),
-          tensor_copies_(options.tuning.at("copies") == "auto" &&
-                         this->device().architecture() >= first_with_tensor_copies) {}
+          chooses_copies_(options.tuning.at("copies") == "auto"),
+          tensor_copies_(chooses_copies_ && this->device().architecture() >= first_with_tensor_copies) {}
 
     void upload(const Problem& problem, const State& state) override {
         this->template begin_upload<Real>();
@@ -151,7 +151,10 @@ public:
         return AxesBackend<Real>::device_borders(borders, way);
     }
 
-    std::optional<Choice> choice() const override { return Choice{"tile=" + tile_.name, predicted_seconds_}; }
+    std::optional<Choice> choice() const override {
+        const std::string copies = tensor_copies_ ? "copies=tensor," : "copies=async,";
+        return Choice{(chooses_copies_ ? copies : "") + "tile=" + tile_.name, predicted_seconds_};
+    }
 
     StepWork step_work(const Problem& problem) const override {
         return march_work<Real>(problem, this->formulation());
@@ -267,7 +270,8 @@ private:
 
     const std::string tuned_;
     const std::vector<MarchTile> tiles_;  ///< to choose from
-    const bool tensor_copies_;            ///< otherwise threads copy
+    const bool chooses_copies_;
+    const bool tensor_copies_;  ///< otherwise threads copy
     MarchTile tile_{};
     double predicted_seconds_ = 0;
     MarchInterior interior_{};

@@ -250,6 +250,10 @@ public:
                         staging_.send(std::span(written.words), stream()), written.words.size());
     }
 
+    std::optional<Choice> choice() const override {
+        return choice_of_auto(options_, {{"partition", layout_->in_rows ? "rows" : "bisection"}});
+    }
+
     /// The work of an implicit step without its memory traffic: the state leaves registers only at the end of
     /// a launch.
     StepWork step_work(const Problem& problem) const override {

@@ -8,8 +8,10 @@
 #include <cmath>
 #include <functional>
 #include <glm/geometric.hpp>
+#include <map>
 #include <memory>
 #include <optional>
+#include <sstream>
 #include <string>
 #include <thread>
 #include <utility>
@@ -175,6 +177,22 @@ TEST_P(Conformance, AgreesWithTheReference) {
             steps += batch;
             expect_agreement(problem, *oracle, steps);
         }
+    }
+}
+
+TEST_P(Conformance, SaysWhatAutoMeans) {
+    const Problem problem = lattice(solid({13, 7, 11}));
+    if (!backend->unsupported(problem).empty() && may_refuse(spec, problem)) GTEST_SKIP();
+    backend->upload(problem, state_at_rest(problem));
+    const std::optional<Choice> choice = backend->choice();
+    std::map<std::string, std::string> named;
+    std::istringstream words(choice ? choice->tuning : "");
+    for (std::string word; std::getline(words, word, ',');)
+        named[word.substr(0, word.find('='))] = word.substr(word.find('=') + 1);
+    for (const auto& [parameter, value] : spec.options.tuning) {
+        if (value != "auto") continue;
+        ASSERT_TRUE(named.contains(parameter)) << parameter << " in '" << words.str() << "'";
+        EXPECT_NE(named[parameter], "auto");
     }
 }
 

@@ -36,6 +36,16 @@ TEST(StaysAtRest, WhereNothingButSpringsActs) {
     EXPECT_FALSE(stays_at_rest(problem));
 }
 
+TEST(RestPolicy, SaysWhatItAmountsTo) {
+    RestPolicy policy(parameters);
+    policy.start(false, false);
+    EXPECT_EQ(policy.choice(), "step");
+    policy.start(true, false);
+    EXPECT_EQ(policy.choice(), "skip");
+    policy.start(true, true);
+    EXPECT_EQ(policy.choice(), "skip_or_step");
+}
+
 TEST(RestPolicy, NeverDecidesWhereItMayNotChoose) {
     RestPolicy policy(parameters);
     for (const bool checks : {false, true}) {

@@ -178,7 +178,11 @@ TEST_P(Resting, AutoChangesNoBitAndSkipsWhatRests) {
     const Poked poked(on_processor(spec) ? glm::ivec3(64, 32, 16) : glm::ivec3(64, 64, 32));
     const bool drifts = spec.options.formulation == Formulation::paper;
     const auto plain = make("rest=step"), choosing = make("rest=auto");
+    const auto chooses = [&](const std::string& value) {
+        return (choosing->choice().value().tuning + ",").find("rest=" + value + ",") != std::string::npos;
+    };
     for (Backend* b : {plain.get(), choosing.get()}) b->upload(poked.problem, poked.start);
+    EXPECT_TRUE(chooses("skip_or_step"));
     // By then every tile has moved, checking was in vain for two times 64 steps, and the backend checks once
     // more.
     for (const int steps : {20, 200, 300}) {
@@ -209,6 +213,7 @@ TEST_P(Resting, AutoChangesNoBitAndSkipsWhatRests) {
     falling.gravity = {0, 0, -1e-3};
     choosing->upload(falling, poked.start);
     EXPECT_TRUE(choosing->count_work().empty());
+    EXPECT_TRUE(chooses("step"));
 }
 
 // Without a flush the tails of `increment` reach everywhere: tiny, but not zero.

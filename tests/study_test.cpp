@@ -474,6 +474,18 @@ TEST(Study, RatesFollowFromTimes) {
     }
 }
 
+TEST(Study, ARowSaysWhatAutoMeans) {
+    const nlohmann::json result = run_study(study_of({"cpu_explicit", "cpu_explicit:threads=2"}), {});
+    ASSERT_EQ(result.at("benchmarks").size(), 2 * (3u + 4u));
+    for (const auto& row : result.at("benchmarks")) {
+        if (row.at("tuning") == "threads=2") {
+            EXPECT_FALSE(row.contains("chosen"));
+        } else {
+            EXPECT_EQ(row.at("chosen"), "threads=1") << "125 particles";
+        }
+    }
+}
+
 TEST(Study, FractionsFollowFromLimits) {
     const nlohmann::json result = run_study(study_of({"test_sound"}), {});
     const auto& limits = result.at("context").at("voxspring").at("limits");

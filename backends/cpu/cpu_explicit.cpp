@@ -11,6 +11,7 @@
 #include <glm/geometric.hpp>
 #include <glm/vec3.hpp>
 #include <memory>
+#include <optional>
 #include <utility>
 #include <vector>
 
@@ -146,7 +147,8 @@ class CpuExplicit final : public MonitoredCpuBackend, public BorderFacet, public
 
 public:
     explicit CpuExplicit(const Options& options)
-        : formulation_(options.formulation),
+        : options_(options),
+          formulation_(options.formulation),
           threads_(cpu_parallel::thread_count(options, name)),
           chosen_(options.tuning.at("threads") != "auto") {}
 
@@ -195,6 +197,10 @@ public:
             return all;
         };
         return std::make_unique<VectorBorder<Vec3>>(arrays, particles);
+    }
+
+    std::optional<Choice> choice() const override {
+        return choice_of_auto(options_, {{"threads", std::to_string(team())}});
     }
 
     StepWork step_work(const Problem& problem) const override {
@@ -393,6 +399,7 @@ private:
         return all;
     }
 
+    const Options options_;
     const Formulation formulation_;
     const int threads_;
     const bool chosen_;  ///< the user chose the number of threads

@@ -18,6 +18,7 @@
 #include <cstdint>
 #include <cstring>
 #include <memory>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -116,6 +117,11 @@ public:
         step(1);
         return {{"tiles", tiles_->used()},
                 {"tiles_stepped", policy_.checks() ? tiles_stepped() : tiles_->used()}};
+    }
+
+    std::optional<Choice> choice() const override {
+        return choice_of_auto(options_,
+                              {{"rest", policy_.choice()}, {"threads", std::to_string(shares_.size())}});
     }
 
     StepWork step_work(const Problem& problem) const override {

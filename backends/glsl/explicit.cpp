@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <glm/vec4.hpp>
+#include <optional>
 
 #include "backends/glsl/compute_backend.h"
 #include "backends/layout/neighbour_lists.h"
@@ -32,6 +33,10 @@ public:
     ExplicitBackend(const Options& options, std::unique_ptr<Device> device)
         : ComputeBackend<Real>(options, std::move(device), {std::stoi(options.tuning.at("block")), 1, 1}),
           block_(std::stoul(options.tuning.at("block"))) {}
+
+    std::optional<Choice> choice() const override {
+        return choice_of_auto(this->options(), {{"lists", by_address_ ? "addressed" : "arrays"}});
+    }
 
     StepWork step_work(const Problem& problem) const override {
         return layout::explicit_work<Real>(problem, kind_of(problem).secondary, this->formulation());

@@ -2,6 +2,7 @@
 #include "backends/glsl/implicit.h"
 
 #include <algorithm>
+#include <optional>
 #include <span>
 
 #include "backends/glsl/compute_backend.h"
@@ -61,6 +62,10 @@ class ImplicitBackend final : public ComputeBackend<Real> {
 public:
     ImplicitBackend(const Options& options, std::unique_ptr<Device> device)
         : ImplicitBackend(options, std::move(device), layout::BlockShape::parse(options.tuning.at("block"))) {
+    }
+
+    std::optional<Choice> choice() const override {
+        return choice_of_auto(this->options(), {{"interior", votes_ ? "vote" : "mask"}});
     }
 
     StepWork step_work(const Problem& problem) const override {

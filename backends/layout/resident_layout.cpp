@@ -463,6 +463,7 @@ ResidentLayout lay_out_resident(const Problem& problem, const ResidentCard& card
         if (!in_turns && own > std::size_t(card.blocks) * std::size_t(card.threads)) continue;
         for (const bool rows : in_rows) {
             layout = lay_out(in_turns, rows);
+            layout.in_rows = rows;
             if (block_refusal(layout, card).empty()) return layout;
         }
     }

@@ -33,6 +33,7 @@ inline constexpr int max_rounds_in_turns = 8;
 /// The tables of ResidentStep. They follow from where particles are and have room for every spring that the
 /// lattice may have, so edits leave them as they are.
 struct ResidentLayout {
+    bool in_rows = false;  ///< the partition: rows, or else a bisection
     int blocks = 0;
     int lanes = 0;  ///< per block: `turns` for each of whole warps of threads
     int turns = 1;  ///< particles of a thread, which it steps one after the other

@@ -1,6 +1,7 @@
 #include "cuda/common/implicit.h"
 
 #include <algorithm>
+#include <optional>
 
 #include "backends/layout/springs.h"
 #include "backends/layout/work.h"
@@ -29,6 +30,7 @@ public:
     /// `tiled`: neighbours come through shared memory.
     ImplicitBackend(const KernelFamily& family, const Options& options, bool tiled)
         : ParticleBackend<Real, ImplicitStep<Real>>(family),
+          options_(options),
           shape_(BlockShape::parse(options.tuning.at("block"))),
           registers_(options.tuning.at("registers")),
           interior_(options.tuning.at("interior")),
@@ -98,6 +100,13 @@ public:
         this->step(1);
         return {{"tiles", resting_.blocks()},
                 {"tiles_stepped", checks ? resting_.blocks_stepped(this->stream()) : resting_.blocks()}};
+    }
+
+    std::optional<Choice> choice() const override {
+        const dim3 grid = this->launch().grid;
+        return choice_of_auto(options_, {{"interior", votes(grid) ? "vote" : "mask"},
+                                         {"registers", std::to_string(registers_for(grid))},
+                                         {"rest", resting_.choice()}});
     }
 
     StepWork step_work(const Problem& problem) const override {
@@ -223,6 +232,7 @@ private:
     /// a large box took four times as long.
     static constexpr int resting_registers = 64;
 
+    const Options options_;
     const BlockShape shape_;
     const std::string registers_;
     const std::string interior_;

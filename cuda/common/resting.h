@@ -46,6 +46,7 @@ public:
     /// does.
     bool may_check() const { return policy_.may_check(); }
     bool checks() const { return policy_.checks(); }
+    std::string choice() const { return policy_.choice(); }
     /// The terms of the kernel that leaves out blocks at rest.
     std::uint32_t terms() const { return term_resting | (rest_ == Rest::flush ? term_flush : 0); }
     /// The blocks for a step that reads buffer `reading`.
