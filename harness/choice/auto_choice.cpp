@@ -22,9 +22,9 @@ constexpr double any_number = std::numeric_limits<double>::infinity();
 /// Backends that are never chosen for scenes with edits: they rebuild their tables at an edit, which takes
 /// the longer the larger the body is.
 const std::set<std::string> never_edited = {"cuda_march"};
-/// Backends that are never chosen if a tool moves: cuda_march has no tool, and cuda_resident would make few
-/// steps per launch instead of thousands.
-const std::set<std::string> never_held = {"cuda_march", "cuda_resident"};
+/// Backends that are never chosen if a tool moves, although they have one: cuda_resident would make few steps
+/// per launch instead of thousands. Backends without a tool refuse the scene themselves.
+const std::set<std::string> never_held = {"cuda_resident"};
 
 /// Why a backend is fast, as text for users.
 std::string reason_for(const std::string& backend) {
