@@ -44,6 +44,19 @@ private:
     bool spared_ = false;
 };
 
+void take_time() { std::this_thread::sleep_for(std::chrono::milliseconds(20)); }
+
+/// Takes time, and says that it steps on no host.
+class SlowDevice final : public Faulty {
+public:
+    SlowDevice() : Faulty(take_time, Where::everywhere) {}
+    Capabilities capabilities() const override {
+        Capabilities capabilities = Faulty::capabilities();
+        capabilities.family = "opengl";
+        return capabilities;
+    }
+};
+
 /// Crashes as a driver does, even under a sanitizer.
 void crash() {
     std::signal(SIGSEGV, SIG_DFL);
@@ -74,8 +87,6 @@ void wear_out() {
     if (++steps > 100) throw DeviceError("the card fell off the bus");
 }
 
-void take_time() { std::this_thread::sleep_for(std::chrono::milliseconds(20)); }
-
 Registered backend(const std::string& name, const Fault& in_constructor, const Fault& in_step,
                    Where where = Where::everywhere) {
     return registered_for_test(name, [=] {
@@ -95,6 +106,7 @@ const Registered backends[] = {
     backend("faulty_hangs_when_constructed", hang, nothing),
     backend("wears_out", nothing, wear_out),
     backend("slow", nothing, take_time),
+    registered_for_test("slow_device", [] { return std::make_unique<SlowDevice>(); }),
     backend("part_crashes", nothing, crash, Where::not_in_the_lowest_slab),
     backend("part_hangs", nothing, hang, Where::not_in_the_lowest_slab),
     registered_for_test("has_threads_per_tile",

@@ -174,7 +174,6 @@ TEST(Row, IsReadAsItWasWritten) {
     row.noisy = {"it rained (twice)"};
     row.min_card_mhz = 1905;
     row.max_card_mhz = 1980;
-    row.resumed = true;
     row.reason = "why";
     const nlohmann::json json = to_json(row);
     EXPECT_TRUE(json.at("tolerance").is_null()) << "JSON has no infinity";

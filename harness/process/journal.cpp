@@ -149,9 +149,8 @@ void Journal::read(const std::string& text, const nlohmann::json& study) {
             throw BadInput(file_.string(), "line " + std::to_string(number), text.substr(begin, end - begin),
                            "what was written there: the file is corrupt; delete it to begin again");
         if (number > 1) {
-            const int session = object->at("session");
-            session_ = std::max(session_, session + 1);
-            finished_[object->at("name")] = {session, object->at("value")};
+            session_ = std::max(session_, object->at("session").get<int>() + 1);
+            finished_[object->at("name")] = object->at("value");
             continue;
         }
         if (object->value("journal", 0) != version)
@@ -170,17 +169,17 @@ void Journal::read(const std::string& text, const nlohmann::json& study) {
 
 const nlohmann::json* Journal::find(const std::string& name) const {
     const auto found = finished_.find(name);
-    return found == finished_.end() ? nullptr : &found->second.second;
+    return found == finished_.end() ? nullptr : &found->second;
 }
 
 void Journal::visit(
     const std::function<void(const std::string& name, const nlohmann::json& value)>& visitor) const {
-    for (const auto& [name, finished] : finished_) visitor(name, finished.second);
+    for (const auto& [name, value] : finished_) visitor(name, value);
 }
 
 void Journal::keep(const std::string& name, nlohmann::json value) {
     if (descriptor_.number >= 0) append({{"name", name}, {"session", session_}, {"value", value}}, name);
-    finished_[name] = {session_, std::move(value)};
+    finished_[name] = std::move(value);
 }
 
 void Journal::append(const nlohmann::json& object, const std::string& what) {
@@ -189,7 +188,7 @@ void Journal::append(const nlohmann::json& object, const std::string& what) {
         throw unwritten("; it misses " + what + " and is complete up to there: --resume goes on with it");
 }
 
-/// Syncing takes milliseconds, and there is one line per repetition, which may take less.
+/// Syncing takes milliseconds, and a measurement may take less.
 bool Journal::sync_now_and_then() {
     constexpr std::chrono::seconds pause(1);
     const auto now = std::chrono::steady_clock::now();

@@ -48,8 +48,6 @@ public:
 
     /// The measurement `name`; null if it is not finished.
     const nlohmann::json* find(const std::string& name) const;
-    /// In which session, counted from 1, `name` was finished. It must be finished.
-    int session_of(const std::string& name) const { return finished_.at(name).first; }
     /// Keeps a measurement. When this returns, the value is in the file and survives the end of this process.
     /// The file is synced to the disk at most once per second, so a crash of the whole machine may lose the
     /// last moments. Throws Unwritten. `value` must have no infinity and no NaN, since JSON has neither.
@@ -89,7 +87,7 @@ private:
     std::optional<std::chrono::steady_clock::time_point> synced_;
     int session_ = 1;
     std::string note_;
-    std::map<std::string, std::pair<int, nlohmann::json>> finished_;
+    std::map<std::string, nlohmann::json> finished_;
 };
 
 /// The measurements whose names begin with a prefix, those of one case for example.
@@ -97,7 +95,6 @@ class JournalScope {
 public:
     JournalScope(Journal& journal, std::string prefix) : journal_(&journal), prefix_(std::move(prefix)) {}
     const nlohmann::json* find(const std::string& name) const { return journal_->find(prefix_ + name); }
-    int session_of(const std::string& name) const { return journal_->session_of(prefix_ + name); }
     void keep(const std::string& name, nlohmann::json value) {
         journal_->keep(prefix_ + name, std::move(value));
     }

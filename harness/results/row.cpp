@@ -30,7 +30,6 @@ void common_fields(Self& row, Fields& fields) {
     fields.counters(row.counters);
     fields.optional("min_card_mhz", row.min_card_mhz);
     fields.optional("max_card_mhz", row.max_card_mhz);
-    fields.optional("resumed", row.resumed);
     fields.optional("reason", row.reason);
     fields.optional("pattern", row.pattern);
 }

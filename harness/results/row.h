@@ -229,7 +229,6 @@ struct Row {
     std::vector<std::string> noisy = {};  ///< why its time is not to be trusted
     /// Range of the card's clock, which is read after each repetition.
     std::optional<unsigned> min_card_mhz = {}, max_card_mhz = {};
-    std::optional<bool> resumed = {};         ///< true, or absent
     std::optional<std::string> reason = {};   ///< why it was skipped, failed or chosen
     std::optional<std::string> pattern = {};  ///< of a choice: the pattern that asked for it
 

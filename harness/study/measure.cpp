@@ -82,8 +82,9 @@ public:
           context_(context),
           own_share_(strained_share(context.solution, benchmark_case.spec())) {
         if (const nlohmann::json* reason = case_.scope().find("failed")) failure_ = *reason;
-        while (known(name_of_repetition(done_ + 1))) count(kept(name_of_repetition(done_ + 1)));
-        known_before_ = done_;
+        if (known("repetitions")) {
+            for (const nlohmann::json& one : kept("repetitions")) count(one);
+        }
     }
 
     const BackendSpec& spec() const { return case_.spec(); }
@@ -92,8 +93,8 @@ public:
     int missing() const {
         constexpr int least = 2;
         const Batch& batch = context_.batch;
-        const bool took_long = done_ >= least && seconds_ >= batch.most_seconds;
-        return failure_.empty() && !took_long ? batch.repetitions - done_ : 0;
+        const bool took_long = done() >= least && seconds_ >= batch.most_seconds;
+        return failure_.empty() && !took_long ? batch.repetitions - done() : 0;
     }
     /// Whether the case needs no further measurement.
     bool finished() const {
@@ -151,7 +152,7 @@ public:
     void begin_warming_up() {
         if (finished()) return;
         attempt([&] {
-            case_.begin({{"do", "warm up"}, {"batches", context_.batch.rewind ? 1 : 1 + done_}});
+            case_.begin({{"do", "warm up"}, {"batches", 1}});
             warming_up_ = true;
         });
     }
@@ -181,24 +182,17 @@ public:
         });
     }
 
-    /// Makes the next repetition, unless the case has failed. The last repetition is finished only when the
-    /// state that it left has been judged.
+    /// Makes the next repetition, unless the case has failed. They are finished together, when the state that
+    /// the last one left has been judged: hashes of a device's states can be compared only within a process.
     void repeat() {
         attempt([&] {
-            if (done_ > 0 && process_of(done_) != process_of(done_ - 1)) {
+            if (done() > 0 && process_of(done()) != process_of(done() - 1)) {
                 case_.restart();
                 (void)case_.ask({{"do", "warm up"}, {"batches", 1}}, "warming up");
             }
-            const std::string name = name_of_repetition(done_ + 1);
-            nlohmann::json answer = timed(name);
-            count(answer);
-            const bool is_last = missing() == 0;
-            if (context_.batch.rewind) look_at_state(answer, is_last);
-            if (is_last) {
-                unjudged_ = std::move(answer);
-            } else {
-                case_.scope().keep(name, answer);
-            }
+            count(timed());
+            unjudged_ = missing() == 0;
+            if (context_.batch.rewind) look_at_state(repetitions_.back());
         });
     }
 
@@ -229,9 +223,10 @@ public:
                 verified.verdict->passed = false;
                 verified.reason = reason;
             }
-            verified.verdict->repetitions_judged = repetitions_judged();
-            (*unjudged_)["verified"] = to_json(verified);
-            case_.scope().keep(name_of_repetition(done_), *std::exchange(unjudged_, std::nullopt));
+            verified.verdict->repetitions_judged = done();
+            repetitions_.back()["verified"] = to_json(verified);
+            case_.scope().keep("repetitions", repetitions_);
+            unjudged_ = false;
         });
     }
 
@@ -242,7 +237,7 @@ public:
 
     /// The median time of a batch; infinite if the case has failed.
     double seconds() const {
-        if (!failure_.empty() || done_ == 0 || missing() > 0) return INFINITY;
+        if (!failure_.empty() || done() == 0 || missing() > 0) return INFINITY;
         return median(observed().seconds);
     }
     bool on_host() const { return capabilities_of(case_.capabilities()).steps_on_host(); }
@@ -285,7 +280,7 @@ public:
 private:
     bool known(const std::string& name) const { return case_.scope().find(name) != nullptr; }
     const nlohmann::json& kept(const std::string& name) const { return *case_.scope().find(name); }
-    const nlohmann::json& repetition(int number) const { return kept(name_of_repetition(number)); }
+    int done() const { return int(repetitions_.size()); }
 
     void attempt(const std::function<void()>& action) {
         if (!failure_.empty()) return;
@@ -295,9 +290,9 @@ private:
         }
     }
 
-    void count(const nlohmann::json& repetition) {
-        ++done_;
+    void count(nlohmann::json repetition) {
         seconds_ += repetition.at("host_seconds").get<double>();
+        repetitions_.push_back(std::move(repetition));
     }
     /// The number of the process that makes a repetition, from 0: where a process's memory and threads lie
     /// decides the time of a backend that steps on the host.
@@ -305,18 +300,12 @@ private:
         const int processes = on_host() && context_.batch.rewind ? host_processes : 1;
         return repetition * processes / std::max(processes, context_.batch.repetitions);
     }
-    nlohmann::json timed(const std::string& name);
+    nlohmann::json timed();
     Row judged() const { return judged_row(context_.solution, context_.left, case_.spec(), own_share_); }
-    void look_at_state(nlohmann::json& answer, bool is_last);
-    int repetitions_judged() const;
+    void look_at_state(nlohmann::json& answer);
     std::string other_repetition() const;
     void look_at_card(nlohmann::json& answer);
 
-    template <class Visit>
-    void each_repetition(const Visit& visit) const {
-        for (int i = 1; i <= done_; ++i) visit(repetition(i));
-    }
-    bool resumed() const;
     EditPart edit_part() const;
     StartPart start_part(Counters& counters) const;
     bool leaves_out_tiles() const;
@@ -330,15 +319,14 @@ private:
     const MeasurementContext& context_;
     const double own_share_;  ///< of the springs that the scene's own start strains
     std::string failure_;     ///< empty: no failure so far
-    int done_ = 0;            ///< repetitions
-    int known_before_ = 0;    ///< repetitions that the journal has of an earlier session
-    double seconds_ = 0;      ///< sum of their times
+    std::vector<nlohmann::json> repetitions_;
+    double seconds_ = 0;  ///< sum of their times
     bool compiling_ = false, counting_ = false, warming_up_ = false, reading_ = false, read_ = false;
-    std::optional<nlohmann::json> unjudged_;  ///< the last repetition
+    bool unjudged_ = false;  ///< the last repetition has been made and not been judged
 };
 
-nlohmann::json TimedCase::timed(const std::string& name) {
-    nlohmann::json answer = case_.ask({{"do", "repeat"}}, "timing " + name);
+nlohmann::json TimedCase::timed() {
+    nlohmann::json answer = case_.ask({{"do", "repeat"}}, "timing " + name_of_repetition(done() + 1));
     for (const char* clock : {"device_seconds", "host_seconds"}) {
         if (!std::isfinite(answer.at(clock).get<double>()))
             throw std::runtime_error(std::string("its clock gave no number of ") + clock);
@@ -358,36 +346,27 @@ void TimedCase::judge_strained_start() {
 /// Notes about the state that a repetition left what is known only until the next one begins. All repetitions
 /// begin at the same state, so their last states have the same bits, and it is enough to judge one of them.
 /// Where bits depend on the order of a sum, each state is judged.
-void TimedCase::look_at_state(nlohmann::json& answer, bool is_last) {
+void TimedCase::look_at_state(nlohmann::json& answer) {
     const std::string doing = "reading the state that it left";
     if (capabilities_of(case_.capabilities()).deterministic) {
         answer["fingerprint"] = case_.ask({{"do", "fingerprint"}}, doing);
-    } else if (!is_last) {
+    } else if (!unjudged_) {
         context_.state.take(case_.ask({{"do", "state"}}, doing), context_.left);
         answer["verified"] = to_json(judged());
     }
-}
-
-/// How many repetitions other_repetition() and judged() look at. Fingerprints can be compared within a
-/// process; those of backends on the host are of the state as any process has it.
-int TimedCase::repetitions_judged() const {
-    const bool all =
-        !context_.batch.rewind || !capabilities_of(case_.capabilities()).deterministic || on_host();
-    return all ? done_ : done_ - known_before_;
 }
 
 /// Why a repetition before the last one is wrong; empty if none is. It is empty, too, if each batch continues
 /// from the one before: then the last state depends on all batches, and is judged for all of them.
 std::string TimedCase::other_repetition() const {
     if (!context_.batch.rewind) return {};
-    for (int n = 1; n < done_; ++n) {
-        const std::string name = name_of_repetition(n) + " of " + std::to_string(done_);
-        const nlohmann::json& one = repetition(n);
+    for (int n = 1; n < done(); ++n) {
+        const std::string name = name_of_repetition(n) + " of " + std::to_string(done());
+        const nlohmann::json& one = repetitions_[std::size_t(n - 1)];
         if (one.contains("verified")) {
             const Row verified = row_from_json(one.at("verified"));
             if (!verified.verdict->passed) return name + ": " + verified.reason.value_or("");
-        } else if ((n > known_before_ || on_host()) &&
-                   one.at("fingerprint") != unjudged_->at("fingerprint")) {
+        } else if (one.at("fingerprint") != repetitions_.back().at("fingerprint")) {
             return name + " left another state than the last one, from the same start";
         }
     }
@@ -402,17 +381,10 @@ void TimedCase::look_at_card(nlohmann::json& answer) {
         answer["other_users"] = other_processes(*processes, context_.own_processes());
 }
 
-/// Whether the repetitions come from more than one session of the study.
-bool TimedCase::resumed() const {
-    const auto session = [&](int number) { return case_.scope().session_of(name_of_repetition(number)); };
-    return session(1) != session(done_);
-}
-
 EditPart TimedCase::edit_part() const {
     std::vector<double> plain;
-    each_repetition([&](const nlohmann::json& one) {
+    for (const nlohmann::json& one : repetitions_)
         plain.push_back(one.at("plain_seconds").get<double>() / context_.batch.steps);
-    });
     const nlohmann::json& edits = kept("edits");
     return {.edits = edits.at("edits"),
             .median_seconds = edits.at("edit_seconds_median"),
@@ -485,7 +457,7 @@ LimitPart TimedCase::limit_part(const StudyBench& bench, Counters& counters) con
 /// How many processes made the repetitions, and by how much their medians differ.
 void TimedCase::count_processes(const Observed& seen, Counters& counters) const {
     std::vector<std::vector<double>> of_process(1);
-    for (int n = 0; n < done_; ++n) {
+    for (int n = 0; n < done(); ++n) {
         of_process.resize(std::size_t(process_of(n)) + 1);
         of_process.back().push_back(seen.seconds[std::size_t(n)]);
     }
@@ -501,7 +473,7 @@ Observed TimedCase::observed() const {
     // The processor's activity says nothing about a case on a card.
     const bool on_card = !capabilities_of(case_.capabilities()).uuid.empty();
     Observed observed;
-    each_repetition([&](const nlohmann::json& one) {
+    for (const nlohmann::json& one : repetitions_) {
         observed.seconds.push_back(one.at("device_seconds"));
         if (!on_card) {
             observed.spins.push_back(one.at("spin_seconds"));
@@ -509,7 +481,7 @@ Observed TimedCase::observed() const {
         }
         if (one.contains("card_mhz")) observed.card_mhz.push_back(one.at("card_mhz"));
         if (one.contains("other_users")) observed.other_users.push_back(one.at("other_users"));
-    });
+    }
     return observed;
 }
 
@@ -526,7 +498,7 @@ Row TimedCase::common_row(const StudyBench& bench) const {
 void TimedCase::add_rows(StudyBench& bench, int number) {
     Row row = common_row(bench);
     if (failure_.empty()) {
-        const Row verified = row_from_json(repetition(done_).at("verified"));
+        const Row verified = row_from_json(repetitions_.back().at("verified"));
         row.errors = verified.errors;
         row.verdict = verified.verdict;
         row.reason = verified.reason;
@@ -563,7 +535,6 @@ void TimedCase::add_rows(StudyBench& bench, int number) {
                                                        ? std::optional<double>(warm.at("predicted_seconds"))
                                                        : std::nullopt};
     if (context_.edits > 0) row.edits = edit_part();
-    if (resumed()) row.resumed = true;
     const Observed seen = observed();
     count_processes(seen, row.counters);
     row.noisy = reasons_of_noise(seen);
@@ -573,9 +544,8 @@ void TimedCase::add_rows(StudyBench& bench, int number) {
         row.max_card_mhz = *most;
     }
     std::vector<Repetition> repetitions;
-    each_repetition([&](const nlohmann::json& one) {
+    for (const nlohmann::json& one : repetitions_)
         repetitions.push_back({one.at("device_seconds"), one.at("host_seconds"), one.at("cpu_seconds")});
-    });
     for (const Row& one : google_benchmark_rows(row, repetitions, number)) bench.add("benchmarks", one);
 }
 

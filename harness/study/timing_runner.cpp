@@ -160,10 +160,9 @@ private:
         return nullptr;
     }
 
-    /// Uploads and makes steps, so that shaders are compiled and clocks are up before anything is timed. It
-    /// makes one batch; if batches continue from each other, also those that were timed before. The work is
-    /// counted for the step after the batches, since right after an upload a backend does not know yet which
-    /// tiles rest.
+    /// Uploads and makes steps, so that shaders are compiled and clocks are up before anything is timed. The
+    /// work is counted for the step after the batches, since right after an upload a backend does not know
+    /// yet which tiles rest.
     nlohmann::json warm_up(Backend& backend, int batches) {
         backend.monitor(monitor_);
         const auto begin = Clock::now();
