@@ -294,12 +294,18 @@ def listed(parts):
 
 def medians(benchmarks, verification):
     """Every median among rows of `benchmarks`, in their order, with the `times` of its repetitions, or its own time without any,
-    and with the `threshold` of its error."""
+    with the `threshold` of its error, and with `partly`, how many repetitions were verified if not all of them."""
     times = groups((row for row in benchmarks if row.get("run_type") == "iteration"), "run_name", "steps")
     verdicts = {row["name"]: row for row in verification}
-    return [row | {"times": [one["real_time"] for one in times.get((row["run_name"], row["steps"]), [row])],
-                   "threshold": threshold_of(verdicts.get(name_of(row), {}))}
-            for row in benchmarks if row.get("aggregate_name") == "median"]
+
+    def with_times(row):
+        own = [one["real_time"] for one in times.get((row["run_name"], row["steps"]), [row])]
+        verdict = verdicts.get(name_of(row), {})
+        judged = verdict.get("repetitions_judged", len(own))
+        partly = f"{judged} of {len(own)} repetitions verified" * (judged < len(own))
+        return row | {"times": own, "threshold": threshold_of(verdict) + f" ({partly})" * bool(partly), "partly": partly}
+
+    return [with_times(row) for row in benchmarks if row.get("aggregate_name") == "median"]
 
 
 def tick_seconds(row, name):

@@ -374,6 +374,13 @@ class Thresholds(unittest.TestCase):
             {key: value for key, value in own.items() if key != "strained_share"} | {"tolerance": None}, {})]
         self.assertEqual(found, ["2.0e-04", "not verified", "5.0e-04*", "chaotic", "2.0e-04", "not verified", "-"])
 
+    def test_a_row_says_if_not_all_of_its_repetitions_were_verified(self):
+        verdict = {"name": "a", "tolerance": 1e-3, "tolerance_rms": 2e-4, "motion_max": 2.0, "motion_rms": 1.0}
+        row = {"name": "a/iterations:4", "run_name": "a", "steps": 4, "real_time": 1.0}
+        rows = 9 * [row | {"run_type": "iteration"}] + [row | {"run_type": "aggregate", "aggregate_name": "median"}]
+        for judged, shown in ((1, "2.0e-04 (1 of 9 repetitions verified)"), (9, "2.0e-04")):
+            self.assertEqual(result_files.medians(rows, [verdict | {"repetitions_judged": judged}])[0]["threshold"], shown)
+
 
 if __name__ == "__main__":
     unittest.main()

@@ -8,7 +8,7 @@ from readme.rows import (
     GPU, RESULTS, by_name, contender, fastest_of, giga, held_out, is_papers, loaded, machines, medians, medians_of, percent, result, share,
     share_of_sum, three_digits, time_of, tuning_of,
 )
-from result_files import distinct, groups
+from result_files import distinct, groups, listed
 
 FORMULATIONS = ["paper", "position", "displacement", "increment", "compensated"]
 
@@ -43,15 +43,17 @@ def headings(rows, *texts):
 
 
 def thresholds(rows):
-    """What the errors of rows were judged by, in a sentence."""
+    """What the errors of rows were judged by, and which rows were not judged in all repetitions."""
     scenes = {}
     for (scene, formulation, precision), own in groups(rows, "scene", "formulation", "precision").items():
         name = formulation + f" {precision}" * (precision != "float32")
-        scenes.setdefault(scene, {})[name] = " or ".join(distinct(own, "threshold"))
+        scenes.setdefault(scene, {})[name] = " or ".join(dict.fromkeys(row["threshold"].split(" (")[0] for row in own))
     one = len(set().union(*scenes.values())) == 1
     texts = (f"{scene} " + ", ".join(text if one else f"{name} {text}" for name, text in models.items())
              for scene, models in scenes.items())
-    return f"Threshold on the error over the motion: {'; '.join(texts)}."
+    partly = groups((row for row in rows if row["partly"]), "partly").items()
+    names = (f" {text}: {listed(contender(row) + ' on ' + row['scene'] for row in own)}." for (text,), own in partly)
+    return f"Threshold on the error over the motion: {'; '.join(texts)}.{''.join(names)}"
 
 
 def across_cards():
