@@ -169,8 +169,9 @@ SUPPORTS = {
 
 
 def durations(machine):
-    """(study, rows, minutes until the next study of the same commit began, or None) in the order of their measurement. A study that was
-    resumed has the date of its last part, so that neither its own minutes nor those of the study before it are known."""
+    """(study, rows, minutes that it took, or None) in the order of their measurement. For older files these are the minutes until the
+    next study of the same commit began. Such a study that was resumed has the date of its last part, so that neither its own minutes nor
+    those of the study before it are known."""
     found = sorted(((result_files.study_of(path), results.loaded(path)) for path in result_files.within(results.RESULTS / machine)),
                    key=lambda one: one[1]["context"]["date"])
     parts = [(one["context"]["voxspring"]["commit"], datetime.datetime.fromisoformat(one["context"]["date"]),
@@ -180,7 +181,9 @@ def durations(machine):
         minutes = (after - begin).total_seconds() / 60 if after and not resumed and not after_resumed else None
         rows = len(one["verification"]) or sum(len(one.get(name, [])) for name in comparison.PLACES)
         # A longer pause is one between two days of measuring.
-        yield study, rows, minutes if minutes and minutes < 30 else None
+        minutes = minutes if minutes and minutes < 30 else None
+        seconds = one["context"]["voxspring"].get("elapsed_seconds")
+        yield study, rows, seconds / 60 if seconds else minutes
 
 
 def peers_by_size(one):

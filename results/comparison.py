@@ -89,7 +89,7 @@ CLOCKS = ("min_card_mhz", "min_mhz")
 NEAR = {"the card's lowest clock in MHz while rows were measured": 20, "load_avg per processor": 0.25}  # less is no difference
 # What a context says that is of a run, not of how the machine was set up.
 OF_A_RUN = ("date", "executable", "caches", "mhz_per_cpu", "commit", "clean", "counters", "limits", "study", "backends", "unfinished",
-            "load_avg", "temperature_celsius")
+            "load_avg", "temperature_celsius", "elapsed_seconds")
 
 WORSE = ("now fails", "error grew", "counter worse", "slower")
 VERDICTS = WORSE + ("faster", "counter better", "new", "gone", "still fails", "not comparable", "too noisy to tell", "same")

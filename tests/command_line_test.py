@@ -391,6 +391,7 @@ class Study(OwnStudy):
         self.assertEqual(result["failed"], [])
         self.assertIn("% of roofline", table)
         self.assertIn(build["order_seed"], range(1 << 32))
+        self.assertGreater(build["elapsed_seconds"], 0)
         self.assertTrue(build["study_flags"].startswith(build["flags"]))
         self.assertEqual(build["study_flags"].endswith(" -O1"), "-O3" in build["flags"])
         self.assertEqual(result["context"]["library_build_type"], "release" if "-DNDEBUG" in build["flags"] else "debug")

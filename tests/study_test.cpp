@@ -1071,6 +1071,19 @@ TEST(AJournal, ThatCannotBeReadIsNoEmptyOne) {
         ThrowsMessage<Unwritten>(HasSubstr("cannot read /proc/self/mem: ")));
 }
 
+TEST(AJournal, AddsUpTheTimeOfItsSessions) {
+    const TemporaryFolder folder;
+    const std::filesystem::path file = folder.path() / "journal";
+    double least = 0;
+    for (int session = 0; session < 3; ++session) {
+        Journal journal(file, {{"scenes", {"box"}}}, true);
+        EXPECT_GE(journal.elapsed_seconds(), least);
+        std::this_thread::sleep_for(std::chrono::milliseconds(20));
+        journal.keep(std::to_string(session), 1);
+        least += 0.02;
+    }
+}
+
 TEST(AJournal, OfASceneWhoseNameIsNotUtf8IsGoneOnWith) {
     const nlohmann::json study = {{"scenes", {"b\xf6x.json"}}};
     const TemporaryFolder folder;

@@ -150,6 +150,7 @@ void Journal::read(const std::string& text, const nlohmann::json& study) {
                            "what was written there: the file is corrupt; delete it to begin again");
         if (number > 1) {
             session_ = std::max(session_, object->at("session").get<int>() + 1);
+            earlier_seconds_ = object->at("elapsed_seconds");
             finished_[object->at("name")] = object->at("value");
             continue;
         }
@@ -177,8 +178,16 @@ void Journal::visit(
     for (const auto& [name, value] : finished_) visitor(name, value);
 }
 
+double Journal::elapsed_seconds() const {
+    const std::chrono::duration<double> now = std::chrono::steady_clock::now() - begin_;
+    return earlier_seconds_ + now.count();
+}
+
 void Journal::keep(const std::string& name, nlohmann::json value) {
-    if (descriptor_.number >= 0) append({{"name", name}, {"session", session_}, {"value", value}}, name);
+    if (descriptor_.number >= 0)
+        append(
+            {{"name", name}, {"session", session_}, {"elapsed_seconds", elapsed_seconds()}, {"value", value}},
+            name);
     finished_[name] = std::move(value);
 }
 

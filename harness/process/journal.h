@@ -58,6 +58,9 @@ public:
         const std::function<void(const std::string& name, const nlohmann::json& value)>& visitor) const;
     /// How many times the study has been started or resumed, including this time.
     int sessions() const { return session_; }
+    /// How long the journal has been open, and how long earlier sessions had it open until they last kept
+    /// something.
+    double elapsed_seconds() const;
     /// What a user should know about the file; usually empty.
     const std::string& note() const { return note_; }
     /// Deletes the journal once the result is written.
@@ -86,6 +89,8 @@ private:
     Descriptor descriptor_;
     std::optional<std::chrono::steady_clock::time_point> synced_;
     int session_ = 1;
+    const std::chrono::steady_clock::time_point begin_ = std::chrono::steady_clock::now();
+    double earlier_seconds_ = 0;
     std::string note_;
     std::map<std::string, nlohmann::json> finished_;
 };

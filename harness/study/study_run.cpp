@@ -400,6 +400,7 @@ void StudyRun::publish() {
         machine.update(result_.context);  // keeps the date of the beginning
         result_.context = std::move(machine);
     }
+    context()["elapsed_seconds"] = journal_->elapsed_seconds();
     kind_->summarise(result_);
     if (options_.out) write_atomically(*options_.out, json_text(result_, 2) + "\n");
 }
