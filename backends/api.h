@@ -15,10 +15,10 @@ namespace voxspring {
 struct Api {
     std::string name;   ///< "vulkan": BackendEntry::api, Capabilities::family and `family` in results
     std::string title;  ///< "Vulkan"
-    /// The field of a result's context that has the name of its device ("gpu"). Empty: none.
+    /// The field of a result's context that holds the device's name, such as "gpu". Empty: no field does.
     std::string device_field = {};
     /// The UUID of the card that this process measures, or an empty string if there is none. Does not throw.
-    /// Empty function: the API follows the choice of others.
+    /// Empty function: another API decides which card that is, and this one follows.
     std::function<std::string()> card = {};
     /// The devices in the API's order, each with the reason why a backend in float32 does not take it. Throws
     /// Unavailable without a driver. Empty function: users cannot choose between its devices.
@@ -34,13 +34,14 @@ struct RegisteredApi {
 const std::map<std::string, Api>& apis();
 
 /// UUID of the card that this process measures, or an empty string if no API knows one. The APIs are asked
-/// only once: a card that fails later stays the card.
+/// only in the first call, so the result stays the same even if the card fails later.
 const std::string& measured_card();
 
-/// The environment variable that names the device which backends of `api` take, as `asked` of
-/// devices_to_try(): VOXSPRING_VULKAN_DEVICE. Processes that this one starts inherit it.
+/// The name of the environment variable that selects the device for backends of `api`, such as
+/// VOXSPRING_VULKAN_DEVICE. Its value is the argument `asked` of devices_to_try(). Processes that this one
+/// starts inherit it.
 std::string device_variable(const std::string& api);
-/// Its value. Empty: the first usable device.
+/// The value of device_variable(`api`). Empty: backends take the first usable device.
 std::string asked_device(const std::string& api);
 
 }  // namespace voxspring

@@ -34,8 +34,8 @@ struct Options {
     std::map<std::string, std::string> tuning;
 };
 
-/// The choice of a backend that chose `values`: those of parameters that `options` leave to it, with the
-/// value "auto". Empty if there are none.
+/// Reports what a backend chose. `values` (by parameter) is what it uses; the result has only the parameters
+/// whose value in `options` is "auto". Empty if there are none.
 std::optional<Choice> choice_of_auto(const Options& options,
                                      const std::map<std::string, std::string>& values);
 
@@ -53,11 +53,12 @@ class DeviceError : public std::runtime_error {
 struct Capabilities {
     std::string api;     ///< "CPU", "OpenGL 4.5 core", "CUDA 13.0"
     std::string device;  ///< as its driver names it
-    std::string driver;  ///< version, or the SIMD target of a CPU backend
-    std::string uuid;    ///< of the physical device; empty if there is none
-    std::string clock;   ///< what the marks of timed() are: "steady_clock", "GL_TIMESTAMP", "CUDA event"
+    std::string driver;  ///< the driver's version, or a CPU backend's SIMD target
+    std::string uuid;    ///< UUID of the physical device; empty if it has none
+    /// What takes the time stamps of timed(): "steady_clock", "GL_TIMESTAMP", "CUDA event".
+    std::string clock;
     bool deterministic = true;  ///< two runs give the same bits
-    /// The device's highest clocks by what they drive ("sm", "memory"), if its driver tells.
+    /// The highest clock rate of each unit of the device ("sm", "memory"), if the driver tells.
     std::map<std::string, int> highest_mhz = {};
     /// What compiles kernels when a scene is uploaded, and its options without the scene's macros. Empty: the
     /// driver does, or nothing is compiled.
@@ -65,7 +66,7 @@ struct Capabilities {
     /// The API, whatever its version (Api::name in api.h). A backend steps on the host's threads if it is
     /// "cpu".
     std::string family = host_api;
-    bool is_software = false;  ///< the processor computes what a graphics API asks for
+    bool is_software = false;  ///< the CPU does the work of a graphics API
     /// What measure_limits() measures, as results name it: "CPU", "CUDA", "OpenGL" (draws), "OpenGL compute".
     /// Backends with the same name share one measurement. Empty: the measurement is of this API and version
     /// alone.
@@ -101,9 +102,10 @@ public:
     /// if the backend has none.
     virtual std::string unsupported(const Problem& problem) const;
 
-    /// Allocates, copies in, and stands at step 0. May be called again, with the same problem or another one.
-    /// Returns when the device has everything. `problem` must exist unchanged until the next upload() or
-    /// destruction. An empty list of `state` gives the same bits as a list of zeros.
+    /// Allocates memory, copies `problem` and `state` to the device and goes to step 0. May be called again,
+    /// with the same problem or another one. Returns when the device has everything. `problem` must exist
+    /// unchanged until the next upload() or destruction. An empty list of `state` gives the same bits as a
+    /// list of zeros.
     virtual void upload(const Problem& problem, const State& state) = 0;
 
     /// Enqueues a change of springs between the steps before and the steps after. May return before it is
@@ -126,8 +128,8 @@ public:
     /// lists.
     virtual State download() = 0;
 
-    /// The one stopwatch: synchronize, host clock, mark, whatever `run` enqueues, mark, synchronize, host
-    /// clock.
+    /// Times `run`. All timings of steps come from here, by this sequence: synchronize, host clock, mark,
+    /// whatever `run` enqueues, mark, synchronize, host clock.
     Timing timed(const std::function<void()>& run);
 
 protected:

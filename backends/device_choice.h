@@ -1,5 +1,6 @@
 // Which of several devices a backend takes. OpenGL and Vulkan follow the card that CUDA measures (api.h), so
-// that no table mixes two cards. A thread that steps a part of a body may take another one.
+// that no table mixes two cards. Only a thread that steps one part of a divided body may take another card
+// (DeviceOfThread).
 #pragma once
 
 #include <array>
@@ -29,21 +30,21 @@ std::string names_of(const std::vector<ListedDevice>& devices);
 /// is a number, a part of a name in upper or lower case, or empty for all devices.
 std::vector<std::size_t> devices_to_try(const std::vector<ListedDevice>& devices, const std::string& asked);
 
-/// One of the devices that an API counts from 0.
+/// The number of a device in its API's list, counted from 0.
 struct DeviceNumber {
     int number = 0;
-    bool wraps = false;  ///< after the last device it goes on with the first
-    /// How many parts of a body are stepped at once: all of them if it wraps, otherwise those on this device.
+    bool wraps = false;  ///< numbers beyond the last device go on with the first
+    /// How many parts of a body are stepped at once: on all devices if `wraps`, otherwise on this device.
     int parts = 1;
-    /// Which of `count` devices, at least one, it is. Throws Unavailable if there is none; the message calls
-    /// the devices `kind`, for example "CUDA".
+    /// The index of this device among `count` > 0 devices. Throws Unavailable if there is none; the message
+    /// calls the devices `kind`, for example "CUDA".
     int among(int count, const std::string& kind) const;
-    /// How many of the parts take this one of `count` devices.
+    /// How many of the parts are stepped on this device if there are `count` devices.
     int parts_among(int count) const;
 };
 
-/// While such an object exists, backends that its thread makes take this device, if their API has several.
-/// Without one they take the first.
+/// While an object of this type exists, backends made by its thread take its device, if their API has
+/// several. Without such an object they take the first device.
 class DeviceOfThread {
 public:
     explicit DeviceOfThread(DeviceNumber device);
@@ -56,8 +57,8 @@ private:
     const DeviceNumber before_;
 };
 
-/// Empty, or why a process that measures the card `measured` skips a device. Software is no card and is never
-/// skipped. Hardware must be that card, and must say so.
+/// Empty, or why a process that measures the card `measured` skips a device. Software is never skipped.
+/// Hardware is skipped unless its UUID is `measured` or `measured` is empty.
 std::string reason_to_pass_over(const std::string& uuid, bool software, const std::string& measured);
 
 }  // namespace voxspring

@@ -22,7 +22,7 @@ public:
 
     void add(const void* bytes, std::size_t count);
     void add(std::string_view text);
-    /// Takes numbers and vectors of them, which have no padding.
+    /// Adds a number or a vector of numbers to the hash. Their types have no padding bytes.
     template <class T>
     void add_number(const T& value) {
         add(&value, sizeof value);
@@ -44,8 +44,8 @@ private:
 std::string hash_of(std::string_view text);
 inline constexpr std::size_t hash_digits = 32;
 
-/// A folder of entries by name. No member throws: if the folder cannot be written, nothing is found and
-/// nothing is kept.
+/// A folder of entries by name. No member throws: an entry that cannot be read is not found, and one that
+/// cannot be written is not kept.
 class DiskCache {
 public:
     static constexpr std::uint64_t two_gib = std::uint64_t(2) << 30;
@@ -60,7 +60,7 @@ public:
     /// fails its checksum.
     std::optional<std::string> find(const std::string& name) const;
     /// Keeps `content` so that a reader sees all of it or nothing. Entries that were used longest ago are
-    /// deleted until all fit into `max_bytes`. Content of more than half of that is not kept.
+    /// deleted until all fit into `max_bytes`. Content of more than half of `max_bytes` is not kept.
     void keep(const std::string& name, std::string_view content) const;
 
 private:

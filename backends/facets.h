@@ -1,5 +1,6 @@
-// What some backends can do besides what every backend must do (backend.h). A facet is an interface that a
-// backend is asked for. The other functions have a default that does nothing.
+// What some backends can do besides what every backend must do (backend.h). A facet is an interface for such
+// an ability. A backend returns a pointer to it, or null if it lacks it (class Facets). The other functions
+// of Facets do nothing by default.
 #pragma once
 
 #include <cstddef>
@@ -47,7 +48,7 @@ struct Choice {
 /// Seconds of compiling code for a problem.
 struct CompileTime {
     double spent = 0;  ///< by the upload; 0 for code that was compiled before
-    double cold = 0;   ///< as if nothing were on disk; for code found there, the time when it was compiled
+    double cold = 0;   ///< without a disk cache; for code found there, what its compilation once took
     CompileTime& operator+=(const CompileTime& other) {
         spent += other.spent;
         cold += other.cold;
@@ -55,10 +56,10 @@ struct CompileTime {
     }
 };
 
-/// The places of some particles of a simulation, which is one part of a larger body (layout/decomposition.h).
-/// The springs of the part beside it pull at these places. They are in the backend's own numbers, so that
-/// nothing is rounded on the way. What one border has read another one can write, if both backends have the
-/// same options.
+/// Reads and writes the places (positions or displacements) of some particles of a simulation that is one
+/// part of a larger body (layout/decomposition.h). Springs join these particles to the part beside it. Places
+/// stay in the backend's number format, so nothing is rounded on the way. What one border has read another
+/// one can write, if both backends have the same options.
 class Border {
 public:
     Border() = default;
@@ -73,8 +74,8 @@ public:
     virtual void write(const std::byte* from) = 0;
 };
 
-/// What a part of a body shares with a part beside it: own particles that are ghosts there, and ghosts here
-/// that the other part steps. Both lists ascend.
+/// What a part of a body shares with a part beside it. `sent`: particles of this part that are ghosts in the
+/// other. `received`: ghosts in this part that the other part steps. Both lists ascend.
 struct SharedParticles {
     int part;  ///< the number of the part beside this one
     std::vector<std::uint32_t> sent, received;
@@ -83,8 +84,8 @@ struct SharedParticles {
 /// The borders of one part of a body with the parts beside it. All parts are on devices of this process.
 /// Borders travel from device to device, and the host does not wait for them.
 ///
-/// Most borders travel between steps. Where they travel within steps, each step of a part takes what the same
-/// step of the parts beside it gave, however steps are divided into calls of step().
+/// Most borders travel between steps. If they travel within steps (steps_per_call()), each step of a part
+/// uses what the same step of the parts beside it sent, no matter how many steps one call of step() makes.
 ///
 /// Each part is stepped by one thread, which steps no other part. A part calls its n-th receive() after the
 /// parts beside it have returned from their n-th send(). They call send() n + 2 after that receive() has
@@ -99,8 +100,8 @@ public:
     /// Bytes that this part sends in a step.
     virtual std::size_t bytes() const = 0;
     /// Connects the parts. To be called once before all else, in the thread of every part, with the borders
-    /// of all parts of the body in their order; this object is that of `part`. All backends have the same
-    /// options. Throws Unavailable, with the reason, if the devices have no such way to each other.
+    /// of all parts of the body in their order; `parts[part]` is this object. All backends have the same
+    /// options. Throws Unavailable, with the reason, if the devices cannot reach each other in this way.
     virtual void connect(const std::vector<std::shared_ptr<DeviceBorders>>& parts, std::size_t part) = 0;
     /// Takes over connections that are slow to make from `before`, the borders of the same part until the
     /// latest upload. To be called before connect(), for all parts or for none.
@@ -110,9 +111,10 @@ public:
     /// was not ended in this way, and waits for no other part.
     virtual void disconnect() {}
     /// How many steps a call of Backend::step() may take if borders travel within steps; 0: borders travel
-    /// between steps. In the first case all parts must be ready for their calls before one of them makes its
-    /// call, and must have made them before one of them asks for anything else. Until then a device that
-    /// several parts share may wait for one of them, and so may everything that waits for this device.
+    /// between steps. If they travel within steps, every part must be ready to call step() before any part
+    /// calls it, and must have called it before any part asks for anything else. Until then a device that
+    /// several parts share may wait for one of these parts, and everything that waits for this device waits
+    /// too.
     virtual int steps_per_call() const { return 0; }
     /// Enqueues the transfer of the places, after the steps enqueued so far, to the parts beside this one. If
     /// borders travel within steps, this and receive() do nothing.
@@ -144,8 +146,8 @@ public:
     HostFeed& operator=(const HostFeed&) = delete;
     virtual ~HostFeed() = default;
 
-    /// x, y, z and 0 of each particle after the steps enqueued so far, for which this waits. The values are
-    /// valid until the next call.
+    /// Waits for the steps enqueued so far and returns x, y, z and 0 of each particle. The values are valid
+    /// until the next call.
     virtual std::span<const glm::vec4> read() = 0;
 };
 
@@ -158,10 +160,10 @@ public:
     DeviceFeed& operator=(const DeviceFeed&) = delete;
     virtual ~DeviceFeed() = default;
 
-    /// The address, on the device, of x, y, z and 0 of each particle in float32 after the steps enqueued so
-    /// far, for which this waits. Each call writes to the same place.
+    /// Waits for the steps enqueued so far and returns the device address of x, y, z and 0 of each particle
+    /// in float32. Each call writes to the same address.
     virtual const void* read() = 0;
-    virtual int device() const = 0;  ///< its number, as CUDA counts
+    virtual int device() const = 0;  ///< the device's number in CUDA
 };
 
 /// The borders of a simulation that is one part of a larger body. Each is to be used until the next upload().
@@ -238,7 +240,7 @@ protected:
     ~LimitsFacet() = default;
 };
 
-/// What a backend tells and does besides the contract, for a caller that asks.
+/// A backend's optional abilities, beyond the contract that every backend fulfils (class Backend).
 class Facets {
 public:
     virtual ~Facets() = default;
@@ -248,7 +250,7 @@ public:
     virtual FeedFacet* feeds() { return nullptr; }
     /// Without this facet the backend refuses problems with a tool.
     virtual ToolFacet* tool() { return nullptr; }
-    /// Without this facet rows have no limit.
+    /// Without this facet, result rows do not say how fast the device could be.
     virtual LimitsFacet* limits() { return nullptr; }
 
     /// Keeps a copy of the state on the device for rewind(). To be called right after upload(); valid until
@@ -258,14 +260,15 @@ public:
     /// the edits made since. Every step gives the bits that it would give after another upload().
     virtual void rewind() {}
 
-    /// A text that is the same as often as the state of this object has the same bits after the same number
-    /// of steps. Far quicker than download() of a large body. Empty: the backend has none.
+    /// A hash of the state. Two runs of this object with the same number of steps give the same text if their
+    /// states have the same bits, otherwise different texts but for a collision. Far quicker than download()
+    /// of a large body. Empty: the backend has none.
     virtual std::string state_fingerprint() { return {}; }
 
     /// Makes the device check the state while it steps, from the next upload() or rewind() on. A check
     /// changes no bit of the state. Until the first call nothing is checked.
     virtual void monitor(const DivergenceMonitor&) {}
-    /// Where the run since upload() left its limits, if it has. Synchronizes.
+    /// When the run since upload() left the monitor's limits; empty if it has not. Synchronizes.
     virtual std::optional<Divergence> divergence() { return std::nullopt; }
 
     /// Makes one step and counts what it did, if there is something to count.

@@ -26,9 +26,9 @@ struct Bandwidth {
 /// What simple programs that do only one thing reach on a device, in the kind of program that its backends
 /// run: CUDA kernels, fragment shaders, SIMD code on all cores.
 struct DeviceLimits {
-    /// The bandwidth from arrays that fit into the cache to arrays far larger than it. At each footprint
-    /// there are several values, which differ in `written_share`. Empty if only the two rates below are
-    /// known.
+    /// The bandwidth at footprints from arrays that fit into the cache to arrays far larger than it. At each
+    /// footprint there are several values, which differ in `written_share`. Empty if only the two rates below
+    /// are known.
     std::vector<Bandwidth> bandwidth = {};
     /// Bytes read and written per second by a pass that reads two arrays and overwrites one, as a step does.
     /// Each array is far larger than any cache.
@@ -36,15 +36,15 @@ struct DeviceLimits {
     /// The rate of that copy if the arrays lie in the last-level cache; 0 if its size is unknown.
     double cached_copy_bytes_per_second = 0;
     double cache_bytes = 0;  ///< size of the last-level cache; 0: unknown
-    /// The time from one empty step to the next, which waits for it: a kernel in a CUDA graph, or a draw of
-    /// one fragment. 0 on the CPU, where a step is a function call.
+    /// The time from the start of one empty step to the start of the next, which waits for it: a kernel in a
+    /// CUDA graph, or a draw of one fragment. 0 on the CPU, where a step is a function call.
     double launch_seconds = 0;
     /// The time of a barrier across the grid of a cooperative launch with one block per SM; empty if there is
     /// none.
     std::optional<double> grid_barrier_seconds;
-    /// The time from one point that the blocks of such a launch, one per SM, send to their neighbours to the
-    /// next point, which waits for it. It goes through the cache that they share, without a barrier. Empty if
-    /// there is no such way.
+    /// The time of one exchange in such a launch: the blocks, one per SM, send a point to their neighbours,
+    /// and each waits for the points sent to it before the next exchange. Points go through the cache that
+    /// the blocks share, without a barrier. Empty if the device has no such way.
     std::optional<double> exchange_seconds;
     /// Rate of independent multiply-adds, each counted as one operation.
     double float32_operations_per_second = 0;
@@ -59,7 +59,7 @@ struct StepWork {
     /// Bytes of every array that a launch has to read or write; reading and writing each count once per
     /// launch.
     std::uint64_t bytes = 0;
-    std::uint64_t written_bytes = 0;  ///< of `bytes`
+    std::uint64_t written_bytes = 0;  ///< how many of `bytes` are written
     /// Bytes of every array that a step has to read or write, each counted once: what a cache would have to
     /// hold.
     std::uint64_t footprint_bytes = 0;
@@ -85,10 +85,10 @@ struct StepLimit {
     std::string limited_by;  ///< "launch", "exchange", "bandwidth" or "arithmetic"
 };
 
-/// Bytes per second of a step that reads and writes as `work` does, at its footprint: the rate measured at
-/// the largest footprint that is no larger, or at a larger one if that was faster. Between two shares of
-/// writing the time per byte is interpolated; outside of them it is that of the nearest share. Without a
-/// table the result is the rate of a copy, in the cache if the footprint fits into it.
+/// Bytes per second of a step that reads and writes as `work` does. Its footprint counts as the largest
+/// measured one that is no larger, or as a larger one if that was faster. Between two measured values of
+/// Bandwidth::written_share the time per byte is interpolated; beyond them it is that of the nearest value.
+/// Without a table the result is the rate of a copy, in the cache if the footprint fits into it.
 double bytes_per_second_of(const StepWork& work, const DeviceLimits& limits);
 
 /// The longest of the times that launches, exchanges, bytes and operations would take alone, each at the
@@ -100,7 +100,7 @@ struct Patience {
     /// Seconds per batch: so long that clocks and launches do not count, and so short that, on a processor
     /// shared with others, some batches end before another process takes a core.
     double long_enough = 2e-3;
-    double in_all = 0.05;  ///< seconds of all batches together, at least
+    double in_all = 0.05;  ///< the least seconds of all batches together
     int min_batches = 8;
     int first_count = 1;  ///< repetitions of the first batch
 };
@@ -131,7 +131,8 @@ double min_seconds(SecondsOf seconds_of, const Patience& patience = {}) {
         ++batches;
         min = std::min(min, seconds);
         if (min >= long_enough || count == max_count) continue;
-        // This holds for any batch, even a late one: an interruption makes other batches seem long enough.
+        // Any batch that is too short doubles the count, even a late one: an interruption may have made the
+        // earlier batches seem long enough.
         count *= 2;
         batches = 0;
         sum = 0;

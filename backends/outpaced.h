@@ -7,11 +7,11 @@
 
 namespace voxspring {
 
-/// A backend that knows on which devices another one is faster. It is asked by the choice alone.
+/// A backend that knows on which devices another one is faster. Only the choice of `auto` asks it.
 class Outpaced {
 public:
-    /// Empty, or why another backend is predicted to step `problem`, which this one accepts, faster on the
-    /// same device. The rules of `auto` then go on to the next one. Not for a problem that is refused.
+    /// Empty, or why another backend is predicted to step `problem` faster on the same device. The rules of
+    /// `auto` then go on to the next backend. Only for a problem that this backend accepts.
     virtual std::string outpaced(const Problem& problem) const = 0;
 
 protected:

@@ -20,8 +20,8 @@ public:
     /// Whether the caller has to wait for the device and tell measured() how long these steps took.
     bool is_unknown() const { return unknown_; }
     /// Tells that `steps` steps took `seconds`, from handing them over until the host knew that they had
-    /// ended. The first steps take too long, because caches are empty and the device is asleep. So some more
-    /// are measured, unless that would change nothing.
+    /// ended. The first steps take longer than later ones, because caches are empty and the device is asleep.
+    /// So some more are measured, unless a shorter time would not change the number of steps to give at once.
     void measured(int steps, double seconds) {
         const double fitting = seconds > 0 ? longest_seconds / seconds * steps : most_steps_;
         steps_ = int(std::clamp(fitting, 1.0, double(most_steps_)));
@@ -32,7 +32,8 @@ public:
     void forget() { *this = Pace(most_steps_); }
 
 private:
-    /// A caller that takes few steps at a time must not wait for each of them for ever.
+    /// The most measurements. A caller that takes few steps at a time must not wait for the device after each
+    /// of them for ever.
     static constexpr int max_measurements = 4;
 
     int most_steps_;

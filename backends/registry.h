@@ -34,7 +34,8 @@ std::string to_string(Addressing addressing);
 
 /// What the harness knows of a backend before any device is touched.
 struct BackendEntry {
-    std::string name;  ///< also its file, the `backend` field of a result and its test's name
+    /// Also the name of its file, the `backend` field of a result, and the name of its test.
+    std::string name;
     /// The API that it is written in (Api::name). Backends of one API share a driver.
     std::string api = host_api;
     Addressing addressing = Addressing::by_lists;
@@ -45,17 +46,17 @@ struct BackendEntry {
     std::function<std::unique_ptr<Backend>(const Options&)> make;
     /// Bytes of memory that upload() would take. It is the device's memory if the device has its own.
     std::function<std::uint64_t(const Problem&, const Options&)> bytes;
-    /// How far a particle may fall behind per step because the options ask for it, in spacings. Empty: not at
-    /// all.
+    /// How far a particle may fall behind per step, in spacings, because the options ask for it (a sleep
+    /// threshold). Empty: not at all.
     std::function<double(const Options&)> admitted_spacings_per_step = {};
-    /// The relative error of its roots and divisions because the options ask for approximations. Empty: no
-    /// more than that of its precision.
+    /// The relative error of the backend's roots and divisions, where the options ask for approximations.
+    /// Empty: no more than the rounding error of its precision.
     std::function<double(const Options&)> root_error = {};
     /// Returns an empty string, or why these values do not go together ("rest=flush requires increment or
     /// compensated"). Empty function: all values go together.
     std::function<std::string(const Options&)> refused_options = {};
 
-    /// Its tuning parameters that only leave work out.
+    /// The tuning parameters whose values differ only in whether needless work is left out.
     std::vector<Skip> skips() const;
 };
 
@@ -92,9 +93,9 @@ struct BackendSpec {
     std::string tuning() const;
     /// What parse() takes: "NAME:formulation=...,precision=...[,key=value...]".
     std::string text() const;
-    /// NAME/formulation/precision[/tuning], with the tuning parameters that are not at their default. A
-    /// result row is called this after its scene. Two backends at their defaults differ only in NAME, so
-    /// Google Benchmark's compare.py pairs them.
+    /// NAME/formulation/precision[/tuning], with the tuning parameters that are not at their default. The
+    /// name of a result row is its scene followed by this label. Two backends at their defaults differ only
+    /// in NAME, so Google Benchmark's compare.py pairs them.
     std::string label() const;
 };
 

@@ -1,5 +1,5 @@
 // Which tiles of a lattice may be left out of a step, and whether it pays to find out: the rules of the
-// tuning parameter `rest`, for every backend that has it. Each backend has its way to find such tiles.
+// tuning parameter `rest`, for every backend that has it. How such tiles are found is up to each backend.
 #pragma once
 
 #include <cstddef>
@@ -19,7 +19,7 @@ enum class Rest : std::uint8_t {
     flush,   ///< like `skip`, and displacements and increments below flushed_below become zero
 };
 
-/// The value of `rest`. rest=auto means `step` if every term is to be computed.
+/// The value of `rest`. rest=auto means `step` with terms=all, otherwise `choose`.
 Rest rest_of(const Options& options);
 
 /// Empty, or why `rest` does not go with the formulation (BackendEntry::refused_options).
@@ -34,15 +34,17 @@ bool stays_at_rest(const Problem& problem);
 class RestPolicy {
 public:
     struct Parameters {
-        int period;                ///< steps between two decisions while tiles are checked
-        int min_pause, max_pause;  ///< steps without checks
+        int period;  ///< steps between two decisions while tiles are checked
+        /// The shortest and the longest pause: steps without checks.
+        int min_pause, max_pause;
         /// Checks pay where active tiles are at most this fraction of all.
         std::size_t paying_numerator, paying_denominator;
     };
 
     explicit RestPolicy(const Parameters& parameters) : parameters_(parameters) {}
 
-    /// To be called before the first step. `checks`: tiles are checked at first. `chooses`: this may change.
+    /// To be called before the first step. `checks`: tiles are checked at first. `chooses`: the policy may
+    /// change that later.
     void start(bool checks, bool chooses);
 
     /// What `rest` amounts to: "step", "skip", or "skip_or_step" where it changes from step to step.
@@ -61,14 +63,15 @@ public:
     /// The most steps that may be made before is_due() is asked again.
     int steps_to_decision() const { return chooses_ ? left_ : std::numeric_limits<int>::max(); }
     void stepped(int steps) { left_ -= chooses_ ? steps : 0; }
-    /// Whether one of the three functions below has to be called.
+    /// Whether the caller has to call one of the three functions below.
     bool is_due() const { return chooses_ && left_ <= 0; }
 
-    /// Begins checks, or begins them again. The caller wakes every tile.
+    /// Begins checks, at the end of a pause too. The caller must mark every tile as active.
     void begin_checks();
-    /// Tells that recently `active` of `tiles` tiles were active.
+    /// Decides whether checks go on. Lately `active` of `tiles` tiles were active.
     void decide(std::size_t active, std::size_t tiles);
-    /// Called if the number of active tiles is not known yet.
+    /// To be called instead of decide() if the number of active tiles is not known yet. Checks go on for a
+    /// period.
     void go_on() { left_ = parameters_.period; }
 
 private:

@@ -11,8 +11,8 @@ namespace {
 
 constexpr int max_threads = 256;
 
-/// How many columns of springs beyond the lattice to allocate if `used` are in use: a quarter more, for
-/// edits.
+/// How many columns to allocate for springs beyond the lattice if `used` are in use: a quarter more, for
+/// edits. A column has one spring end for each particle of a slice.
 std::size_t roomy(std::size_t used) { return used == 0 ? 0 : used + used / 4 + 256; }
 
 template <class Real>
@@ -184,11 +184,11 @@ const Registered entry({
                "springs of any topology beyond them by slices.",
     .precisions = {Precision::float32, Precision::float64},
     .formulations = every_formulation,
-    // On an H200, with dependent launches, a step of the heart takes 0.86 times as long as without, and one
-    // of box 96^3 as long as without.
+    // On an H200, dependent launches make a step of the heart take 0.86 times as long. For box 96^3 they
+    // change nothing.
     .tuning = tuning({{"dependent_launch", {"auto", "off", "on"}},
                       {"block", {"256", "128", "64"}},
-                      // Registers per thread in float32, half of the number in float64.
+                      // Registers per thread in float32. In float64 a thread has twice as many.
                       {"registers", {"auto", "32", "40", "48", "64", "80"}},
                       // Whether a warp whose particles all have all neighbours runs code without masks.
                       {"interior", {"vote", "mask"}}}),

@@ -63,7 +63,7 @@ public:
         const std::vector<EditedSpring<Real>> springs = slots_.template slots_of<Real>(edit);
         const bool needs_off_lattice_rest = !edited.springs.empty() && !on_positions(this->formulation());
         if (slots_.used() > ends_.size() || (needs_off_lattice_rest && off_lattice_rest_.size() == 0)) {
-            // Some spare room as well, which is empty until an edit needs it.
+            // Allocate spare room as well, which stays empty until a later edit needs it.
             const std::size_t size = slots_.used() + std::max<std::size_t>(slots_.used() / 8, 1024);
             ends_.grow(size, this->stream());
             constants_.grow(size, this->stream());

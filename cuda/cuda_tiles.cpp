@@ -83,8 +83,9 @@ private:
         KernelSource source{"tiles.cu", class_macros(problem, this->formulation(), precision)};
         source.macros["THREADS"] = std::to_string(block_threads);
         source.macros["TILE_THREADS"] = std::to_string(tile_threads_);
-        // Registers in float32: 128 per thread with a whole tile, 96 with a half, and in float64 255. With
-        // fewer the particles do not fit, with more too few loads are in flight.
+        // In float32 a thread has 128 registers if it steps a whole tile, and 96 if it steps half of one; in
+        // float64 it has 255. With fewer registers the particles do not fit. With more, too few loads are in
+        // flight.
         const int float32_blocks = tile_threads_ == 1 ? whole_tile_blocks : 5;
         source.macros["BLOCKS"] = std::to_string(precision == Precision::float32 ? float32_blocks : 2);
         if (dependent_) source.macros["DEPENDENT_LAUNCH"] = "1";
@@ -137,7 +138,7 @@ private:
         return this->state_bytes_held() + rows_.bytes() + masks_.bytes() + staging_.bytes() + blocks_.bytes();
     }
 
-    /// Tiles that the card steps at once, one per thread.
+    /// How many tiles the card steps at once if each thread steps one.
     std::size_t resident_tiles() const {
         return std::size_t(this->device().multiprocessors()) * whole_tile_blocks * block_threads;
     }

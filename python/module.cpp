@@ -51,8 +51,8 @@ void require_done(const std::string& refusal) {
 
 // --- Arrays -----------------------------------------------------------------------------------------------
 
-/// A new numpy array of `rows` x `columns` (a list if that is 0), filled by fill(index of the row, its first
-/// element).
+/// A new numpy array of `rows` x `columns`, one-dimensional if `columns` is 0. fill(row, pointer to its first
+/// element) fills each row.
 template <class T, class Fill>
 nb::object array_of(std::size_t rows, std::size_t columns, Fill fill) {
     const std::size_t width = std::max<std::size_t>(columns, 1);
@@ -110,7 +110,7 @@ nb::object as_array(nb::handle given, const char* type) {
 
 std::string text_of(const nb::object& value) { return nb::cast<std::string>(nb::str(value)); }
 
-/// `given`, anything that numpy takes, as labels.
+/// Converts `given`, anything that numpy.asarray() takes, to labels.
 Labels labels_of(nb::handle given) {
     const nb::object array = nb::module_::import_("numpy").attr("asarray")(given);
     const auto refuse = [](const std::string& value) {
@@ -131,7 +131,7 @@ Labels labels_of(nb::handle given) {
     return nb::cast<Labels>(as_array(array, "uint8"));
 }
 
-/// `given`, a number or a list of numbers, as a list.
+/// Converts `given`, a number or a list of numbers, to a list.
 std::vector<double> numbers_of(nb::handle given, const char* key) {
     try {
         return nb::cast<std::vector<double>>(
@@ -141,7 +141,7 @@ std::vector<double> numbers_of(nb::handle given, const char* key) {
     }
 }
 
-/// One value for all of `names`, or one for each.
+/// Expands `given`, either `count` numbers or one number for all, to `count` numbers.
 std::vector<double> one_or_each(const std::vector<double>& given, std::size_t count, const char* key,
                                 const std::string& accepted) {
     if (given.size() == count) return given;
@@ -236,8 +236,8 @@ nb::object neighbour_stiffness_of(const Body& body) {
     });
 }
 
-/// A new numpy array with a row of `columns` elements per spring (a list if that is 0), filled by
-/// fill(spring, its first element).
+/// A new numpy array with a row of `columns` elements per spring, one-dimensional if `columns` is 0.
+/// fill(spring, pointer to its first element) fills each row.
 template <class T, class Fill>
 nb::object of_springs(const Body& body, std::size_t columns, Fill fill) {
     const std::vector<Spring> springs = list_springs(body.problem());
@@ -246,7 +246,7 @@ nb::object of_springs(const Body& body, std::size_t columns, Fill fill) {
 
 // --- A simulation -----------------------------------------------------------------------------------------
 
-/// A Simulation in Python's hands.
+/// A Simulation as Python uses it.
 class Running {
 public:
     Running(const Body& body, const std::string& backend) : body_(body) {
@@ -264,7 +264,7 @@ public:
     Simulation& simulation() { return *made_; }
     const Body& body() const { return body_; }
 
-    /// Long runs are divided into pieces, between which signals are handled.
+    /// Makes `count` steps, in pieces between which signals are handled.
     void step(int count) {
         if (count < 0) throw BadInput("step()", "count", std::to_string(count), "0 or more");
         const nb::gil_scoped_release free;
@@ -320,8 +320,8 @@ private:
         return simulation().state();
     }
 
-    /// As many steps as are enqueued between two looks at signals: at first those of a fraction of a second
-    /// on the slowest backend.
+    /// The initial number of steps between two checks for signals: they take a fraction of a second on the
+    /// slowest backend.
     int first_piece() const { return int(std::clamp(2'000'000 / double(body_.count() + 1), 1.0, 1e6)); }
 
     const Body body_;
@@ -334,7 +334,7 @@ private:
 /// The displacements that a backend left on the card, for other libraries. Shape (n, 3), strides (16, 4)
 /// bytes.
 struct CardArray {
-    nb::object keeps;  ///< the simulation
+    nb::object keeps;  ///< the simulation, which keeps the memory alive
     std::uintptr_t address;
     int device;
     std::size_t count;
@@ -463,7 +463,7 @@ Precision precision_named(const std::string& name) {
 NB_MODULE(_core, m) {
     m.doc() = "The C++ half of voxspring; use the package, which documents it.";
 
-    // The last one that was registered is tried first.
+    // Translators of exceptions are tried in the reverse order of registration.
     nb::exception<Unavailable>(m, "Unavailable", PyExc_RuntimeError).doc() =
         "There is no such device, driver or library here.";
     nb::exception<DeviceError>(m, "DeviceError", PyExc_RuntimeError).doc() =
@@ -475,7 +475,7 @@ NB_MODULE(_core, m) {
     nb::register_exception_translator([](const std::exception_ptr& error, void*) {
         try {
             std::rethrow_exception(error);
-        } catch (const std::invalid_argument& bad) {  // BadSpecification is one
+        } catch (const std::invalid_argument& bad) {  // BadSpecification derives from it
             PyErr_SetString(bad_input, bad.what());
         } catch (const std::system_error& failed) {
             PyErr_SetString(PyExc_OSError, failed.what());

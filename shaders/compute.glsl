@@ -1,9 +1,9 @@
 // What an invocation does for its particle, however it finds the neighbours: it adds up forces, integrates
 // and writes. The arithmetic is that of the CUDA kernels (cuda/kernels/motion.h).
 //
-// A word has a particle's x or u in xyz and its bits in w (neighbours.h). A step reads words and writes the
-// next words, which held those of t - dt. Increments lie in separate arrays, which a step overwrites in
-// place: x of all words, then y, then z, `pitch` apart.
+// A word has a particle's x or u in xyz and its bits in w (neighbours.h). A step reads `words`, the state at
+// t, and overwrites `next_words`, the state at t - dt, with that at t + dt. Increments lie in separate
+// arrays, which a step overwrites in place: x of all words, then y, then z, `pitch` elements apart.
 #include "motion.glsl"
 #include "pull.glsl"
 #include "words.glsl"
@@ -31,7 +31,7 @@ UNIFORMS(ComputeUniforms, 18)
 UNIFORM int pitch;
 END_UNIFORMS
 
-// The place of a particle, as its neighbours see it.
+// x or u of a particle. `low` is the part beyond the precision of `high`, for COMPENSATED only.
 struct Point {
     Vec3 high;
     Vec3 low;

@@ -29,7 +29,8 @@ layout(local_size_x = BLOCK) in;
 UNIFORMS(ExplicitUniforms, 19)
 UNIFORM int particles;
 UNIFORM int slot_stride;
-UNIFORM Vec4 rest[32];  // on displacements, by direction code
+// Unless on positions: X_j - X_i and the rest deficit of a lattice spring, by direction code.
+UNIFORM Vec4 rest[32];
 // Without SECONDARY: the first slot of each group. A group without a slot has no springs in the scene.
 UNIFORM int first_slot[3];
 UNIFORM int slots[3];
@@ -58,7 +59,7 @@ uint count_of(uint bits, const int group) {
     return group == 0 ? bits & 7u : group == 1 ? bits >> 3 & 15u : bits >> 7 & 15u;
 }
 
-// `most`: the number of slots of a group that exists.
+// Sum of the spring forces of `group`, which has `most` slots if the scene has such springs.
 Vec3 pull_of_group(Point here, int i, uint bits, const int group, const int most) {
     precise Vec3 sum = Vec3(0);
     Place at = PLACE(i, first_slot[group]);

@@ -35,7 +35,7 @@ UNIFORM Real rest_length[13];
 UNIFORM Real group_stiffness[3];
 END_UNIFORMS
 
-// Constants if DIMS_X is one, so that the compiler knows the distance of each neighbour.
+// Constants of the pipeline if DIMS_X is not 0, so that the compiler knows the offset of each neighbour.
 #define dims (DIMS_X > 0 ? ivec3(DIMS_X, DIMS_Y, DIMS_Z) : grid_dims)
 #define first_word (DIMS_X > 0 ? FIRST_WORD : grid_first_word)
 
@@ -53,7 +53,7 @@ shared Real low_x[tile_cells], low_y[tile_cells], low_z[tile_cells];
 
 int tile_cell(ivec3 at) { return at.x + tile_dims.x * (at.y + tile_dims.y * at.z); }
 
-// What lies outside of the lattice and the voxels next to it stays unset; it belongs to no spring.
+// Cells more than one voxel beyond the far faces of the lattice stay unset: they belong to no spring.
 void fill_tile(ivec3 origin) {
     for (int cell = int(gl_LocalInvocationIndex); cell < tile_cells; cell += BLOCK_X * BLOCK_Y * BLOCK_Z) {
         ivec3 voxel =
@@ -85,9 +85,9 @@ Point tile_point(int cell) {
 #define NEIGHBOUR(dx, dy, dz) point_of(index + dims.x * ((dy) + dims.y * (dz)) + (dx))
 #endif
 
-// Every neighbour is read, so no fetch waits for a mask. A selection drops what an absent neighbour gives,
-// and a NaN in an inactive voxel stays there. `whole`: the particle has every neighbour of the groups that
-// are compiled in.
+// Sum of the particle's spring forces. Every neighbour is read, present or not, so that no fetch waits for
+// the mask. The pull of an absent neighbour is then dropped by a selection, so that a NaN in an inactive
+// voxel does not spread. `whole`: the particle has every neighbour of the groups that are compiled in.
 Vec3 implicit_force(const bool whole, int index, int cell, Point here, uint bits) {
     precise Vec3 force = Vec3(0);
     precise Vec3 group;

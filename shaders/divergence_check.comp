@@ -1,5 +1,6 @@
-// Whether all particles are where a run may take them. There is one invocation per texel or, with
-// STORAGE_BUFFERS, invocations stride over the words of compute.glsl. BY_INCREMENTS is as in motion.glsl.
+// Checks that every particle's position is finite and its increment no longer than the largest that a run
+// may have. There is one invocation per texel or, with STORAGE_BUFFERS, invocations stride over the words of
+// compute.glsl. BY_INCREMENTS is as in motion.glsl.
 #include "neighbours.h"
 #include "portable.h"
 #include "uniforms.glsl"
@@ -7,7 +8,7 @@
 
 layout(local_size_x = 64) in;
 
-// `other`: the increment if by increments, otherwise the position before.
+// `other`: the particle's increment if BY_INCREMENTS, otherwise its position in the previous step.
 #ifdef STORAGE_BUFFERS
 layout(std430, binding = 0) restrict readonly buffer Words { Vec4 words[]; };
 #ifdef BY_INCREMENTS
@@ -47,10 +48,10 @@ void check(Vec4 here, Vec3 before_or_increment) {
 #ifndef BY_INCREMENTS
     increment = here.xyz - increment;
 #endif
-    // A particle is also out of bounds where float32 cannot hold its place.
+    // The check is in float32 even for a float64 state, so a position beyond its range counts as not finite.
     precise vec3 share = vec3(increment * inverse_largest);
-    // Compared as integers, since a compiler may assume that there is no NaN. Floats of one sign are in the
-    // order of their bits, and NaN comes last.
+    // We compare bits as integers, since a compiler may assume that there is no NaN. Positive floats are in
+    // the order of their bits, and NaN is the largest.
     bool fast = floatBitsToUint(dot(share, share)) > floatBitsToUint(1.0);
     bool finite = all(lessThan(floatBitsToUint(vec3(here.xyz)) & infinite, uvec3(infinite)));
     if ((fast || !finite) && uint(check_number) < found) atomicMin(found, uint(check_number));

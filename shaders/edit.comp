@@ -1,6 +1,6 @@
-// One invocation per particle whose springs changed: it writes the bits and, with LISTS, the list. With
-// PER_SPRING it also writes the constants of each spring, with OFF_LATTICE_REST how springs beyond the
-// lattice lie at rest.
+// Updates particles whose springs changed, one invocation per particle. It writes the particle's bits and,
+// with LISTS, its list; with PER_SPRING also the constants of each spring, and with OFF_LATTICE_REST the rest
+// vectors of springs beyond the lattice.
 layout(local_size_x = 64) in;
 
 layout(binding = 0, rgba32f) uniform image2D position;

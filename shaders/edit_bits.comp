@@ -3,14 +3,14 @@
 
 layout(local_size_x = 64) in;
 
-// Words as numbers of 32 bits: the particle's bits are the last of a word's four, or the seventh of eight.
+// A word has four numbers of 32 bits, or eight in float64. The particle's bits are its fourth or seventh one.
 #ifdef VOXSPRING_FLOAT64
 const uint word_numbers = 8u, place_of_bits = 6u;
 #else
 const uint word_numbers = 4u, place_of_bits = 3u;
 #endif
 layout(std430, binding = 0) restrict buffer Words { uint words[]; };
-// The index of a word, and its new bits.
+// x: index of a particle's word; y: the particle's new bits.
 layout(std430, binding = 1) restrict readonly buffer Edited { uvec2 edited[]; };
 
 UNIFORMS(EditUniforms, 19)

@@ -17,7 +17,7 @@ layout(constant_id = 14) const bool SQUARED = false;
 
 layout(local_size_x = 64) in;
 
-// The particles' new lists, one row after the other.
+// The edited particles. Their new lists lie one after the other, with list_slots elements per particle.
 layout(std430, binding = 0) restrict readonly buffer Particles { uint edited[]; };
 layout(std430, binding = 1) restrict readonly buffer NewNeighbours { uint new_neighbours[]; };
 layout(std430, binding = 2) restrict readonly buffer NewConstants { Vec2 new_constants[]; };
@@ -25,7 +25,7 @@ layout(std430, binding = 3) restrict readonly buffer NewOffLatticeRests { Vec4 n
 
 UNIFORMS(EditUniforms, 19)
 UNIFORM int count;
-UNIFORM int list_slots;  // per row
+UNIFORM int list_slots;  // slots per particle
 UNIFORM int slot_stride;
 END_UNIFORMS
 

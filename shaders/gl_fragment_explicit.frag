@@ -18,8 +18,8 @@ layout(binding = 8) uniform sampler2DArray off_lattice_rest;
 uniform float rest_length[3];
 uniform float group_stiffness[3];
 
-// Offset + 1 of each direction, with two bits per axis: the first 16 directions, and the others. Shifts are
-// cheaper than a table that each fragment would read at another place.
+// Packs offset + 1 of each direction into two bits per axis: the first 16 directions into one number, the
+// others into another. Shifts are cheaper than a table from which each fragment reads a different element.
 #define PACK_FIRST(bit, dx, dy, dz) | (bit < 16 ? uvec3(ivec3(dx, dy, dz) + 1) << (2 * bit & 31) : uvec3(0))
 #define PACK_OTHER(bit, dx, dy, dz) | (bit < 16 ? uvec3(0) : uvec3(ivec3(dx, dy, dz) + 1) << (2 * bit & 31))
 #define PACK(part) uvec3(0) FACE_NEIGHBOURS(part) EDGE_NEIGHBOURS(part) CORNER_NEIGHBOURS(part)

@@ -2,7 +2,7 @@
 // particle's texel. FACES, EDGES and CORNERS say which groups of springs the scene has.
 #include "particle.glsl"
 
-uniform float rest_length[13];  // by mask bit / 2
+uniform float rest_length[13];  // index: mask bit / 2
 uniform float group_stiffness[3];
 
 uniform int slice_width;
@@ -13,8 +13,8 @@ void main() {
     Particle particle = own_particle();
     ivec2 texel = particle.texel;
     uint bits = bits_of(particle);
-    // From a voxel to the ones below and above it. In the first and the last slice one of these leads
-    // nowhere, and no bit says to follow it.
+    // Offsets in texels to the voxels below and above this one. In the first and the last slice one of them
+    // is invalid, and no mask bit uses it.
     ivec2 below = texel.x >= slice_width ? ivec2(-slice_width, 0) : ivec2(last_column, -slice_height);
     ivec2 above = texel.x < last_column ? ivec2(slice_width, 0) : ivec2(-last_column, slice_height);
     float compliance = MATERIALS ? texelFetch(material, texel, 0).x : 0.0;

@@ -1,5 +1,6 @@
 // The lists of compute_explicit.comp. LIST_ACCESS says what a shader does with them: readonly or writeonly.
-// Lists are vertical: slot s of all particles lies together, and the next slot follows `slot_stride` later.
+// Lists are vertical: slot s of all particles lies together, and slot s + 1 begins `slot_stride` elements
+// later.
 //
 //     neighbours         list entries (neighbours.h) or, by positions, only indices
 //     constants          stiffness and rest length of each spring
@@ -9,7 +10,8 @@
 // slot, so that neither an index nor a product needs 64 bits. The file that includes this one enables the
 // extensions.
 //
-// A Place is the place of an element in every list: LISTED(neighbours, PLACE(particle, slot)).
+// A Place is where the element of a particle and slot is, the same in every list:
+// LISTED(neighbours, PLACE(particle, slot)).
 #ifdef ADDRESSED
 layout(buffer_reference, std430) restrict LIST_ACCESS buffer NeighbourSlot { uint of[]; };
 layout(buffer_reference, std430) restrict LIST_ACCESS buffer ConstantSlot { Vec2 of[]; };

@@ -1,4 +1,4 @@
-// Measures rest lengths in place, one invocation per number.
+// Replaces squares of rest lengths by the lengths (measured.glsl), one invocation per length.
 #include "measured.glsl"
 #include "uniforms.glsl"
 
@@ -6,7 +6,7 @@ layout(local_size_x = 64) in;
 
 layout(std430, binding = 0) restrict buffer Lengths { Real lengths[]; };
 
-// Number n is at n * stride + offset.
+// Length n is lengths[n * stride + offset].
 UNIFORMS(MeasureUniforms, 19)
 UNIFORM int count;
 UNIFORM int stride;

@@ -1,18 +1,18 @@
-// Normals of a body's surface: the mean of the faces around a vertex, weighted by their area. In another
-// pass, the mean of the normals of these faces' vertices, which smooths the steps between slices of voxels.
-// One invocation per vertex.
+// Normals of a body's surface, one invocation per vertex: the sum of the normals of the faces around the
+// vertex, weighted by area. Further passes (`smoothing`) add up the normals of these faces' vertices instead,
+// which smooths the steps between slices of voxels. The normals are not normalised.
 layout(local_size_x = 64) in;
 
-// Places of vertices, or in another pass their normals.
+// Positions of vertices; in a smoothing pass their normals.
 layout(std430, binding = 0) restrict readonly buffer Places { vec4 places[]; };
 layout(std430, binding = 1) restrict readonly buffer Faces { uvec4 faces[]; };
-// The tables of BodyMesh.
+// Tables of BodyMesh: the faces around each vertex.
 layout(std430, binding = 2) restrict readonly buffer FirstFace { uint first_face[]; };
 layout(std430, binding = 3) restrict readonly buffer FaceOfVertex { uint face_of_vertex[]; };
 layout(std430, binding = 4) restrict writeonly buffer Normals { vec4 normals[]; };
 
 uniform int count;
-uniform int smoothing;  // 1 in another pass
+uniform int smoothing;  // 1 in a smoothing pass
 uniform float unit;     // one over the size of the body
 
 void main() {

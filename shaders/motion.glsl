@@ -20,11 +20,11 @@ UNIFORM Vec3 gravity;
 UNIFORM Real time_step_squared;
 UNIFORM Real shortest_squared;
 UNIFORM Vec3 spacing;
-UNIFORM Real inverse_mass;  // of all particles, without MATERIALS
+UNIFORM Real inverse_mass;  // that of all particles, if not MATERIALS
 END_UNIFORMS
 
-// A particle in its formulation: x or u; what that was before, or the increment v; and what float32 leaves of
-// either.
+// The motion of a particle. here: x or u, by the formulation. before: `here` of the previous step or, by
+// increments, the increment v. here_low, before_low: parts beyond their precision, for COMPENSATED only.
 struct Motion {
     Vec3 here, before;
     Vec3 here_low, before_low;
@@ -32,7 +32,7 @@ struct Motion {
 
 bool is_pinned(uint bits) { return PINS && (bits & PINNED_BIT) != 0u; }
 
-// The motion at t + dt, except that `before` is the present `here` unless it is an increment.
+// Returns the motion at t + dt. Unless by increments only `here` is set: `before` stays as it was.
 Motion integrate(Motion now, Vec3 force, Real inverse_mass, bool pinned) {
     Motion next = now;
     Vec3 acceleration = GRAVITY ? gravity : Vec3(0);

@@ -15,11 +15,11 @@ layout(binding = 1) uniform sampler2D increment;
 layout(binding = 1) uniform sampler2D previous_position;
 #endif
 #ifdef COMPENSATED
-// xyz: what float32 leaves of u and v.
+// xyz: parts of u and v beyond the precision of float32.
 layout(binding = 2) uniform sampler2D position_low;
 layout(binding = 3) uniform sampler2D increment_low;
 #endif
-// xyz: force.
+// xyz: the force on the particle beside that of springs and gravity.
 layout(binding = 4) uniform sampler2D load;
 // x: compliance, 1 / stiffness; y: 1 / mass.
 layout(binding = 5) uniform sampler2D material;

@@ -1,5 +1,5 @@
-// The force of a spring by means of the inverse root (inverse_root.h), with the arithmetic of the CUDA
-// kernels (cuda/kernels/motion.h). Comes after motion.glsl.
+// The force of a spring, computed with inverse_root() (inverse_root.h) and the arithmetic of the CUDA kernels
+// (cuda/kernels/motion.h). To be included after motion.glsl.
 #include "inverse_root.h"
 
 // `steps` times the spacing. For 0 the result is a zero that the compiler knows.
@@ -15,9 +15,9 @@ END_UNIFORMS
 #define REST_OF(bit, dx, dy, dz) \
     Vec4(spaced(dx, spacing.x), spaced(dy, spacing.y), spaced(dz, spacing.z), DEFICIT(bit))
 
-// The force of a spring of stiffness 1 is xyz times w. `relative` is x_i - x_j or u_i - u_j. `rest` is X_j -
-// X_i and the rest deficit (spring.h). `rest_length` is the result of measured_length() or, by increments,
-// the rest length itself.
+// Returns the force of a spring of stiffness 1 as a vector xyz and a factor w. `relative` is x_i - x_j or
+// u_i - u_j. `rest` is X_j - X_i and the rest deficit (spring.h). `rest_length` is the result of
+// measured_length() or, by increments, the rest length itself.
 Vec4 unit_pull(Vec3 relative, Vec4 rest, Real rest_length) {
 #ifdef ON_POSITIONS
     precise Vec3 offset = relative;

@@ -1,6 +1,6 @@
-// What a scene needs, as constants that a compiler folds. OpenGL's host writes them as macros; Vulkan's host
-// sets them when it makes a pipeline (0 to 2 are the extents of a work group). A term is true if the scene
-// has it or, with `terms=all`, always; DEFICITS is true only by increments.
+// The terms that a scene needs, as constants that a compiler folds. OpenGL's host writes them as macros.
+// Vulkan's host sets them when it makes a pipeline (constants 0 to 2 are the extents of a work group). A term
+// is true if the scene has it or, with `terms=all`, always; DEFICITS is true only by increments.
 #ifdef VULKAN
 layout(constant_id = 3) const bool DAMPING = true;
 layout(constant_id = 4) const bool GRAVITY = true;

@@ -1,5 +1,5 @@
-// What the tool does to the particles that it holds, before each step, one invocation per particle. The load
-// of the step is the sum of its force and the particle's load.
+// Applies the tool to the particles that it holds, before each step, one invocation per particle: the load
+// for the step is the particle's own load plus the tool's force.
 #include "some_words.glsl"
 #include "spring.h"
 #include "uniforms.glsl"

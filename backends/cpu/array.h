@@ -24,7 +24,8 @@ Array<T> filled(std::ptrdiff_t size, T value) {
         throw DeviceError("cannot allocate " + std::to_string(std::size_t(size) * sizeof(T)) + " bytes");
     }
     prefer_huge_pages(array.get(), std::size_t(size) * sizeof(T));
-    // Each thread touches first, and so has in its local memory, about what it will step.
+    // Each thread writes first to about the part that it will step. The system then puts that part into the
+    // memory next to the thread's core (NUMA).
     T* const begin = array.get();
 #pragma omp parallel for schedule(static) if (size >= worth_threads)
     for (std::ptrdiff_t i = 0; i < size; ++i) begin[i] = value;

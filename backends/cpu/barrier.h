@@ -7,8 +7,9 @@
 namespace voxspring::cpu_parallel {
 
 /// The meeting point of the threads of a step. OpenMP's barrier spins for milliseconds. If another process
-/// has one of the cores, that keeps the very thread that is waited for from running, and each step costs a
-/// time slice of the scheduler (4 ms). This barrier spins for some microseconds and then lets others run.
+/// has one of the cores, such spinning can keep the very thread that the others wait for from running. Each
+/// step then costs a time slice of the scheduler (4 ms). This barrier spins for some microseconds and then
+/// lets others run.
 class Barrier {
 public:
     /// To be called before any thread waits.
@@ -26,7 +27,7 @@ public:
     }
 
 private:
-    static constexpr int max_spins = 2000;  // loads
+    static constexpr int max_spins = 2000;  // loads of phase_ before the thread yields
 
     int threads_ = 0;
     // Each counter has a separate cache line: a thread that arrives does not disturb those that wait.

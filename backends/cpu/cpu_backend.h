@@ -36,7 +36,7 @@ private:
     std::chrono::steady_clock::time_point begin_, end_;
 };
 
-/// A backend with a divergence monitor, which checks after exactly as many steps as it was told.
+/// A backend with a divergence monitor. It checks exactly when a check is due (DivergenceMonitor::every).
 class MonitoredCpuBackend : public CpuBackend {
 public:
     void upload(const Problem& problem, const State& state) final;
@@ -62,7 +62,8 @@ private:
 template <class Vec>
 class VectorBorder final : public Border {
 public:
-    /// `arrays()`: the arrays that hold x or u now, and its low parts if there are any.
+    /// `arrays()` returns the arrays that hold x or u after the latest step, and its low parts if there are
+    /// any.
     VectorBorder(std::function<std::vector<std::vector<Vec>*>()> arrays, std::vector<std::uint32_t> particles)
         : arrays_(std::move(arrays)), particles_(std::move(particles)) {}
 

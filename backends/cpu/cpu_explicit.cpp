@@ -1,8 +1,8 @@
 // All cores, with neighbour lists. Takes any network, and so also sutures beyond the lattice.
 //
 // Each particle has a list of its springs: first those of the lattice in the order of neighbours.h, then
-// those of Problem::springs in their order. It gathers their forces in that order. Each spring is evaluated
-// from both of its ends, so no bit depends on the number of threads.
+// those of Problem::springs in their order. It sums their forces in that order. Each spring is evaluated from
+// both of its ends, so no bit depends on the number of threads.
 #include <omp.h>
 
 #include <algorithm>
@@ -137,7 +137,8 @@ private:
 
     std::vector<ListRange> ranges_;
     std::vector<Link<Real>> links_;
-    std::vector<RestState<Real>> rest_;  ///< of the 26 directions, then of springs beyond the lattice
+    /// First one per direction (26), then those of springs beyond the lattice.
+    std::vector<RestState<Real>> rest_;
 };
 
 template <class Real>
@@ -161,7 +162,7 @@ public:
     void edit(const Problem& edited, const SpringEdit& edit) override {
         take(edited);
         links_.follow(edited, edit);
-        // Without this the lists that edits leave unused would grow without end.
+        // Edits leave unused list entries behind. Without this they would pile up without end.
         if (links_.size() > 2 * uploaded_size_ + 4096) list_springs_anew();
     }
 
@@ -208,9 +209,9 @@ public:
         const std::uint64_t load = problem.load.empty() ? 0 : 1;
         const bool increments = by_increments(formulation_);
         const std::uint64_t split = formulation_ == Formulation::compensated ? 1 : 0;
-        // By increments x or u is read from one array and written to another, and v is changed in place.
-        // Otherwise one of two arrays of x or u is read, and the other is read and overwritten. Each comes
-        // with its low parts.
+        // Formulations by increments read x or u from one array, write it to another, and change v in place.
+        // The others read one of two arrays of x or u, and read and overwrite the other. Low parts move in
+        // the same way.
         const std::uint64_t parts = 1 + split, vector = sizeof(Vec3);
         const std::uint64_t others = load * vector + sizeof(Real) + sizeof(ListRange);
         const std::uint64_t written = (increments ? 2 : 1) * parts * vector;
@@ -227,7 +228,7 @@ public:
     }
 
 private:
-    /// Particles from which on a step is worth another thread, if the user does not choose their number.
+    /// If the user does not choose the number of threads, each thread gets at least this many particles.
     static constexpr std::size_t min_particles = 1024;
 
     template <class Do>
@@ -402,13 +403,14 @@ private:
     const Options options_;
     const Formulation formulation_;
     const int threads_;
-    const bool chosen_;  ///< the user chose the number of threads
+    const bool chosen_;  ///< whether the user chose the number of threads
     const Problem* problem_ = nullptr;
     Real shortest_squared_ = 0;
-    std::size_t current_ = 0;  ///< which of the two arrays has the state
+    std::size_t current_ = 0;  ///< index of the array that has the current state
     Links<Real> links_;
     std::size_t uploaded_size_ = 0;
-    /// x or u of even and of odd steps. The array that is overwritten holds the previous step's.
+    /// x or u after even steps and after odd steps. The array that the next step overwrites holds the
+    /// previous state until then.
     std::array<Vectors, 2> at_, at_low_;
     Vectors increment_, increment_low_, load_;
     std::vector<Real> inverse_mass_;

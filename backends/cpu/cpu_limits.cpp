@@ -26,8 +26,8 @@ namespace {
 
 namespace hn = hwy::HWY_NAMESPACE;
 
-/// Independent sums: as many as keep two units with a latency of five busy. With the two factors they fit
-/// into the 16 registers of AVX2.
+/// Independent sums, enough to keep two multiply-add units with a latency of five cycles busy. With the two
+/// factors they fit into the 16 registers of AVX2.
 constexpr std::size_t sums = 10;
 
 /// Runs `sums` multiply-adds of a register, `count` times. Returns the number of scalar operations, and
@@ -51,8 +51,8 @@ std::size_t multiply_add_float32(std::size_t count, float* result) { return mult
 std::size_t multiply_add_float64(std::size_t count, double* result) { return multiply_add(count, result); }
 
 // Passes over arrays that start on a cache line; `count` is a multiple of a group's elements. An array that
-// is overwritten in place has been read before. A store elsewhere bypasses the caches, which would otherwise
-// read the line first.
+// is overwritten in place is read first, so its lines are in a cache. Stores to other arrays bypass the
+// caches, which would otherwise read each line before the store.
 
 /// Registers in use at once, one sum per register: two additions per cycle times a latency of four
 /// cycles.
@@ -134,9 +134,9 @@ void stream_copy_on_best_target(const float* first, const float* second, float* 
     HWY_DYNAMIC_DISPATCH(stream_copy)(first, second, written, count);
 }
 
-/// Seconds that the slowest thread takes for `work(thread, threads)`, counted from when all threads are
-/// there. The time since the fork would not do: on a processor shared with others a thread may wait longer
-/// for a core than it then works.
+/// Seconds that the slowest thread takes for `work(thread, threads)`, counted from the moment when all
+/// threads have started. The time since the fork would be wrong: on a processor shared with other processes a
+/// thread may wait longer for a core than it then works.
 template <class Work>
 double parallel_seconds(Work work) {
     using Clock = std::chrono::steady_clock;
@@ -154,7 +154,7 @@ double parallel_seconds(Work work) {
 template <class T>
 double operations_per_second() {
     constexpr std::size_t repetition = 10000;
-    std::atomic<std::size_t> operations = 0;  // of one repetition of all threads
+    std::atomic<std::size_t> operations = 0;  // by all threads in one repetition
     const double seconds = min_seconds([&](int count) {
         operations = 0;
         return parallel_seconds([&](std::size_t, std::size_t) {
@@ -204,11 +204,12 @@ public:
             [&](std::size_t thread, std::size_t) { std::fill_n(memory_[thread].get(), floats, 1.0F); });
     }
 
-    /// Measures the bandwidth at one footprint three times: if none, a third or half of the bytes moved are
+    /// Measures the bandwidth at one footprint for three mixes: none, a third, or half of the moved bytes are
     /// written.
     void add(std::size_t footprint, std::vector<Bandwidth>& table) const {
         const auto bytes = double(floats_of(footprint) * memory_.size() * sizeof(float));
-        // A byte of the footprint is moved once, or twice if it is overwritten.
+        // `moves`: how often a byte of the footprint is moved on average. It is moved once, or twice if it is
+        // overwritten in place.
         const auto rate = [&](std::size_t arrays, double moves, Pass pass) {
             return moves * bytes / pass_seconds(footprint, arrays, pass);
         };
@@ -229,7 +230,7 @@ private:
         return std::max<std::size_t>(footprint / sizeof(float) / memory_.size() / whole, 1) * whole;
     }
 
-    /// Seconds of a pass. Of two or more arrays the second is read and the last is written.
+    /// Seconds of a pass. If there are two or more arrays, the second is read and the last is written.
     double pass_seconds(std::size_t footprint, std::size_t arrays, Pass pass) const {
         const std::size_t count = floats_of(footprint) / arrays;
         return min_seconds(
@@ -250,13 +251,13 @@ private:
 /// Fills in the table and the two rates of copies that are taken from it.
 void measure_bandwidth(DeviceLimits& limits) {
     const std::size_t cache = last_cache_bytes();
-    // Four times the cache leaves no line in it until its next use. The bound is for hosts whose caches are
-    // shared by guests.
+    // If the footprint is four times the cache, each line is evicted before its next use. The upper bound is
+    // for virtual machines, which report the whole cache of a host that they share.
     const std::size_t beyond =
         std::clamp<std::size_t>(4 * cache, std::size_t(128) << 20, std::size_t(512) << 20);
     const Sweeps sweeps(beyond);
-    // Footprints in the caches of each thread alone, then in the last cache, which threads share, and around
-    // its size in finer steps.
+    // Footprints first fit into the caches of each core, then into the last-level cache, which threads share.
+    // Around its size they grow in finer steps.
     auto footprint = (std::size_t(64) << 10) * std::size_t(omp_get_max_threads());
     for (; footprint < beyond; footprint *= footprint < cache / 4 ? 4 : 2)
         sweeps.add(footprint, limits.bandwidth);
@@ -280,8 +281,7 @@ DeviceLimits CpuBackend::measure_limits() {
         limits.float64_operations_per_second =
             std::max(limits.float64_operations_per_second.value_or(0), operations_per_second<double>());
     };
-    // Measured twice, seconds apart: the measurements take so little time that another process which wants
-    // the processor for a moment may disturb all of one.
+    // Measured twice, seconds apart: one measurement is so short that another process may disturb all of it.
     measure_operations();
     measure_bandwidth(limits);
     measure_operations();

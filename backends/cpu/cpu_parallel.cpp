@@ -4,10 +4,11 @@
 // A neighbour is a constant number of elements away. Only blocks with active voxels are listed, and threads
 // share the list evenly.
 //
-// A spring is evaluated once, when its lower end is stepped. Its force density then waits in a buffer for the
-// higher end, which multiplies it with its offset. To the bit, that is the force that the higher end would
-// have evaluated. So forces, summed in the order of neighbours.h, depend neither on the number of threads nor
-// on the width of a register. Tiles of blocks at rest are not stepped (tiles.h), which changes no bit either.
+// A spring is evaluated once, when its lower end (the particle with the lower index) is stepped. A buffer
+// keeps its force density for the higher end, which multiplies it with its own offset. The product has the
+// same bits as if the higher end had evaluated the spring. So forces, summed in the order of neighbours.h,
+// depend neither on the number of threads nor on the width of a register. Tiles of blocks at rest are not
+// stepped (tiles.h), which changes no bit either.
 #include <omp.h>
 
 #include <algorithm>
@@ -85,7 +86,7 @@ public:
             tiles_->mark_active(block.tile, step_);
         }
         if (bits == bits_) return;
-        // There are springs in a direction that had none so far.
+        // The edit added springs in a direction that had none so far.
         bits_ = bits;
         list_blocks();
         deal_out();
@@ -128,8 +129,8 @@ public:
         const bool all = all_terms(options_);
         const bool has_load = all || !problem.load.empty();
         const std::uint32_t full_stencil = bits_in_use(problem, options_) | ACTIVE_BIT;
-        std::uint64_t masks = 0;        // read, of particles that can be in no block of full stencils
-        std::uint64_t evaluations = 0;  // of force densities; springs along x are evaluated twice
+        std::uint64_t masks = 0;        // masks read: those of particles without a full stencil
+        std::uint64_t evaluations = 0;  // force densities evaluated: two per spring along x, else one
         for (const std::uint32_t mask : problem.lattice.mask) {
             masks += all || mask != full_stencil ? 1 : 0;
             const std::uint32_t twice = all ? NEIGHBOUR_BITS : along_x;
@@ -137,23 +138,22 @@ public:
         }
         const std::uint64_t particles = problem.particle_count();
         const std::uint64_t ends = 2 * count_springs(problem).total();
-        // By increments the state's displacements are read from one array and written to another, and its
-        // increments are overwritten in place. Otherwise one of two arrays of positions is read and the other
-        // overwritten.
+        // Formulations by increments read displacements from one array, write them to another, and overwrite
+        // increments in place. The others read one of two arrays of positions and overwrite the other.
         const auto state = std::uint64_t(state_arrays(formulation_));
         const bool increments = by_increments(formulation_);
         const std::uint64_t read_only =
             (has_load ? 3 : 0) + (all || problem.has_materials() ? 1 : 0) + (problem.has_materials() ? 1 : 0);
-        // Operations: force_density() 5 + 1 + 1 + 3; strain_density() without the offset 3 + 5 + 1 + 5 + 1 +
-        // 1 + 4; and 2 more if materials give the stiffness.
+        // Operations of a force density: 5 + 1 + 1 + 3 for force_density(), or 3 + 5 + 1 + 5 + 1 + 1 + 4 for
+        // strain_density() without the offset; 2 more if materials give the stiffness.
         const std::uint64_t density =
             (by_increments(formulation_) ? 20 : 10) + (problem.has_materials() ? 2 : 0);
-        // At either end of a spring: u_i - u_j or x_i - x_j 3, and twice that more if it has low parts; the
-        // offset made from it 3; force 3; sum 3.
+        // Operations at each end of a spring: 3 for u_i - u_j or x_i - x_j, and 6 more with low parts; 3 for
+        // the offset, if it is made from displacements; 3 for the force; 3 to add the force.
         const bool split = formulation_ == Formulation::compensated;
         const std::uint64_t end = 9 + (split ? 6 : 0) + (on_positions(formulation_) ? 0 : 3);
-        // For a particle: next_position() or increment_change() and two sums 21; each sum that is split takes
-        // 33 instead of 3.
+        // Operations of a particle: 21 for next_position(), or for increment_change() and two sums. Each sum
+        // that is split takes 33 instead of 3.
         return {.bytes = (particles * ((increments ? state / 3 * 4 : 9) + read_only) + masks) * sizeof(T),
                 .written_bytes = particles * (increments ? state / 3 * 2 : 3) * sizeof(T),
                 .footprint_bytes = (particles * (state + read_only) + masks) * sizeof(T),
@@ -162,7 +162,7 @@ public:
     }
 
 private:
-    /// The mask bits of the neighbours along x, and of all neighbours at a higher index.
+    /// The mask bits of the two neighbours along x, and of all neighbours with a higher index.
     static constexpr std::uint32_t along_x = 0x3, higher = NEIGHBOUR_BITS & 0xAAAAAAAA;
     /// A tile sleeps once it and the tiles around it were slow for this many steps.
     static constexpr int steps_to_sleep = 8;
@@ -186,7 +186,7 @@ private:
         Task<T> task{};
     };
 
-    /// The places of some particles in the current state.
+    /// Reads and writes some particles' x or u in the current state.
     class Places final : public Border {
     public:
         Places(CpuParallel& of, const std::vector<std::uint32_t>& particles) : of_(of) {
@@ -213,7 +213,7 @@ private:
                     T value{};
                     std::memcpy(&value, from, sizeof(T));
                     from += sizeof(T);
-                    // A tile may rest until a bit beside it changes.
+                    // Only a value with other bits wakes the tile, which may be at rest.
                     T& here = array[place.element];
                     if (std::bit_cast<MaskOf<T>>(here) == std::bit_cast<MaskOf<T>>(value)) continue;
                     here = value;
@@ -395,7 +395,7 @@ private:
             const Block* const first = blocks_.data();
             task.begin = first + blocks_.size() * s / count;
             task.end = first + blocks_.size() * (s + 1) / count;
-            // From this element on blocks have higher neighbours in this share.
+            // Only blocks from this element on can have higher neighbours in this share.
             const std::ptrdiff_t lead =
                 task.begin->first - state_.grid.slice - state_.grid.row - block_size<T>;
             task.lead = std::lower_bound(first, task.begin, lead, [](const Block& block, auto element) {
@@ -424,7 +424,7 @@ private:
         return held;
     }
 
-    /// The share's next step, starting from state `step`.
+    /// The task that steps the share's particles from state `step` to the next state.
     Task<T> task_from(const Share& share, std::int64_t step) const {
         using Vector = typename PaddedState<T>::Vector;
         const auto pointers = [](const Vector& v) {
@@ -457,9 +457,9 @@ private:
             const RestSpring rest = rest_spring(*problem_, direction);
             const std::array<T*, 2> of_slice = {density, density + state_.grid.densities()};
             density += 2 * state_.grid.densities();
-            // Along x densities are evaluated at both ends: neighbours lie in the same register or were left
-            // in the latest one, and a load that overlaps such a recent store waits longer than the
-            // evaluation takes.
+            // Along x both ends of a spring evaluate the density. The lower neighbour lies in the same
+            // register or in the one before, so its density would have been stored just now, and a load that
+            // overlaps such a recent store waits longer than the evaluation takes.
             const bool waits = !all_terms(options_) && stride != 1;
             for (std::size_t odd = 0; odd < 2; ++odd) {
                 const T* const lower = of_slice[(odd + std::size_t(o.z)) % 2] - stride_in_slice;
@@ -509,7 +509,7 @@ private:
     std::array<T, 3> tool_moved_{};
     std::vector<std::array<T, 3>> tool_forces_;  ///< of the latest step, in the order of Tool::particles
     PaddedState<T> state_;
-    std::uint32_t bits_ = 0;  ///< of the directions to visit
+    std::uint32_t bits_ = 0;  ///< mask bits of the directions to visit
     std::vector<Block> blocks_;
     std::vector<Share> shares_;
     std::unique_ptr<Tiles> tiles_;
@@ -555,7 +555,7 @@ const Registered entry({
             return options.precision == Precision::float32 ? bytes<float>(problem, options)
                                                            : bytes<double>(problem, options);
         },
-    // A tile that sleeps stands still where it would have moved by less than this.
+    // The particles of a sleeping tile stand still, although each may have moved by up to this much per step.
     .admitted_spacings_per_step = sleep_threshold,
     .root_error = root_error,
     .refused_options = refused_options,

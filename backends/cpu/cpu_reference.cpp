@@ -27,7 +27,7 @@ public:
     void move_tool(const glm::dvec3& displacement) override { tool_moved_ = displacement; }
     glm::dvec3 tool_force() override { return tool_force_; }
 
-    // The springs are made anew, which is plainly right.
+    // Lists all springs anew, which is slow but obviously correct.
     void edit(const Problem& edited, const SpringEdit&) override {
         problem_ = &edited;
         springs_ = list_springs(edited);
@@ -60,16 +60,16 @@ public:
         const std::uint64_t load = problem.load.empty() ? 0 : 1;
         const std::uint64_t lows = formulation_ == Formulation::compensated ? 1 : 0;
         const std::uint64_t rests = on_positions(formulation_) ? 0 : 1;
-        // Operations of a spring: the difference of its ends 3, and twice that more with low parts; the
-        // offset 3 where that is not the difference; force_density() 5 + 1 + 1 + 3 or strain_density() 3 + 5
-        // + 1 + 5 + 1 + 1 + 4; force 3, and its addition to either end 6. Of a particle: next_position() or
-        // increment_change() and two sums 21, where each sum that is split takes 33 instead of 3; and 1 /
-        // mass.
+        // Operations of a spring: 3 for the difference of its ends, and 6 more with low parts; 3 for the
+        // offset, if it is not that difference; 5 + 1 + 1 + 3 for force_density(), or 3 + 5 + 1 + 5 + 1 + 1 +
+        // 4 for strain_density(); 3 for the force; 6 to add it at both ends. Operations of a particle: 21 for
+        // next_position(), or for increment_change() and two sums, where each sum that is split takes 33
+        // instead of 3; 1 for 1 / mass; 3 to add a load.
         const std::uint64_t spring =
             3 + lows * 6 + rests * 3 + (by_increments(formulation_) ? 20 : 10) + 3 + 6;
         const std::uint64_t particle = 21 + lows * 60 + 1 + 3 * load;
-        // Forces are zeroed, read and written with the springs, and read with the particles. Positions are
-        // read with the springs, and read and written with the particles, as are previous positions or
+        // A step first zeroes the forces. The loop over springs reads and writes forces and reads positions.
+        // The loop over particles reads forces, and reads and writes positions and previous positions or
         // increments.
         const std::uint64_t lists = springs * (sizeof(Spring) + rests * sizeof(RestSpring));
         return {.bytes = particles * (4 + 3 + 2 + load + lows * 5) * sizeof(glm::dvec3) + lists,
@@ -195,8 +195,8 @@ private:
     const Problem* problem_ = nullptr;
     std::vector<Spring> springs_;
     std::vector<RestSpring> rest_springs_;
-    /// The state, positions or displacements: `previous_` where the formulation has it, otherwise
-    /// `increment_`. The low parts are zero except in `compensated`.
+    /// The state. `at_` has positions or displacements. Formulations by increments use `increment_`, the
+    /// others `previous_`. The low parts are zero except in `compensated`.
     std::vector<glm::dvec3> at_, previous_, increment_, at_low_, increment_low_;
     std::vector<glm::dvec3> force_;
     glm::dvec3 tool_moved_{0}, tool_force_{0};

@@ -42,7 +42,7 @@ HWY_INLINE Place<formulation, L> place(const Task<typename L::T>& task, std::ptr
     }
 }
 
-/// The springs between particles and the neighbours in one direction.
+/// The springs between the particles i of a SIMD register and their neighbours j in one direction.
 template <Formulation formulation, class L>
 struct Springs {
     Lanes3<L> relative;     ///< x_i - x_j or u_i - u_j
@@ -59,7 +59,7 @@ struct Springs {
             return rest_offset + relative;
         }
     }
-    /// Seen from either end it has the same bits.
+    /// The force densities of the springs. Both ends of a spring compute the same bits.
     HWY_INLINE L density(const Opposites<typename L::T>& pair, L stiffness, L shortest_squared) const {
         const L rest_length(pair.rest_length);
         if constexpr (by_increments(formulation)) {
@@ -71,7 +71,7 @@ struct Springs {
     }
 };
 
-/// Stiffness of the springs between elements i.. and `neighbour`..
+/// Stiffness of the springs between the registers that begin at elements `i` and `neighbour`.
 template <class L, class T>
 HWY_INLINE L stiffness(const Task<T>& task, const Opposites<T>& pair, std::ptrdiff_t i,
                        std::ptrdiff_t neighbour) {
@@ -131,13 +131,13 @@ HWY_INLINE Lanes3<L> sum_forces(const Task<T>& task, const Block& block, std::pt
     return force;
 }
 
-/// `v` without the components that are closer to 0 than `flush`.
+/// `v` with 0 for each component that is closer to 0 than `flush`.
 template <class L>
 HWY_INLINE Lanes3<L> flushed(Lanes3<L> v, L flush) {
     const auto far = [&](L a) HWY_ATTR { return L(hn::IfThenZeroElse(hn::Lt(hn::Abs(a.v), flush.v), a.v)); };
     return {far(v.x), far(v.y), far(v.z)};
 }
-/// `low` without the components whose `high` is 0.
+/// `low` with 0 for each component whose `high` is 0.
 template <class L>
 HWY_INLINE Lanes3<L> low_of(Lanes3<L> high, Lanes3<L> low) {
     const auto kept = [](L h, L l) HWY_ATTR {
@@ -236,8 +236,8 @@ HWY_INLINE Motion<L> integrate_place(const Task<T>& task, std::ptrdiff_t i, Chos
     return {hn::Or(difference(next, here.high), difference(here.high, previous)), next - here.high};
 }
 
-/// Whether the particles of a SIMD register keep their tile active: a bit changed or, with `slow` above 0, a
-/// particle moved that far.
+/// Whether the particles of a SIMD register keep their tile active. If `slow` is 0, they do if a bit of their
+/// state changed, otherwise if one of them moved by at least `slow`.
 template <class L, class T, class Mask>
 HWY_INLINE bool is_active(const Task<T>& task, Mask mask, const Motion<L>& motion) {
     const MaskTag<L> tag;
@@ -259,8 +259,8 @@ HWY_INLINE void step_particles(const Task<T>& task, const Block& block, std::ptr
     if (task.load[0] != nullptr) force = force + load3<L>(task.load, i);
     const L inverse_mass =
         task.inverse_mass != nullptr ? L::load(task.inverse_mass + i) : L(task.uniform_inverse_mass);
-    // Without gravity or damping the term is neutral rather than skipped. This takes six instructions on
-    // constants, of some three hundred, whose cost could not be measured.
+    // Without gravity or damping the term is computed with neutral values rather than skipped. This takes six
+    // of some three hundred instructions, and its cost could not be measured.
     const Action<L> action{force, broadcast3<L>(task.gravity), inverse_mass, L(task.time_step_squared)};
     const auto moving =
         hn::Eq(hn::And(mask, hn::Set(tag, ACTIVE_BIT | PINNED_BIT)), hn::Set(tag, ACTIVE_BIT));
@@ -287,9 +287,9 @@ HWY_INLINE void fall_asleep(const Task<T>& task, const Block& block, std::ptrdif
     }
 }
 
-/// Prefetches what a block meets first: its neighbours farthest ahead and what it overwrites. The processor's
-/// prefetchers lose track of this many streams: without prefetching, one core of an AMD EPYC took 1.37 times
-/// as long for a step of the box of 128^3.
+/// Prefetches what no earlier block has touched: the block's neighbours farthest ahead, and what it
+/// overwrites. The processor's prefetchers lose track of this many streams: without prefetching, one core of
+/// an AMD EPYC took 1.37 times as long for a step of the box of 128^3.
 template <Formulation formulation, class T>
 HWY_INLINE void prefetch(const Task<T>& task, const Block& block) {
     const auto fetch = [&](const auto& from, std::ptrdiff_t i) HWY_ATTR {
@@ -310,11 +310,13 @@ template <Formulation formulation, class L, class T>
 HWY_FLATTEN void run_task(const Task<T>& shared) {
     // A local copy that nothing points to: a store to the state cannot change it, so it stays in registers.
     const Task<T> task = shared;
-    // Blocks between a prefetch and its use: far enough for memory. With 24, what was fetched drove out of
-    // the first cache what the blocks before it read; from 2 to 8 there is no difference.
+    // How many blocks ahead of its use data is prefetched: enough to hide the latency of memory. With 24,
+    // prefetched data evicted from the first-level cache what the blocks before it still had to read; from 2
+    // to 8 there is no difference.
     constexpr std::ptrdiff_t ahead = 8;
     constexpr std::ptrdiff_t size = block_size<T>, count = std::ptrdiff_t(L::count());
-    // Calls run(lane) for the registers of a block that hold a particle, as far as quarters of it tell.
+    // Calls run(lane) for each register of a block, except those that Block::active_quarters shows to be
+    // without a particle.
     const auto each_register = [](const Block& block, auto run) HWY_ATTR {
         constexpr unsigned quarters = (1U << std::max<std::ptrdiff_t>(count * 4 / size, 1)) - 1;
         for (std::ptrdiff_t lane = 0; lane < size; lane += count) {
@@ -395,7 +397,7 @@ HWY_FLATTEN bool all_within(const Task<T>& task, Formulation formulation, T larg
             const Lanes3<L> at = load3<L>(task.at, i);
             const Lanes3<L> moved =
                 by_increments(formulation) ? load3<L>(task.increment, i) : at - load3<L>(task.next, i);
-            // Zero unless a component is not finite.
+            // Zero, or NaN where a component is not finite.
             const Lanes3<L> none = at - at;
             const auto good = hn::And(hn::Le(dot(moved, moved).v, largest_squared),
                                       hn::Eq((none.x + none.y + none.z).v, hn::Zero(tag)));

@@ -23,8 +23,8 @@ constexpr std::ptrdiff_t block_size = 64 / sizeof(T);
 
 struct Block {
     std::ptrdiff_t first;     ///< its first element
-    std::ptrdiff_t in_slice;  ///< likewise, counted from the start of its slice of constant z
-    std::uint32_t tile;       ///< tiles.h
+    std::ptrdiff_t in_slice;  ///< the first element, counted from the start of the slice of constant z
+    std::uint32_t tile;       ///< index of its tile (tiles.h)
     bool odd_slice;
     bool full_stencil;  ///< every voxel has a particle that can move and has a neighbour in every direction
                         ///< in use
@@ -47,9 +47,9 @@ struct Opposites {
     T rest_length;
     T rest_deficit;
     T stiffness;
-    /// Force densities of springs, indexed by the particle's element in its slice. A spring is evaluated at
-    /// its lower end, which keeps the density for the higher end. A particle reads from `lower_density` what
-    /// its lower neighbour kept, and writes to `higher_density` what its higher neighbour will read. Null:
+    /// Force densities of springs, indexed by the stepped particle's element in its slice. A particle
+    /// evaluates the spring to its higher neighbour and writes the density to `higher_density`. The density
+    /// of the spring to its lower neighbour, which that neighbour wrote, it reads from `lower_density`. Null:
     /// both ends evaluate the spring.
     const T* lower_density;
     T* higher_density;
@@ -65,15 +65,15 @@ struct Task {
     std::array<T*, 3> increment, increment_low;  ///< changed in place
     std::array<const T*, 3> load;                ///< null: none
     const MaskOf<T>* mask;
-    const T* inverse_mass;                         ///< one per particle; null: all the same
+    const T* inverse_mass;                         ///< one per particle; null: `uniform_inverse_mass`
     const T* compliance;                           ///< one per particle; null: one stiffness per direction
     std::array<const Opposites<T>*, 2> opposites;  ///< for even and for odd slices
     std::size_t opposites_count;
-    std::ptrdiff_t farthest;          ///< the largest of their strides; no earlier block reads so far ahead
-    const Block *lead, *begin, *end;  ///< for [lead, begin) only densities are needed
+    std::ptrdiff_t farthest;          ///< the largest stride: how far ahead a block reads
+    const Block *lead, *begin, *end;  ///< [begin, end) is stepped; [lead, begin) only gets densities
     const std::uint8_t* action;  ///< TileAction of each tile; null: all step, and `active_tile` is not kept
-    /// For each tile that is stepped: whether the step changed a bit of it or, with `slow` above 0, whether a
-    /// particle moves that far per step.
+    /// For each tile that is stepped: whether it stays active. If `slow` is 0, it does if the step changed a
+    /// bit of it, otherwise if the step moved one of its particles by at least `slow`.
     std::uint8_t* active_tile;
     T slow;
     T flush;  ///< parts of u and v closer to 0 than this are set to 0; 0: none

@@ -14,28 +14,30 @@ namespace voxspring::cpu_parallel {
 /// The number of threads. Throws BadSpecification, which names the backend, if the option asks for too many.
 int thread_count(const Options& options, const std::string& backend);
 
-/// How many threads share `blocks` blocks. If the user does not choose the number, it is all threads there
-/// are, except that none is used for less work than a barrier is worth. 128 blocks take a core about 10 us.
+/// How many threads share `blocks` blocks. If the user does not choose the number, all threads take part,
+/// unless each share would be less work than a barrier costs. 128 blocks take a core about 10 us.
 std::ptrdiff_t share_count(const Options& options, std::ptrdiff_t blocks);
 
-/// Whether everything is computed, with neutral values where the scene has none, and nothing is skipped or
-/// shared. The skips are tested against this.
+/// Whether every term is computed, with neutral values for what the scene lacks, and no work is skipped or
+/// shared between the two ends of a spring. Tests compare the skipping code with this.
 bool all_terms(const Options& options);
 
 Root root_of(const Options& options);
-/// The relative error of roots and divisions beyond the precision, on the SIMD target in use.
+/// The relative error of square roots and divisions on the SIMD target in use, in addition to rounding.
 double root_error(const Options& options);
 
 /// Empty, or why these options do not go together.
 std::string refused_options(const Options& options);
 
-/// The most that a particle of a tile that falls asleep moves per step, in spacings. 0: no tile sleeps.
+/// A tile falls asleep only while its particles move by less than this per step, in spacings. 0: no tile
+/// sleeps.
 double sleep_threshold(const Options& options);
 
-/// A part of the state closer to 0 than this, in spacings, is set to 0. A result of 0 means that none is.
+/// Parts of the state that are closer to 0 than this, in spacings, are set to 0. If it is 0, no part is.
 double flush_threshold(const Options& options);
 
-/// Scalars in a particle's state: positions or displacements of two steps, or those and the increment.
+/// Scalars per particle in the state: x or u of two steps; by increments also v; in `compensated` all low
+/// parts.
 int state_arrays(Formulation formulation);
 
 /// The neighbour bits of the directions to visit: those in which any particle has a neighbour.

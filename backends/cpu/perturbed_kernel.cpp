@@ -19,7 +19,7 @@ namespace voxspring::perturbed {
 
 /// Odd numbers without a pattern (from SplitMix64 and MurmurHash3).
 constexpr std::uint32_t multiplier[] = {0xBF58476D, 0x94D049BB, 0x85EBCA6B, 0xC2B2AE35};
-/// Tells the random numbers of one particle apart.
+/// Makes the random numbers of one particle differ by `which`.
 constexpr std::uint32_t salt(std::uint64_t which) { return std::uint32_t(0x9E3779B9u * (which + 1)); }
 
 }  // namespace voxspring::perturbed
@@ -38,7 +38,7 @@ using Bits = hn::Vec<hn::ScalableTag<std::uint64_t>>;
 
 HWY_INLINE V absolute(V v) { return {L(hn::Abs(v.x.v)), L(hn::Abs(v.y.v)), L(hn::Abs(v.z.v))}; }
 
-/// The product of the low halves, with its high half mixed into the low one.
+/// The product of the low 32 bits of `a` with `by`, whose high bits are then XORed into its low bits.
 HWY_INLINE Bits mixed(Bits a, std::uint32_t by) {
 #if HWY_TARGET == HWY_SCALAR
     const Bits product = hn::Set(bits_tag, (hn::GetLane(a) & 0xFFFFFFFFu) * by);
@@ -49,8 +49,8 @@ HWY_INLINE Bits mixed(Bits a, std::uint32_t by) {
     return hn::Xor(product, hn::ShiftRight<29>(product));
 }
 
-/// The random numbers of the particles of a SIMD register in one step. Each follows from a counter, so order
-/// does not matter.
+/// The random numbers of the particles of a SIMD register in one step. Each is a hash of the step, the
+/// element and `which`, so the order of the calls does not matter.
 class Random {
 public:
     HWY_INLINE Random(const RoundingBits& rounding, std::ptrdiff_t i) : rounding_(rounding) {
@@ -92,7 +92,7 @@ private:
     Bits base_;
 };
 
-/// The forces on the particles of a SIMD register. The error of `force` is relative to `size`.
+/// The forces on the particles of a SIMD register. The rounding error of `force` is in proportion to `size`.
 struct Forces {
     V force, size;
 };
@@ -137,7 +137,7 @@ HWY_INLINE Forces sum_forces(const Task& task, std::ptrdiff_t i, V here, Bits ma
     return sum;
 }
 
-/// What each of a particle's random numbers is for. Each name stands for three numbers.
+/// Values of `which`: what a particle's random numbers are for. Each use has three numbers, for x, y and z.
 enum : std::uint64_t {
     for_force = 0,
     for_product = 3,
@@ -155,7 +155,7 @@ HWY_INLINE void step_register(const Task& task, std::ptrdiff_t i) {
     const L inverse_mass = L::load(task.inverse_mass + i);
     V gravity = broadcast3<L>(task.gravity);
     const Random random(task.rounding, i);
-    // Compensated sums keep what rounding loses. Every other number that is stored goes through this.
+    // Rounds a number that is stored, except in compensated sums, which keep what rounding loses.
     const auto stored = [&](V v, std::uint64_t which) HWY_ATTR {
         if constexpr (perturbed && formulation != Formulation::compensated) {
             return random.rounded(v, which);

@@ -24,12 +24,12 @@ struct Pull {
 /// How numbers are rounded: random bits are added below the last bit that is kept, then the rest is cut off.
 struct RoundingBits {
     std::uint64_t kept = ~std::uint64_t(0);
-    std::uint64_t random = 0;       ///< which bits of a random number are added
-    std::uint64_t also_random = 0;  ///< which bits of its other half are added as well
+    std::uint64_t random = 0;       ///< mask of the random bits that are added
+    std::uint64_t also_random = 0;  ///< mask of the bits of its upper half that are added too
     std::uint64_t constant = 0;     ///< added to every number
-    double unit = 0;                ///< unit of the errors of forces; 0: none
+    double unit = 0;                ///< relative size of the errors of forces; 0: no errors
     double root_error = 0;
-    std::uint64_t key = 0;  ///< of the step
+    std::uint64_t key = 0;  ///< random numbers depend on it; differs from step to step
 
     bool any() const { return kept != ~std::uint64_t(0) || random != 0 || unit != 0 || root_error != 0; }
 };
@@ -37,11 +37,11 @@ struct RoundingBits {
 /// A step of the blocks [begin, end). Arrays are over the padded grid.
 struct Task {
     std::array<const double*, 3> at;
-    std::array<double*, 3> next;              ///< holds the previous place until it is overwritten
+    std::array<double*, 3> next;              ///< holds the previous x or u until it is overwritten
     std::array<double*, 3> increment;         ///< null unless the formulation has it
     std::array<const double*, 3> load;        ///< constant forces; null: none
     std::array<const double*, 3> extra;       ///< forces of springs beyond the lattice; null: none
-    std::array<const double*, 3> extra_size;  ///< the sizes that their error is relative to
+    std::array<const double*, 3> extra_size;  ///< the error of `extra` is in proportion to this
     const std::uint64_t* mask;
     const double* inverse_mass;
     const double* compliance;  ///< null: one stiffness per direction
@@ -56,9 +56,9 @@ struct Task {
 
 void step(const Task& task, Formulation formulation);
 
-/// `value` rounded as the kernel rounds the number that a particle's element and `which` name.
+/// `value`, rounded with the random bits that the kernel uses for `element` and `which`.
 double rounded(double value, const RoundingBits& bits, std::uint64_t element, std::uint64_t which);
-/// A number in [-1, 1) from the same source.
+/// The kernel's random number in [-1, 1) for `element` and `which`.
 double random_number(const RoundingBits& bits, std::uint64_t element, std::uint64_t which);
 
 }  // namespace voxspring::perturbed

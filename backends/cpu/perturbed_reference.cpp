@@ -156,19 +156,20 @@ private:
 
     bool random() const { return perturbation_.kind == Kind::random; }
 
-    /// A number that all particles share, rounded or perturbed to the backend's precision.
+    /// A number that all particles share: rounded to the backend's precision, or perturbed at random.
     double parameter(double value, std::uint64_t which) const {
         if (!random()) return stored_parameter(value);
         RoundingBits bits = rounding_;
         bits.key = mixed(perturbation_.seed);
         return value * (1 + (bits.unit + bits.root_error) * random_number(bits, which, 0));
     }
-    /// A number that all backends round alike.
+    /// A number that every backend stores in its precision without further arithmetic.
     double stored_parameter(double value) const {
         const bool single = perturbation_.kind != Kind::none && perturbation_.precision == Precision::float32;
         return single ? stored_as<float>(value) : value;
     }
-    /// A rest length. At rest this is exactly the length that a backend finds, however it rounds.
+    /// A rest length. Rounding leaves it alone, because it must equal the length that is computed at rest, as
+    /// in a backend.
     double length_parameter(double value, std::uint64_t which) const {
         return random() ? parameter(value, which) : value;
     }
@@ -241,8 +242,8 @@ private:
             fill_with_zeros(*arrays, false);
     }
 
-    /// A number of particle i's state as an upload rounds it. The same `which` gives the same number each
-    /// time.
+    /// `value`, a number of particle i's state, as upload() rounds it. Calls with the same `i` and `which`
+    /// round alike.
     double stored_at_start(double value, std::size_t i, std::uint64_t which) const {
         if (formulation_ == Formulation::compensated) return value;
         RoundingBits bits = rounding_;
@@ -304,7 +305,8 @@ private:
             if ((bits >> direction.bit & 1u) == 0) continue;
             const glm::ivec3 o = direction.offset;
             const RestSpring rest = rest_spring(*problem_, direction);
-            // The rounded quantity of a spring is its length, which both ends must see alike.
+            // Perturbation changes a spring's length. Both ends must see the same length, so opposite
+            // directions share `which`.
             const auto which = std::uint64_t(direction.bit / 2) + 1000;
             pulls_.push_back({.stride = o.z * slice_ + o.y * row_ + o.x,
                               .bit = std::uint64_t(1) << direction.bit,
@@ -321,7 +323,7 @@ private:
         fill_with_zeros(extra_size_, !springs_.empty());
     }
 
-    /// Adds up the pull of springs beyond the lattice, from the places `now`.
+    /// Sums the forces of springs beyond the lattice, from the positions or displacements place_[now].
     void pull_beyond(std::size_t now) {
         for (const Spring& spring : springs_) {
             for (const std::uint32_t i : {spring.first, spring.second}) {
@@ -357,7 +359,7 @@ private:
         }
     }
 
-    /// Adds the tool's forces to the loads, from the places `now`.
+    /// Adds the tool's forces to the loads, from the positions or displacements place_[now].
     void use_tool(std::size_t now) {
         const Tool& tool = problem_->tool;
         tool_force_ = glm::dvec3(0);
@@ -367,7 +369,8 @@ private:
             const auto& at = place_[now];
             glm::dvec3 anchor = tool.held_at(n);
             if (on_positions(formulation_)) anchor += problem_->rest_position[i];
-            // The place where a particle was taken hold of is rounded as the particle's place was.
+            // Where the tool took hold of a particle is rounded in the same way as the particle's initial
+            // state.
             for (int c = 0; c < 3; ++c) anchor[c] = stored_at_start(anchor[c], i, std::uint64_t(c));
             const glm::dvec3 force = hold_force(anchor, glm::dvec3(at[0][e], at[1][e], at[2][e]),
                                                 glm::dvec3(0), tool_moved_, tool.stiffness);
@@ -412,11 +415,11 @@ private:
     const Problem* problem_ = nullptr;
     std::int64_t step_ = 0;
     std::ptrdiff_t row_ = 0, slice_ = 0;
-    std::vector<std::ptrdiff_t> element_;  ///< of each particle
+    std::vector<std::ptrdiff_t> element_;  ///< per particle: its element in the padded arrays
     std::vector<std::ptrdiff_t> blocks_;   ///< first elements of the blocks with a particle, ascending
-    std::ptrdiff_t size_ = 0;              ///< of each array
+    std::ptrdiff_t size_ = 0;              ///< elements per array
     cpu_parallel::Array<std::uint64_t> mask_;
-    std::array<Arrays, 2> place_;  ///< x or u of even and of odd steps
+    std::array<Arrays, 2> place_;  ///< x or u after even and after odd steps
     Arrays increment_, load_, extra_, extra_size_;
     Array inverse_mass_, compliance_;
     std::vector<Pull> pulls_;

@@ -24,9 +24,9 @@ struct Perturbation {
     Kind kind = Kind::none;
     Formulation formulation = Formulation::increment;
     Precision precision = Precision::float64;
-    /// Relative error of a length and a division beyond `precision`, for backends that approximate them.
+    /// Relative error of a length and a division in addition to rounding, for backends that approximate them.
     double root_error = 0;
-    std::uint64_t seed = 0;  ///< of the random numbers, which depend only on it, the step and the particle
+    std::uint64_t seed = 0;  ///< random numbers depend only on this, the step and the particle
 };
 
 /// Runs the reference, one run after another, each with a given perturbation.
@@ -50,8 +50,8 @@ class PerturbedReference : public CpuBackend {
 public:
     /// The perturbation from the next upload() on.
     virtual void perturb(const Perturbation& perturbation) = 0;
-    /// download() into a state that may have been used before: if it is large, new memory takes longer than a
-    /// step.
+    /// download() into an existing State, whose memory is used again: new memory for a large one takes longer
+    /// than a step.
     virtual void read(State& state) const = 0;
 };
 std::unique_ptr<PerturbedReference> make_perturbed_reference(const Perturbation& perturbation);

@@ -25,12 +25,12 @@ public:
 private:
 #if defined(__SSE__)
     using Control = unsigned;
-    static constexpr Control flush_bits = 0x8040;  ///< of MXCSR: results (FTZ) and operands (DAZ)
+    static constexpr Control flush_bits = 0x8040;  ///< bits of MXCSR: FTZ for results, DAZ for operands
     static Control control() { return _mm_getcsr(); }
     static void set_control(Control control) { _mm_setcsr(control); }
 #elif defined(__aarch64__)
     using Control = std::uint64_t;
-    static constexpr Control flush_bits = 1U << 24U;  ///< of FPCR: FZ, results and operands
+    static constexpr Control flush_bits = 1U << 24U;  ///< bit FZ of FPCR, for results and operands
     static Control control() {
         Control control = 0;
         asm volatile("mrs %0, fpcr" : "=r"(control));

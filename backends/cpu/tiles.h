@@ -1,8 +1,8 @@
 // Which parts of the grid are at rest, so that cpu_parallel need not step them.
 //
-// A step depends on the state of a tile and of its neighbours. If neither changed a bit in the latest step,
-// the next one would change none either, so the tile need not be stepped. With a window of several steps and
-// "slow" in place of "unchanged" the same rule puts tiles to sleep.
+// The next state of a tile depends only on its state and on that of the tiles around it. If no bit of these
+// changed in the latest step, the next step would change none either, so the tile rests: it is not stepped. A
+// similar rule puts tiles to sleep: a tile sleeps if all of these were slow for several steps, the window.
 #pragma once
 
 #include <array>
@@ -36,19 +36,21 @@ public:
     /// Notes that the tile has blocks to step.
     void use(std::uint32_t tile) { used_[tile] = 1; }
     std::size_t used() const;
-    /// Bytes of everything here, with `shares` shares.
+    /// Bytes of a Tiles object and `shares` shares.
     static std::size_t bytes(glm::ivec3 blocks, std::size_t shares);
 
-    /// A share for blocks in tiles of [begin, end).
+    /// A share for a thread whose blocks lie in the tiles [begin, end).
     Share share(std::size_t begin, std::size_t end) const;
 
-    /// Notes that state `step` of one tile, or of all, is new.
+    /// Notes that one tile, or every tile, changed in state `step`.
     void mark_active(std::uint32_t tile, std::int64_t step) { latest_[std::size_t(step % 2)][tile] = step; }
     void mark_all_active(std::int64_t step);
 
-    /// Fills in `action` for step `step`. All threads must have finished the step before.
+    /// Decides what step `step` does with each tile of the share (Share::action). All threads must have
+    /// finished the step before.
     void decide(Share& share, std::int64_t step) const;
-    /// Takes over `active` after step `step` and clears it. Threads may share a tile.
+    /// Records after step `step` which tiles of the share are active, and clears Share::active. A tile may be
+    /// in several shares.
     void settle(Share& share, std::int64_t step);
 
     /// How many tiles of the shares were stepped in their latest step.
@@ -63,7 +65,8 @@ private:
         /// Distances between tiles along y and z. A tile of padding ends each row and plane, so the last tile
         /// of a row does not touch the next row.
         std::ptrdiff_t row, plane;
-        std::ptrdiff_t margin;  ///< to the farthest neighbour; twice that many tiles lie before and behind
+        /// Index distance to the farthest neighbour. At either end lie 2 * margin unused tiles.
+        std::ptrdiff_t margin;
         std::ptrdiff_t count;
     };
 

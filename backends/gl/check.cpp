@@ -30,7 +30,7 @@ void ErrorLog::attach() {
     glDebugMessageCallback(receive, this);
     glDebugMessageControl(GL_DONT_CARE, GL_DONT_CARE, GL_DONT_CARE, 0, nullptr, GL_FALSE);
     glDebugMessageControl(GL_DONT_CARE, GL_DEBUG_TYPE_ERROR, GL_DONT_CARE, 0, nullptr, GL_TRUE);
-    // The code that compiles shaders reads the status and the log itself; they say more.
+    // Program reads a shader's compile status and log itself. They say more than these messages.
     glDebugMessageControl(GL_DEBUG_SOURCE_SHADER_COMPILER, GL_DONT_CARE, GL_DONT_CARE, 0, nullptr, GL_FALSE);
     glEnable(GL_DEBUG_OUTPUT);
 }
@@ -42,7 +42,7 @@ void APIENTRY ErrorLog::receive(GLenum, GLenum, GLuint, GLenum, GLsizei, const G
         const std::lock_guard lock(self->mutex_);
         if (self->first_.empty()) self->first_ = message;
     } catch (...) {
-        // No exception may cross the driver, and check() still finds glGetError.
+        // An exception must not pass through the driver. check() still finds the error by glGetError().
     }
 }
 
@@ -51,8 +51,8 @@ void ErrorLog::check(const std::string& doing) {
     if (const GLenum status = glGetGraphicsResetStatus(); status != GL_NO_ERROR) {
         throw DeviceError("GL context was reset while " + doing);
     }
-    // Only a debug context has to send messages, so the error flags decide and a message explains. Reading a
-    // flag clears it, but a lost context raises one for ever.
+    // Only a debug context has to send messages, so the error flags decide whether there was an error, and a
+    // message only explains it. Reading a flag clears it, but a lost context raises one for ever.
     if (const GLenum error = glGetError(); error != GL_NO_ERROR) {
         reason = name_of_error(error);
         while (error != GL_CONTEXT_LOST && glGetError() != GL_NO_ERROR) continue;

@@ -27,7 +27,7 @@ class GlPass final : public glsl::Pass {
 public:
     std::shared_ptr<const Program> program;
     Bindings buffers{};               ///< 0: the shader has no use for this binding
-    std::array<Texture, 2> textures;  ///< of words and their low parts, if they come through textures
+    std::array<Texture, 2> textures;  ///< of words and low parts, if read through textures
 };
 
 class ComputeDevice final : public glsl::Device {
@@ -51,7 +51,7 @@ public:
     }
 
     const Capabilities& capabilities() const override { return capabilities_; }
-    /// Invocations and extents are what every driver of OpenGL 4.5 allows.
+    /// The invocations and extents are those that every driver of OpenGL 4.5 allows.
     glsl::WorkGroupLimits work_group_limits() const override {
         return {1024, {1024, 1024, 64}, std::size_t(context_.max_shared_memory())};
     }
@@ -126,7 +126,7 @@ public:
                        const glsl::Arrays& arrays,
                        const std::map<unsigned, std::span<const std::byte>>& sent) override {
         const auto once = pass(shader, uniforms, arrays);
-        // OpenGL keeps them until the dispatch has run.
+        // OpenGL keeps these buffers until the dispatch has run, even if they are destroyed before.
         std::array<StorageBuffer, 4> handed_over;
         for (auto next = handed_over.begin(); const auto& [binding, values] : sent) {
             next->replace(context_, values);
@@ -205,7 +205,8 @@ private:
         return result;
     }
 
-    /// Only the shader of a step leaves its work group open.
+    /// Only the shader of a step fetches texels. It is the only shader that does not fix its work group's
+    /// extents.
     bool fetches_texels(const glsl::Shader& shader) const { return through_textures_ && shader.group; }
 
     Defines defines_of(const glsl::Shader& shader) const {
@@ -231,12 +232,14 @@ private:
         const auto begin = std::chrono::steady_clock::now();
         made = std::make_shared<const Program>(context_, load_source(shader.file + ".comp", defines));
         const std::chrono::duration<double> seconds = std::chrono::steady_clock::now() - begin;
-        // What the driver keeps on disk is not known, so both times are the same.
+        // Whether the driver found the program in its disk cache is not known, so `spent` and `cold` are the
+        // same.
         compile_time_ += {seconds.count(), seconds.count()};
         return made;
     }
 
-    /// Binds what a pass has and an earlier one did not, in as few calls as possible.
+    /// Binds what `pass` uses. Skips buffers that are bound already, and binds the others in as few calls as
+    /// possible.
     void bind(const GlPass& pass) {
         const auto is_new = [&](std::size_t n) {
             return n < bound_.size() && pass.buffers[n] != 0 && pass.buffers[n] != bound_[n];
@@ -255,7 +258,8 @@ private:
         if (const GLuint program = pass.program->get(); program != std::exchange(in_use_, program))
             glUseProgram(program);
     }
-    /// To be called when buffers were made or bound otherwise: a new buffer may have the name of an old one.
+    /// To be called after other code bound buffers, or after buffers were made: a new buffer may have the
+    /// name of an old one.
     void forget_bindings() {
         bound_ = {};
         in_use_ = 0;

@@ -86,9 +86,9 @@ private:
     enum class MemoryQuery : std::uint8_t { none, nvx, ati } memory_query_ = MemoryQuery::none;
 };
 
-/// While a Sharing exists, contexts that this process makes share buffers and textures with its context, so
-/// that one context can draw what another has written. There may be one at a time; the context must outlive
-/// it.
+/// While an object of this type exists, every new context of this process shares buffers and textures with
+/// `context`, so that one context can draw what another has written. Only one such object may exist at a
+/// time, and `context` must outlive it.
 class Sharing {
 public:
     explicit Sharing(const Context& context);

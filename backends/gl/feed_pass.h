@@ -13,9 +13,9 @@ namespace voxspring::gl {
 
 class FeedPass final : public Feed {
 public:
-    /// `buffer`: of 16 bytes per particle, in a context that shares objects with this one. `program`: the
-    /// shader, which must outlive this. `bind_state` binds the state as it is at that moment. The context is
-    /// current.
+    /// `buffer` has 16 bytes per particle and belongs to a context that shares objects with `context`.
+    /// `program` is the shader and must outlive this object. `bind_state` binds the state that is current
+    /// when it is called. `context` must be current.
     FeedPass(const Context& context, const std::vector<layout::FedWord<float>>& fed, GLuint buffer,
              const Program& program, std::function<void()> bind_state);
 

@@ -34,7 +34,7 @@ std::size_t target_count_of(Formulation formulation) {
 }
 std::size_t frame_count_of(Formulation formulation) { return by_increments(formulation) ? 2 : 3; }
 
-/// The vector that a target of the frame at t - age dt holds for a particle.
+/// The vector of a particle's texel in one target of the frame at t - age dt.
 glm::vec3 stored(Formulation formulation, const Problem& problem, const State& state, std::size_t particle,
                  std::size_t age, std::size_t target) {
     if (by_increments(formulation)) {
@@ -51,11 +51,12 @@ glm::vec3 stored(Formulation formulation, const Problem& problem, const State& s
 
 /// Operations on vectors in one step of a particle, after its forces are summed.
 std::uint64_t motion_operations(Formulation formulation, bool gravity, bool damping) {
-    // paper_position() and next_position() take seven operations each, one for gravity and one for damping
-    // included.
+    // paper_position() and next_position() take seven operations each. One of these is for gravity and one
+    // for damping.
     if (!by_increments(formulation)) return 5U + (gravity ? 1 : 0) + (damping ? 1 : 0);
     const std::uint64_t change = 2U + (gravity ? 1 : 0) + (damping ? 2 : 0);
-    // Two sums, or twice split_high() with split_low(), one of these without a low part to add.
+    // Two sums. In `compensated` each sum is a split_high() with a split_low(), and one has no low part to
+    // add.
     return change + (formulation == Formulation::compensated ? 10 + 11 : 2);
 }
 
@@ -102,7 +103,7 @@ void FragmentBackend::upload(const Problem& problem, const State& state) {
 }
 
 void FragmentBackend::make_tool(const Problem& problem) {
-    // The list has a place for every particle, but only the texels of held particles are filled in.
+    // The list has an element for every particle, but only the texels of held particles are filled in.
     std::vector<std::uint32_t> texels(problem.has_tool() ? problem.particle_count() : 0);
     for (const std::uint32_t held : problem.tool.particles) texels[held] = texel_of(held);
     const auto held =
@@ -122,7 +123,8 @@ void FragmentBackend::make_tool(const Problem& problem) {
 void FragmentBackend::make_frames(const Problem& problem, const State& state, const Layout& layout) {
     if (masked_) make_stencil(layout);
     frames_.resize(frame_count_of(formulation()));
-    // The last frame is all guard. The texels of its particles are written before they are read.
+    // The last frame has guard values in all texels. Steps write the texels of particles there before they
+    // read them.
     current_ = start_frames() - 1;
     std::vector<glm::vec4> image(std::size_t(size_.x) * std::size_t(size_.y), guard);
     for (std::size_t f = frames_.size(); f-- > 0;) {
@@ -159,7 +161,7 @@ bool FragmentBackend::keep_start() {
     const std::uint64_t texels = std::uint64_t(size_.x) * std::uint64_t(size_.y);
     const std::uint64_t bytes = texels * start_frames() * target_count() * std::uint64_t(rgba32f.bytes);
     const auto free = context_.free_memory_bytes();
-    if (free && bytes > *free / 2) return false;  // half of it is left to others
+    if (free && bytes > *free / 2) return false;  // half of it is left to other programs
     for (std::size_t f = 0; f < start_frames(); ++f) {
         for (const Texture& target : frames_[f].targets) {
             start_.push_back(make_texture(context_, rgba32f, size_, nullptr));
@@ -255,8 +257,8 @@ void FragmentBackend::write(const TexelEdit& edit) {
     glBindImageTexture(0, frame(0).targets[0].get(), 0, GL_FALSE, 0, GL_READ_WRITE, rgba32f.internal);
     edit_program_.set("particle_count", int(edit.particles.size()));
     glUseProgram(edit_program_.get());
-    // Image stores may overtake the texture fetches of the steps before. Fetches wait for no barrier, so the
-    // stores have to.
+    // Image stores may overtake the texture fetches of earlier steps. This barrier makes the stores wait for
+    // the fetches.
     glMemoryBarrier(GL_SHADER_IMAGE_ACCESS_BARRIER_BIT);
     glDispatchCompute(glsl::striding_groups(edit.particles.size()), 1, 1);
     glMemoryBarrier(GL_TEXTURE_FETCH_BARRIER_BIT | GL_FRAMEBUFFER_BARRIER_BIT |
@@ -327,7 +329,8 @@ void FragmentBackend::check_divergence() {
     glUseProgram(monitor_program_.get());
     bind_state();
     glDispatchCompute(GLuint((size_.x + group - 1) / group), GLuint(size_.y), 1);
-    // What this check reads is overwritten by the next step or by an edit, and its number by the next check.
+    // The next step or edit overwrites what this check reads, and the next check reads the result of this
+    // one.
     glMemoryBarrier(GL_SHADER_STORAGE_BARRIER_BIT | GL_FRAMEBUFFER_BARRIER_BIT);
     glUseProgram(program_.get());
 }
@@ -531,8 +534,8 @@ StepWork FragmentBackend::fragment_work(const Problem& problem, std::uint64_t un
     const std::uint64_t vectors = motion_operations(formulation(), all_terms() || problem.has_gravity(),
                                                     all_terms() || problem.damping != 0) +
                                   (loads ? 1 : 0);
-    // With one target two frames are read and one is written; with several targets one frame is read and one
-    // is written. Either way every frame is used once.
+    // With one target per frame a step reads two frames and writes one. With several targets it reads one
+    // frame and writes one. In both cases it moves each frame once.
     const std::uint64_t frame =
         (masked_ ? particles : unmasked) * target_count_of(formulation()) * std::uint64_t(rgba32f.bytes);
     const std::uint64_t all =
@@ -543,7 +546,8 @@ StepWork FragmentBackend::fragment_work(const Problem& problem, std::uint64_t un
         .written_bytes = frame,
         .footprint_bytes = all,
         .operations = particles * 3 * vectors + 2 * (layout::pull_operations<float>(problem, formulation()) +
-                                                     3 * count_springs(problem).total())};  // their sum
+                                                     // 3 per spring end to add the force
+                                                     3 * count_springs(problem).total())};
 }
 
 std::map<std::string, TuningValues> fragment_tuning() {

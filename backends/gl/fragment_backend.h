@@ -68,7 +68,7 @@ public:
 protected:
     /// Where the particles of a problem lie.
     struct Layout {
-        glm::ivec2 size{0};                ///< of a frame
+        glm::ivec2 size{0};                ///< texels of a frame along x and y
         std::vector<std::uint32_t> texel;  ///< per particle: index of its texel, row by row
         std::vector<std::uint32_t> bits;   ///< per particle: what its texel's w holds
     };
@@ -76,14 +76,14 @@ protected:
     /// New contents of some particles' texels, as shaders/edit.comp reads them.
     struct TexelEdit {
         struct Particle {
-            std::uint32_t texel;       ///< x in the lower half, y in the upper
+            std::uint32_t texel;       ///< x in the lower 16 bits, y in the upper 16
             std::uint32_t bits;        ///< what the texel's w holds
-            std::uint32_t begin, end;  ///< its neighbours in `neighbour`
+            std::uint32_t begin, end;  ///< range of its neighbours in `neighbour`
         };
         std::vector<Particle> particles;
         std::vector<std::uint32_t> neighbour;     ///< list entries (neighbours.h)
-        std::vector<glm::vec2> spring;            ///< as the shader reads them; empty where groups have them
-        std::vector<glm::vec4> off_lattice_rest;  ///< likewise; empty where no spring leaves the lattice
+        std::vector<glm::vec2> spring;            ///< stiffness and rest length; empty if equal in each group
+        std::vector<glm::vec4> off_lattice_rest;  ///< per neighbour; empty if all springs are on the lattice
     };
 
     /// `fragment_shader`: the name of the file in shaders/.
@@ -113,7 +113,7 @@ protected:
     /// Binds the lists to image units 1 to 3 of shaders/edit.comp and returns its defines.
     virtual Defines bind_lists() const { return {}; }
 
-    /// The place of a particle's texel, x in the lower half and y in the upper half.
+    /// The coordinates of a particle's texel, x in the lower 16 bits and y in the upper 16.
     std::uint32_t texel_of(std::uint32_t particle) const {
         const auto width = std::uint32_t(size_.x);
         return texel_[particle] % width | texel_[particle] / width << 16;
@@ -123,8 +123,9 @@ protected:
     void measure(std::span<float> squares);
 
     static constexpr GLuint first_own_unit = 6;
-    /// Work of a step with one fragment per particle or, without a mask, `unmasked` fragments in all, and the
-    /// arithmetic of the springs. Each backend adds what a fragment reads of its springs.
+    /// The work of a step, including the arithmetic of the springs. A step has one fragment per particle or,
+    /// without a mask, `unmasked` fragments in all. Each backend adds what a fragment reads about its
+    /// springs.
     StepWork fragment_work(const Problem& problem, std::uint64_t unmasked) const;
 
 private:
@@ -155,7 +156,7 @@ private:
         std::size_t count = 0;
     };
     StateTextures state_textures() const;
-    /// Binds them to the texture units from 0 on.
+    /// Binds the textures of the state to the texture units from 0 on.
     void bind_state() const;
     const Frame& frame(std::size_t age) const {
         return frames_[(current_ + frames_.size() - age) % frames_.size()];
@@ -168,7 +169,7 @@ private:
     bool masked_;
     std::string fragment_shader_;
 
-    VertexArray no_vertices_;  // the core profile cannot draw without one, even an empty one
+    VertexArray no_vertices_;  // empty; the core profile cannot draw without one
     std::vector<Frame> frames_;
     std::vector<Texture> start_;  ///< copies of the start frames' targets
     Texture stencil_;
@@ -180,7 +181,7 @@ private:
     std::array<StorageBuffer, 4> edit_buffers_;  // for shaders/edit.comp, of the latest edit
 
     StorageBuffer held_, held_forces_;  // of the tool; empty if there is none
-    // Made when they are first needed, and kept, since feeds come and go with each upload.
+    // These programs are made when they are first needed, and kept over uploads.
     Program measure_program_, monitor_program_, feed_program_, tool_program_, hash_program_;
     Buffer found_;  // for shaders/divergence_check.comp
 

@@ -1,5 +1,6 @@
 // Explicit addressing: active particles lie side by side in a texture, and each has a list of its neighbours,
-// so springs need no grid. The lists are vertical: all first neighbours, then all second ones.
+// so springs need no grid. The lists are interleaved: first the first neighbour of every particle, then the
+// second one of every particle, and so on.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -14,13 +15,13 @@
 namespace voxspring {
 namespace {
 
-/// Bits of a group's neighbour count in w: a group has at most 12 neighbours.
+/// How many bits of w hold the number of a particle's neighbours in one spring group, which is at most 12.
 constexpr int count_bits = 4;
 
-/// The size of a texture for `particles` texels, no higher than `limit`: as narrow as that allows, but at
-/// least as wide as one screen tile of llvmpipe. Rows that follow each other are then close in memory, which
-/// is 1.2 times as fast there as a square. The width is a power of two, so a list need only have a particle's
-/// index. Less than one row is wasted.
+/// The size of a texture for `particles` texels: as narrow as a height of at most `limit` allows, but at
+/// least as wide as one screen tile of llvmpipe. Neighbouring rows are then close in memory. On llvmpipe this
+/// is 1.2 times as fast as a square. The width is a power of two, so lists need to store only a particle's
+/// index, which gives the texel's coordinates. Less than one row is wasted.
 glm::ivec2 compact_size(std::size_t particles, int limit) {
     constexpr std::size_t tile = 64;
     const std::size_t width = std::bit_ceil(
@@ -262,7 +263,7 @@ private:
     }
 
     gl::Texture neighbour_, spring_, off_lattice_rest_;
-    int layers_ = 0;                     // of each texture
+    int layers_ = 0;                     // layers per list texture
     bool per_spring_ = false;            // whether spring_ exists
     bool has_off_lattice_rest_ = false;  // whether off_lattice_rest_ exists
 };

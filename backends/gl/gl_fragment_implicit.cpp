@@ -1,5 +1,6 @@
 // The legacy path of Mosegaard and Sorensen (2005): the whole grid lies in a flat texture, with one fragment
-// per voxel. Neighbours are found by their place, and the stencil buffer masks inactive voxels.
+// per voxel. Neighbours are found by their coordinates in the grid, and the stencil buffer masks inactive
+// voxels.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -96,7 +97,7 @@ private:
             rest_length[b] = layout::listed_length<float>(problem, directions()[2 * b], formulation());
         if (!by_increments(formulation())) measure(rest_length);
         program.set("rest_length", rest_length);
-        // With materials each particle carries the stiffness, so that of the groups is 1.
+        // With materials the stiffness comes from the particles, and the stiffness of each group is 1.
         std::array<float, 3> stiffness{1, 1, 1};
         if (!problem.has_materials()) {
             std::copy(problem.group_stiffness.begin(), problem.group_stiffness.end(), stiffness.begin());

@@ -16,7 +16,8 @@ namespace {
 constexpr int row = 2048;  // in texels; footprints are whole rows of two or three arrays
 constexpr glm::ivec2 arithmetic_size{glsl::arithmetic_side, glsl::arithmetic_side};
 using glsl::launch_patience, glsl::rounds;
-/// Times on the host's clock: batches are long, and a clock of the device need not wait for compute shaders.
+/// Times a batch on the host's clock, since batches are long and the device's time stamps need not wait for
+/// compute shaders.
 template <class Enqueue>
 double seconds(Enqueue enqueue) {
     glFinish();
@@ -45,7 +46,7 @@ public:
             glDrawArrays(GL_TRIANGLES, 0, 3);
         }
     }
-    /// Draws from the first two frames to the third, each time.
+    /// Draws `count` times, each time from the first two frames to the third.
     void repeat(const Program& program, int count) const {
         use(program);
         bind(0, 1, 2);

@@ -11,8 +11,8 @@
 namespace voxspring::gl {
 
 /// Puts a fence after every `steps_per_fence` steps and makes the host wait for an old one, so that at most
-/// `max_fences` * `steps_per_fence` steps are enqueued and not finished. The device has hundreds of steps
-/// left to do meanwhile, and a fence costs less than a thousandth of their time.
+/// `max_fences` * `steps_per_fence` steps are enqueued and not finished. While the host waits, the device
+/// still has hundreds of steps to do. A fence costs less than a thousandth of the time of its steps.
 class StepQueue {
 public:
     static constexpr int steps_per_fence = 128;

@@ -26,7 +26,7 @@ void StorageBuffer::upload(const Context& context, std::span<const std::byte> va
 void StorageBuffer::copy(const Context& context, const StorageBuffer& from) {
     if (bytes_ != from.bytes_) allocate(context, from.bytes_);
     if (bytes_ == 0) return;
-    // The reason is that of upload().
+    // For the same reason as in upload().
     glFinish();
     glCopyNamedBufferSubData(from.get(), get(), 0, 0, GLsizeiptr(bytes_));
     glFinish();

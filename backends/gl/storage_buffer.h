@@ -13,14 +13,14 @@ namespace voxspring::gl {
 /// An array in device memory for shaders to read and write.
 class StorageBuffer {
 public:
-    /// Replaces the content, and holds nothing if `values` is empty. Waits for all that is enqueued, or takes
-    /// new storage.
+    /// Replaces the content. If `values` is empty, there is no content afterwards. Waits for everything
+    /// enqueued, or takes new storage.
     void upload(const Context& context, std::span<const std::byte> values);
     /// Replaces the content in new storage. Work that is enqueued goes on with the old storage.
     void replace(const Context& context, std::span<const std::byte> values) {
         allocate(context, values.size(), values.data());
     }
-    /// New storage; without `values` it has any content.
+    /// Takes new storage. The content is `values`, or undefined if that is null.
     void allocate(const Context& context, std::size_t bytes, const std::byte* values = nullptr);
     /// Copies out the first values, once everything enqueued has run.
     void download(std::span<std::byte> values) const;

@@ -30,7 +30,8 @@ bool fits(const TexelFormat& format, glm::ivec2 size, int layers = 0);
 /// A 2D texture, filled row by row from `texels`, or undefined if that is null.
 Texture make_texture(const Context& context, const TexelFormat& format, glm::ivec2 size, const void* texels);
 
-/// How many rows of a texture one read takes: as many as fit into a GLsizei of bytes, at least one.
+/// The most rows of a texture that one read can return, since their bytes are counted in a GLsizei; at least
+/// one.
 int rows_of_a_read(const TexelFormat& format, int width);
 
 /// Copies a 2D texture's texels to `texels`, row by row, once everything enqueued has run. Each call of GL

@@ -6,7 +6,7 @@
 namespace voxspring::glsl {
 namespace {
 
-/// `values`. If the problem has none but needs the same value for all, it is `count` times `neutral`.
+/// Returns `values`. If there are none but they are `needed`, returns `count` times `neutral`.
 template <class T>
 std::vector<T> or_neutral(std::vector<T> values, bool needed, std::size_t count, const T& neutral) {
     if (values.empty() && needed) values.assign(count, neutral);

@@ -28,7 +28,8 @@ enum Binding : unsigned {
 };
 inline constexpr int storage_blocks = 13;
 
-/// What moves particles besides springs, one element per word. Empty if the shader has no use for it.
+/// What moves particles besides springs, one element per word. A list is empty if the shader has no use for
+/// it.
 template <class Real>
 struct Operands {
     std::vector<layout::Vector<Real>> loads;
@@ -42,9 +43,10 @@ Operands<Real> pack_operands(const Problem& problem, const layout::Placement& pl
 std::uint64_t compute_bytes(const Problem& problem, const Options& options,
                             const layout::Placement& placement);
 
-/// Work groups in rows that every driver accepts. There may be some more groups than asked for.
+/// Arranges work groups in rows of a length that every driver accepts. The result may have some more groups
+/// than `groups`.
 glm::ivec3 rows_of_groups(int groups);
-inline constexpr int max_groups = 65535;  ///< along an axis, in every driver
+inline constexpr int max_groups = 65535;  ///< along an axis, accepted by every driver
 
 /// Empty, or why work groups of `group` exceed `limits`.
 std::string work_group_refusal(glm::ivec3 group, const WorkGroupLimits& limits);
@@ -53,8 +55,8 @@ std::string work_group_refusal(glm::ivec3 group, const WorkGroupLimits& limits);
 /// shaders/divergence_check.comp, measure.comp and edit*.comp.
 unsigned striding_groups(std::size_t count);
 
-/// Empty, or why an upload of `needed` bytes is refused if `free` bytes are free and the backend first frees
-/// `held`. Where a driver does not tell, nothing is refused before it fails.
+/// Empty, or why an upload of `needed` bytes is refused. `free` bytes are free, and the backend frees `held`
+/// bytes before. If the driver does not tell `free`, nothing is refused in advance.
 std::string memory_refusal(std::uint64_t needed, std::uint64_t held, std::optional<std::uint64_t> free);
 
 }  // namespace voxspring::glsl

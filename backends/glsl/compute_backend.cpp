@@ -55,8 +55,8 @@ void ComputeBackend<Real>::upload_state(const Problem& problem, const State& sta
         const layout::PackedState<Real> packed =
             layout::pack<Real>(problem, state, placement, layout_.bits, formulation());
         put_vector(words_[0], packed.current);
-        // By increments there is no state before. This array then only needs its size: a step writes every
-        // particle's word before any step reads it.
+        // Formulations by increments have no previous state. For them only the size of this array matters: a
+        // step writes every particle's word before any step reads it.
         put_vector(words_[1], by_increments(formulation()) ? packed.current : packed.previous);
         for (std::unique_ptr<Array>& low : low_) put_vector(low, packed.current_low);
         put_vector(increment_, packed.increment);
@@ -76,12 +76,12 @@ void ComputeBackend<Real>::upload(const Problem& problem, const State& state) {
     device_->use("uploading", [&] {
         device_->wait();
         problem_ = &problem;
-        (void)device_->take_compile_time();  // that of earlier problems is left out
+        (void)device_->take_compile_time();  // drops the time for earlier problems
         start_ = {};
         const std::size_t words_before = layout_.placement.words;
         layout_ = lay_out(problem);
-        // Steps are not measured again for a body of the same size, as when it is uploaded for each
-        // repetition.
+        // How long steps take is not measured again for a body of the same size, as when it is uploaded for
+        // each repetition.
         if (layout_.placement.words != words_before) device_->forget_pace();
         upload_state(problem, state);
         make_step();
@@ -190,7 +190,7 @@ bool ComputeBackend<Real>::keep_start() {
         std::uint64_t bytes = 0;
         for (const auto* const array : state) bytes += bytes_of(*array);
         const auto free = device_->free_memory_bytes();
-        if (free && bytes > *free / 2) return;  // half of it is left to others
+        if (free && bytes > *free / 2) return;  // half of it is left to other programs
         device_->wait();                        // a rewind() may still read an earlier copy
         start_ = {};
         for (std::size_t n = 0; n < state.size(); ++n) {

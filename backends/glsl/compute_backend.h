@@ -39,7 +39,7 @@ public:
     std::string state_fingerprint() final;
     void monitor(const DivergenceMonitor& monitor) final { next_monitor_ = monitor; }
     std::optional<Divergence> divergence() final;
-    /// "work_groups", and "compute_shader_invocations" where the driver counts them.
+    /// Counts "work_groups", and "compute_shader_invocations" if the driver counts them.
     WorkCount count_work() final;
     CompileTime compile_time() const final { return compile_time_; }
 
@@ -57,7 +57,7 @@ protected:
     struct Layout {
         layout::Placement placement;
         std::vector<std::uint32_t> bits;  ///< one per particle
-        glm::ivec3 groups{0};             ///< work groups of invocations
+        glm::ivec3 groups{0};             ///< work groups of a step, along each axis
     };
 
     /// `group`: extents of the step's work groups.
@@ -76,20 +76,20 @@ protected:
     /// Empty, or why a problem cannot be run, provided that its words fit into an array.
     virtual std::string refused_layout(const Problem& problem) const = 0;
     virtual layout::Placement place(const Problem& problem) const = 0;
-    /// Puts what the shader reads beyond shaders/compute.glsl. Nothing is running.
+    /// Uploads what the step's shader reads besides the buffers of shaders/compute.glsl. No step is running.
     virtual Layout lay_out(const Problem& problem) = 0;
-    /// The step's shader; its constants are those beyond shaders/terms.glsl. Asked for after lay_out().
+    /// The step's shader, with only the constants that are not in shaders/terms.glsl. Called after lay_out().
     virtual Shader shader(const Problem& problem) const = 0;
     virtual void set_uniforms(Uniforms& uniforms, const Problem& problem) = 0;
     virtual void enqueue_edit(const Problem& edited, const SpringEdit& edit) = 0;
 
-    /// Puts values into an array that only this shader has, by binding from first_own_binding on.
+    /// Uploads `values` to an array that only this shader has. Its binding is first_own_binding or higher.
     template <class T>
     void put_own(unsigned binding, const std::vector<T>& values) {
         addressed_.erase(binding);
         put(own_[binding], std::as_bytes(std::span(values)));
     }
-    /// Puts a list that shaders reach by the addresses of its `slots`.
+    /// Uploads a list of `slots` slots, which shaders reach by the address of each slot.
     template <class T>
     void put_addressed(unsigned binding, const std::vector<T>& values, std::size_t slots) {
         addressed_.erase(binding);  // frees the old list first
@@ -105,10 +105,10 @@ protected:
     void lay_out_anew();
     /// Writes new bits of particles. Every step copies the bits from the words that it reads.
     void write_bits(std::span<const std::uint32_t> particles, std::span<const std::uint32_t> bits);
-    /// Measures rest lengths from their squares, as the device does (physics/inverse_root.h), in place: the
-    /// numbers `offset`, `offset` + `stride` and so on of an array, `count` in all. Waits.
+    /// Replaces squares of rest lengths by rest lengths as the device measures them (physics/inverse_root.h):
+    /// `count` elements of the array, the first at `offset`, each `stride` after the one before. Waits.
     void measure(const Array& squares, std::size_t count, int stride, int offset);
-    /// Measures numbers on the host in the same way.
+    /// Does the same for numbers in the host's memory.
     void measure_numbers(std::span<Real> squares);
 
 private:
@@ -116,7 +116,7 @@ private:
     void upload_state(const Problem& problem, const State& state);
     void make_step();
     void make_tool();
-    /// Tells the device what steps do from here on.
+    /// Tells the device which dispatches later steps consist of.
     void tell_steps();
     Dispatches make_check();
     Uniforms tool_uniforms(const glm::dvec3& moved) const;
@@ -139,7 +139,7 @@ private:
     std::map<unsigned, std::unique_ptr<Array>> own_;
     std::map<unsigned, AddressedList> addressed_;       // the lists whose addresses are in own_
     std::array<std::unique_ptr<Array>, 6> start_;       // copies of state_arrays()
-    std::array<std::shared_ptr<Pass>, 2> step_, tool_;  // by the words that they read
+    std::array<std::shared_ptr<Pass>, 2> step_, tool_;  // by the words_ that they read
 
     const Problem* problem_ = nullptr;
     Layout layout_;

@@ -1,5 +1,5 @@
-// What a device does for the host of the compute shaders in shaders/, which OpenGL and Vulkan share
-// (compute_backend.h).
+// What the host code of the compute shaders in shaders/ (compute_backend.h) needs from a device. OpenGL and
+// Vulkan implement it.
 #pragma once
 
 #include <array>
@@ -32,7 +32,7 @@ struct WorkGroupLimits {
 /// The limits of a device for an array that shaders read and write.
 struct BufferLimits {
     std::uint64_t max_bytes = 0;
-    std::string limit = {};      ///< the name of the limit that says so
+    std::string limit = {};      ///< the API's name for this limit
     bool has_addresses = false;  ///< shaders can reach arrays by their addresses
 
     /// Empty, or why one array cannot have `bytes` bytes. The reason calls the array `what`.
@@ -57,27 +57,28 @@ inline std::size_t bytes_of(const std::unique_ptr<Array>& array) {
 /// Arrays by binding. One is null or absent if the shader has no use for it.
 using Arrays = std::map<unsigned, const Array*>;
 
-/// A vertical list in as many arrays as it needs.
+/// The neighbour lists of all particles, slot by slot, in one or more arrays.
 struct AddressedList {
-    std::vector<std::unique_ptr<Array>> parts;  ///< each of whole slots
-    std::vector<std::uint64_t> addresses;       ///< of each slot
+    std::vector<std::unique_ptr<Array>> parts;  ///< each has whole slots
+    std::vector<std::uint64_t> addresses;       ///< device address of each slot
 };
 
 /// A shader of shaders/.
 struct Shader {
-    std::string file;                      ///< without its ending
+    std::string file;                      ///< file name without extension
     std::string variant = {};              ///< what follows `file` in the name of its SPIR-V module
     Defines macros = {};                   ///< the macros that this variant is compiled with
     Constants constants = {};              ///< constants that the shader does not have are ignored
     std::optional<glm::ivec3> group{};     ///< extents of a work group, if the shader leaves them open
-    std::optional<Precision> precision{};  ///< if it is not that of the backend
+    std::optional<Precision> precision{};  ///< set if it differs from the backend's
 };
 
-/// Some programs by what specialises them: an edit may go back to an earlier one.
+/// Keeps compiled programs by a key that tells how they are specialised, since an edit may need an earlier
+/// one again.
 template <class Program>
 class ProgramCache {
 public:
-    /// The program of this key; null if it has to be made.
+    /// The program with this key. It is null if the caller has to make it.
     std::shared_ptr<const Program>& of(const std::string& key) {
         constexpr std::size_t max_programs = 16;
         if (programs_.size() == max_programs && !programs_.contains(key)) programs_.clear();
@@ -99,12 +100,12 @@ struct Dispatch {
     glm::uvec3 groups{1};
 };
 
-/// What is dispatched, in this order, if the next step reads words 0, and if it reads words 1.
+/// The dispatches of a step in their order. The index is that of the array of words that the step reads.
 using Dispatches = std::array<std::vector<Dispatch>, 2>;
 
 /// A device with one queue, in which everything happens in the order of the calls. Whatever one dispatch or
-/// copy writes, the next one sees. Arrays and passes must outlive what is enqueued with them, and not the
-/// device.
+/// copy writes, the next one sees. Arrays and passes must exist until what is enqueued with them has run.
+/// They must be destroyed before the device.
 class Device {
 public:
     Device() = default;
@@ -119,11 +120,11 @@ public:
     virtual std::optional<std::uint64_t> free_memory_bytes() const = 0;
     /// Whether subgroups can vote.
     virtual bool can_vote() const { return true; }
-    /// Empty, or why it cannot fetch this many words in the way that the options ask for.
+    /// Empty, or why the device cannot fetch this many words in the way that the options ask for.
     virtual std::string refused_words(std::size_t) const { return {}; }
 
-    /// Does what concerns the device. If the device fails in it, this throws DeviceError, which says what was
-    /// going on ("uploading").
+    /// Runs `work`, which uses the device. If the device fails meanwhile, this throws a DeviceError that
+    /// names `doing`, for example "uploading".
     virtual void use(const char* doing, const std::function<void()>& work) const = 0;
     /// Throws DeviceError if the device has reported an error since the last call.
     virtual void check(const char* doing) const = 0;
@@ -133,14 +134,14 @@ public:
     /// rest, so that the device uses none of them any more. An API that sees to this itself does nothing.
     virtual void abandon() noexcept {}
 
-    /// An array with these values, at least one byte.
+    /// Makes an array with these values. It has at least one byte, even without values.
     virtual std::unique_ptr<Array> make(std::span<const std::byte> values) = 0;
     virtual std::unique_ptr<Array> make_zeros(std::size_t bytes) = 0;
     /// Replaces the values of an array.
     virtual void overwrite(Array& array, std::span<const std::byte> values) = 0;
-    /// The first values of an array.
+    /// Copies the first values of an array to `values`.
     virtual void download(const Array& array, std::span<std::byte> values) = 0;
-    /// Another array with the same values. Waits.
+    /// Makes another array with the same values. Waits.
     virtual std::unique_ptr<Array> copy_of(const Array& array) = 0;
     virtual void copy(const Array& from, Array& to) = 0;
     /// A list in arrays that shaders reach by the addresses of its slots, if BufferLimits::has_addresses.
@@ -159,12 +160,12 @@ public:
                                const Arrays& arrays,
                                const std::map<unsigned, std::span<const std::byte>>& sent) = 0;
 
-    /// Whether a check is recorded, and so has to count checks itself (shaders/next_check.comp). Otherwise
-    /// its uniform `check_number` is set each time.
+    /// Whether a check is recorded once and replayed, so that the device has to count checks
+    /// (shaders/next_check.comp). Otherwise the uniform `check_number` is set before each check.
     virtual bool records_checks() const = 0;
-    /// What the steps from here on do.
+    /// Sets the dispatches that later steps consist of.
     virtual void step_by(Dispatches step) = 0;
-    /// Begins to count steps; the first one reads words 0. From here on the state is checked after every
+    /// Begins to count steps anew. The next step reads words 0. From here on the state is checked after every
     /// multiple of `every` steps; 0: never.
     void reset_to_step_zero(Dispatches check, int every) {
         steps_ = 0;
@@ -172,20 +173,19 @@ public:
         check_every_ = every;
         check_by(std::move(check));
     }
-    /// Called before a body of another size.
+    /// Forgets how long steps take. Called before a body of another size is stepped.
     virtual void forget_pace() {}
     virtual void step(int count) = 0;
     /// Makes one step. Counts the invocations of its shaders, if the driver can.
     virtual std::optional<std::uint64_t> step_counted() = 0;
     std::int64_t steps() const { return steps_; }
-    /// Which of two arrays of words the next step reads.
+    /// Which of the two arrays of words the next step reads.
     std::size_t current() const { return current_; }
 
-    /// The time to compile shaders since the latest call.
+    /// The time spent on compiling shaders since the latest call of this function.
     CompileTime take_compile_time() { return std::exchange(compile_time_, {}); }
 
-    /// Seconds on the host's clock that `count` dispatches of one shader take, which go through `cycle` again
-    /// and again.
+    /// Seconds on the host's clock for `count` dispatches, which go through `cycle` again and again.
     virtual double seconds_of(const std::vector<Dispatch>& cycle, int count) = 0;
     virtual bool has_float64() const = 0;
     /// Whether the time of a launch differs from process to process.
@@ -196,7 +196,7 @@ public:
 
     /// Whether feed() may return an object.
     virtual bool has_feeds() const { return false; }
-    /// FeedFacet::feed(). `state`: what the shader reads of the words that are current.
+    /// FeedFacet::feed(). `state`: the arrays that the shader reads, by which words are current.
     virtual std::unique_ptr<Feed> feed(const std::vector<layout::FedWord<float>>& /*fed*/,
                                        std::uint32_t /*buffer*/, const Defines& /*macros*/,
                                        const std::array<Arrays, 2>& /*state*/) {

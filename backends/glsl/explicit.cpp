@@ -1,5 +1,6 @@
-// Explicit addressing in a compute shader: one invocation per particle, neighbours from lists: all first
-// ones, then all second ones.
+// Explicit addressing in a compute shader: one invocation per particle, which reads its neighbours from a
+// list. The lists are interleaved: first the first neighbour of every particle, then the second one of every
+// particle, and so on.
 #include "backends/glsl/explicit.h"
 
 #include <algorithm>
@@ -56,8 +57,8 @@ private:
         return explicit_bytes(problem, this->options());
     }
     std::string refused_layout(const Problem& problem) const override {
-        // On positions entries have no direction, so more particles could be addressed, but no driver takes
-        // as many.
+        // In formulations on positions, list entries have no direction. Their indices could then address more
+        // particles, but more than any driver has memory for.
         if (std::string why = layout::list_entry_refusal(problem, this->formulation()); !why.empty())
             return why;
         return lists_refusal(problem, this->options(), buffer_limits());
@@ -137,7 +138,8 @@ private:
         this->write_bits(rows.particle, rows.lists.bits);
     }
 
-    /// Bytes of a row in the list with the largest elements. Rows travel in arrays, which limits them.
+    /// Bytes of a particle's row (one element per slot) in the list with the largest elements. An edit sends
+    /// such rows in one array, whose size is limited.
     std::uint64_t row_bytes() const {
         return step_.shape.slots * (kind_.off_lattice_rest ? sizeof(layout::SpringRest<Real>)
                                     : kind_.secondary      ? sizeof(layout::SpringConstants<Real>)

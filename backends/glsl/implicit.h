@@ -9,14 +9,15 @@
 
 namespace voxspring::glsl {
 
-/// Bytes that upload() of a backend takes.
+/// Bytes of memory that upload() of a backend with implicit addressing takes.
 std::uint64_t implicit_bytes(const Problem& problem, const Options& options);
 
 /// Empty, or why work groups cannot cover the lattice.
 std::string too_long(const Lattice& lattice, layout::BlockShape shape);
 
-/// Whether subgroups vote on skipping masks (tuning `interior`). `auto`: where the vote was faster in OpenGL
-/// on an H200 (gl/README.md), but never in software, where Mesa computes both ways for every subgroup.
+/// Whether subgroups vote on skipping masks (tuning `interior`). `auto`: in the cases in which the vote was
+/// faster in OpenGL on an H200 (gl/README.md), but never in software, because Mesa computes both branches for
+/// every subgroup.
 bool votes(const Options& options, bool is_software);
 
 }  // namespace voxspring::glsl

@@ -25,8 +25,8 @@ inline constexpr int arithmetic_side = 1024, arithmetic_group = 16;
 inline constexpr int rounds = 4;
 inline constexpr int operations_per_round = 64;
 
-/// The patience for a launch. It takes the host's time, so other work on its cores slows many batches in a
-/// row.
+/// The patience for measuring a launch. A launch takes time of the host, so other programs on the host's
+/// cores slow many batches in a row.
 inline constexpr Patience launch_patience{.in_all = 0.15};
 
 /// What a device reaches with dispatches and a barrier after each, as a ComputeBackend steps.

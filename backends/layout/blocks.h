@@ -20,11 +20,12 @@ struct BlockShape {
     bool operator==(const BlockShape&) const = default;
 };
 
-/// Numbers the blocks of a lattice, with a frame of one block around them (kernels/resting.h).
+/// Numbers the blocks of a lattice and a frame of one block around them (kernels/resting.h). The number of a
+/// block is its place.
 class BlockGrid {
 public:
     BlockGrid(const Lattice& lattice, BlockShape shape);
-    /// Distances between places along y and z.
+    /// Difference between the places of blocks that are neighbours along y or z, and the number of places.
     std::size_t row() const { return row_; }
     std::size_t slice() const { return slice_; }
     std::size_t places() const { return places_; }
@@ -51,8 +52,8 @@ std::vector<BlockOrigin> occupied_blocks(const Lattice& lattice, BlockShape shap
 /// y and z.
 bool fits_launch(const Lattice& lattice, BlockShape shape);
 
-/// The kernels' argument, with squared rest lengths and null pointers. The caller fills in what is on the
-/// device.
+/// The kernels' argument, with squared rest lengths and null pointers. The caller sets the pointers to device
+/// memory.
 template <class Real>
 ImplicitStep<Real> make_implicit_step(const Problem& problem, const Placement& placement,
                                       Formulation formulation);

@@ -24,10 +24,11 @@ struct BlockParts {
     }
 };
 
-/// The blocks of list_blocks() in two parts. `border`: particles.
+/// The blocks of list_blocks() in two parts. `border`: the border's particles.
 BlockParts<BlockOrigin> part_blocks(const Lattice& lattice, BlockShape shape,
                                     const std::vector<std::uint32_t>& border);
-/// Numbers of the blocks of `block` particles each in canonical order, for `particles` particles.
+/// Likewise for `particles` particles that are divided, in canonical order, into blocks of `block` particles.
+/// The result has the blocks' numbers.
 BlockParts<std::uint32_t> part_blocks(std::size_t particles, unsigned block,
                                       const std::vector<std::uint32_t>& border);
 

@@ -20,7 +20,7 @@
 
 namespace voxspring::layout {
 
-/// The particles of one thread.
+/// The particles of one thread, a box called a tile.
 struct BrickTileSize {
     int x, y, z;
     int particles() const { return x * y * z; }
@@ -33,10 +33,10 @@ std::span<const BrickTileSize> brick_tile_sizes();
 struct BrickPlan {
     BrickShape shape{};
     int pollers = 0;
-    /// Registers of a thread with a tile and of one that polls, if registers are moved between them; 0: all
-    /// threads have the same number.
+    /// Registers of a thread with a tile and of a thread that polls, if the kernel moves registers between
+    /// them. 0: all threads have the same number.
     int lane_registers = 0, poller_registers = 0;
-    bool increments_in_memory = false;  ///< since registers have no room for them
+    bool increments_in_memory = false;  ///< if registers have no room for them
     double seconds = 0;                 ///< predicted time of a step
     bool operator==(const BrickPlan&) const = default;
 };
@@ -91,15 +91,17 @@ private:
 
     BrickPlan plan_;
     SoaStrides strides_;
-    glm::ivec3 dims_, low_{0}, bricks_{1};  ///< of the lattice; of the body; along each axis
+    glm::ivec3 dims_, low_{0}, bricks_{1};  ///< lattice's size; body's first voxel; number of bricks
     std::vector<std::uint32_t> voxel_;      ///< one per particle
     std::vector<std::uint32_t> mask_;       ///< one per voxel
     std::vector<std::uint32_t> block_at_;   ///< one per brick; resident_none: it has no particle
     std::vector<TileSpring> springs_;
     BrickMask bits_{};
-    std::array<TileWords, 1U << BrickShape::sides> plain_words_{};  ///< by the sides that springs cross
-    std::array<TileWords, BrickShape::sides> across_{};             ///< springs across that side only
-    TileWords moves_{};                                             ///< for all particles
+    /// Mask words, indexed by the set of sides that springs cross.
+    std::array<TileWords, 1U << BrickShape::sides> plain_words_{};
+    /// Per side: bits of the springs that cross only this side.
+    std::array<TileWords, BrickShape::sides> across_{};
+    TileWords moves_{};  ///< bits that let each particle move
     std::vector<BrickBlock> blocks_;
     std::vector<std::uint32_t> masks_;
     std::vector<BrickPoll> polls_;

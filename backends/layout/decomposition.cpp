@@ -23,7 +23,8 @@ std::array<int, 3> axes_by_length(glm::ivec3 dims) {
     return axes;
 }
 
-/// Along how many axes at once a lattice spring may lead.
+/// How many components of a lattice spring's offset may differ from 0: 1 along an axis, 3 along a space
+/// diagonal.
 int reach_of(const Problem& problem) {
     int reach = 0;
     for (const Direction& direction : directions()) {
@@ -229,7 +230,8 @@ private:
         if (own) take_hold_of(i, here);
     }
 
-    /// Enters the particle for the subdomains that have it as a ghost, or for the one that owns it.
+    /// Enters particle `here` into borders: an own particle into those with the subdomains that have it as a
+    /// ghost, a ghost into that with the subdomain that owns it.
     void share(std::uint32_t here, glm::ivec3 at, bool own) {
         if (own && contains(without_its_surface(brick_), at)) return;
         for (auto& [brick, border] : beside_) {

@@ -27,7 +27,7 @@ State part_of(const State& state, const std::vector<std::uint32_t>& particles);
 struct Subdomain {
     /// The border between one subdomain and another.
     struct Border {
-        int subdomain;                    ///< on the other side
+        int subdomain;                    ///< the one on the other side
         std::vector<std::uint32_t> sent;  ///< particles of this subdomain that are ghosts there, ascending
         std::vector<std::uint32_t>
             received;  ///< ghosts here: the particles that the other side has in `sent`, in that order
@@ -43,15 +43,15 @@ struct Subdomain {
     /// Copies from `part` what belongs to this subdomain's own particles to their places in `whole`.
     void copy_own(const State& part, State& whole) const;
     /// The changes that an edit of the whole problem makes here: all springs with an own particle at one of
-    /// their ends. So both subdomains at a border make the same edit. The springs are the lattice's.
+    /// their ends. So both subdomains at a border make the same edit. Only lattice springs may be edited.
     SpringEdit part_of(const SpringEdit& edit) const;
-    /// The changes here of an edit of `whole` that was kept as its difference.
+    /// The changes that an edit of `whole`, kept as its difference, makes here.
     SpringDifference part_of(const Problem& whole, const SpringDifference& edit) const;
 };
 
 /// How a problem is cut: between layers of voxels across its longest axis, then each of these slabs across
-/// the next axis, and its columns across the third, so that all subdomains have about the same number of
-/// particles.
+/// the next axis, and each of the resulting columns across the third, so that all subdomains have about the
+/// same number of particles.
 class Decomposition {
 public:
     /// The voxels of a subdomain. `end` lies one beyond the last.
@@ -59,10 +59,11 @@ public:
         glm::ivec3 begin, end;
     };
 
-    /// Cuts into `subdomains` slabs across the longest axis only.
+    /// The number of subdomains along each axis for `subdomains` slabs across the longest axis.
     static glm::ivec3 slabs(const Problem& problem, int subdomains);
-    /// Cuts into `subdomains` across two axes or three, such that the busiest subdomain sends as few
-    /// particles per step as possible. The result is that of slabs() if it sends no fewer than there.
+    /// The number of subdomains along each axis for cuts across two or three axes, such that the busiest
+    /// subdomain sends as few particles per step as possible. If slabs() sends no more, this returns the
+    /// result of slabs().
     static glm::ivec3 bricks(const Problem& problem, int subdomains);
     /// Empty, or why `problem` cannot be cut into that many subdomains along each axis.
     static std::string refusal(const Problem& problem, glm::ivec3 subdomains);
@@ -72,11 +73,11 @@ public:
 
     int count() const { return int(bricks_.size()); }
     const Brick& brick(int number) const { return bricks_[std::size_t(number)]; }
-    /// An upper bound of the particles of subdomain `from` that are ghosts of `to`, as if there were one in
-    /// each voxel. 0 for subdomains that no spring may join.
+    /// How many particles of subdomain `from` would be ghosts of `to` if there were one in each voxel: an
+    /// upper bound. 0 for subdomains that no spring may join.
     std::size_t most_sent(int from, int to) const;
-    /// The particles of `problem`, the problem that was cut, that the subdomain steps, ascending; and the
-    /// subdomain itself.
+    /// The particles that subdomain `number` steps, ascending; and the subdomain itself. `problem` is the
+    /// problem that was cut.
     std::vector<std::uint32_t> own(const Problem& problem, int number) const;
     Subdomain subdomain(const Problem& problem, int number) const;
 
@@ -89,7 +90,7 @@ private:
     static std::size_t sent_by_busiest(const Problem& problem, glm::ivec3 subdomains);
 
     std::vector<Brick> bricks_;
-    int reach_;  ///< along how many axes at once springs lead
+    int reach_;  ///< how many components of a spring's offset may differ from 0
 };
 
 }  // namespace voxspring

@@ -14,7 +14,8 @@ namespace {
 // A cache line of words in float32.
 constexpr std::size_t guard_words = 8;
 
-// A middle may be one off either end; the sides are one further.
+// Whether `middle` is a particle's index or at most one beyond either end. Its two sides are then at most two
+// beyond, which is inside the guard.
 bool within(std::int64_t middle, std::int64_t particles) { return middle >= -1 && middle <= particles; }
 
 // Threads build lists by chunks of whole slices. A list does not go on from one chunk to the next.
@@ -36,11 +37,12 @@ public:
     struct Wanted {
         bool any = false;          ///< whether the particle has a neighbour in the row
         std::int64_t middle = 0;   ///< the index that a particle in the middle has or would have
-        bool gap_matters = false;  ///< whether it has a neighbour behind the middle
+        bool gap_matters = false;  ///< whether it has a neighbour after the middle
         bool gap = false;
     };
 
-    /// Whether this list can serve particle i, out of `particles`. If so, the list goes on to i.
+    /// Whether this list can serve particle i too (there are `particles` particles). If so, adds particle i
+    /// to the run.
     bool join(std::int64_t i, const std::array<Wanted, row_count>& wanted, std::int64_t particles) {
         GrowingList grown = *this;
         for (std::size_t r = 0; r < row_count; ++r) {
@@ -48,7 +50,8 @@ public:
             std::int32_t& delta = grown.list_.rows[r / 4].row[r % 4];
             const Wanted& row = wanted[r];
             if (!row.any) {
-                // The mask drops what is read there, but it is read all the same.
+                // The mask drops what the kernel reads there, but the kernel reads it, so the index must be
+                // valid.
                 if (!within(i + delta, particles)) return false;
                 continue;
             }
@@ -158,8 +161,9 @@ public:
 private:
     const Lattice& lattice_;
     const std::vector<std::uint32_t>& particle_;
-    std::array<bool, row_count> middle_{}, sides_{};  ///< whether there are springs to them
-    std::int64_t voxel_ = -2;                         ///< such that no voxel comes after it
+    std::array<bool, row_count> middle_{}, sides_{};  ///< per row: whether springs lead there
+    /// The voxel of the latest particle. At first, no voxel is next to it.
+    std::int64_t voxel_ = -2;
     int x_ = 0;
     std::array<const std::uint32_t*, row_count> row_{};
 };
@@ -269,7 +273,8 @@ void OffLatticeLists<Real>::put(std::size_t element, const Problem& problem, std
 
 template <class Real>
 void OffLatticeLists<Real>::clear(std::size_t element, std::uint32_t particle) {
-    // There is no particle beyond the last one. The first word is as good as any.
+    // An unused slot points at its own particle. If there is none, since the last slice is not full, it
+    // points at the first.
     neighbour_[element] = std::uint32_t(first_ + (particle < particles_ ? particle : 0));
     constants_[element] = {0, 0};
     if (!off_lattice_rest_.empty()) off_lattice_rest_[element] = {};
@@ -337,7 +342,7 @@ StepWork delta_work(const Problem& problem, Formulation formulation) {
     work.read_once(units_of(problem.particle_count(), std::size_t(slice_particles)) * sizeof(Slice) +
                    off_lattice_ends * (sizeof(std::uint32_t) + sizeof(SpringConstants<Real>) +
                                        (on_positions(formulation) ? 0 : sizeof(SpringRest<Real>))));
-    work.operations += off_lattice_ends;  // for the stiffness
+    work.operations += off_lattice_ends;  // multiplied by the stiffness
     return work;
 }
 

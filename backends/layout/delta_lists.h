@@ -19,7 +19,7 @@ Placement place_guarded(const Problem& problem);
 
 /// Where the lattice neighbours of every particle are.
 struct DeltaLists {
-    std::vector<Slice> slices;  ///< without springs beyond the lattice
+    std::vector<Slice> slices;  ///< springs beyond the lattice are not in them yet
     std::vector<RowDeltas> lists;
 };
 /// The lists follow from the voxels and the spring groups in use, not from the springs: cuts and sutures of
@@ -27,7 +27,7 @@ struct DeltaLists {
 DeltaLists compress_lists(const Problem& problem);
 
 /// Springs beyond the lattice, slice by slice, while edits change them. A slice whose lists run out of room
-/// gets new ones after all others.
+/// gets new ones at the end of the arrays.
 template <class Real>
 class OffLatticeLists {
 public:
@@ -61,14 +61,14 @@ private:
     }
 
     Formulation formulation_{};
-    std::size_t first_ = 0;  ///< word
+    std::size_t first_ = 0;  ///< word of the first particle
     std::size_t particles_ = 0;
     std::vector<std::uint32_t> neighbour_;
     std::vector<SpringConstants<Real>> constants_;
-    std::vector<SpringRest<Real>> off_lattice_rest_;  ///< for displacements
+    std::vector<SpringRest<Real>> off_lattice_rest_;  ///< empty in formulations on positions
 };
 
-/// The kernel's first argument, as make_implicit_step() leaves it.
+/// The kernel's first argument, with null pointers as from make_implicit_step().
 template <class Real>
 DeltaStep<Real> make_delta_step(const Problem& problem, const Placement& placement, Formulation formulation);
 

@@ -10,20 +10,19 @@
 
 namespace voxspring::layout {
 
-/// Cells of `width` voxels in a row. The width is a power of two and at most 128.
+/// Divides every row of a lattice into cells of `width` voxels. The width is a power of two and at most 128.
 class MarchCells {
 public:
     MarchCells(const Problem& problem, int width);
 
-    static constexpr std::uint8_t active = 1;  ///< has a particle
-    /// All its particles exist, move and have every spring, except springs to beyond the first and last
-    /// column and plane of the lattice.
-    /// and plane of the lattice.
+    static constexpr std::uint8_t active = 1;  ///< flag: the cell has a particle
+    /// Every voxel of the cell has a particle that moves and has every spring, except springs that would
+    /// leave the lattice across its first or last x or its first or last plane.
     static constexpr std::uint8_t full = 2;
 
     const Lattice& lattice() const { return *lattice_; }
     int width() const { return width_; }
-    int count() const { return count_; }  ///< in a row
+    int count() const { return count_; }  ///< cells per row
     /// The cells of a row of the lattice.
     const std::uint8_t* row(int y, int z) const { return &cells_[row_number(y, z) * std::size_t(count_)]; }
     /// The first particle in this row or a later one. A row ends where the next one begins.
@@ -44,11 +43,11 @@ private:
 
 /// One bit for each warp of a block, in one plane of its tile.
 struct MarchWarps {
-    std::uint32_t active = 0;  ///< has a particle
+    std::uint32_t active = 0;  ///< the warp has a particle
     std::uint32_t full = 0;    ///< all of its particles have full stencils (MarchItem::full_stencils)
 };
 
-/// A lattice in columns of one tile.
+/// Divides a lattice into columns along z, whose cross-section is one tile.
 class MarchColumns {
 public:
     /// `cells` are as wide as a warp, or narrower.

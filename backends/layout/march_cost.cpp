@@ -23,7 +23,8 @@ constexpr double launch_seconds = 0.66e-6;
 constexpr double start_latency = 1200;
 /// Bytes per cycle that a multiprocessor gets while all of them fill their first windows.
 constexpr double start_bytes_per_cycle = 20;
-/// The share of the pins' rate that a pass over arrays larger than any cache reaches (4.28 of 4.8 TB/s).
+/// The share of the memory's peak rate that a pass over arrays larger than any cache reaches (4.28 of 4.8
+/// TB/s).
 constexpr double copy_share = 0.89;
 /// Instructions and memory disturb each other when both take about as long: the step takes the power mean of
 /// both times with this exponent. The box of 512^3 spends 1.21 ms on one and 1.13 ms on the other, and 1.30
@@ -36,8 +37,9 @@ constexpr double copy_cycles = 100;
 constexpr double async_copy_cycles = 16;
 
 /// Instructions per warp and plane without masks, counted in the machine code of sm_90: 870 by `position`,
-/// 1370 by `increment`. In float64, whose pipe takes two cycles per instruction, it is that pipe's share of
-/// the time according to the profiler. What masks cost and `wait` are what measured times have beyond that.
+/// 1370 by `increment`. In float64, whose pipe takes two cycles per instruction, the number is the time for
+/// which the profiler shows this pipe busy. The cost of masks and `wait` are fitted to the rest of the
+/// measured times.
 MarchRates rates_of(Precision precision, Formulation formulation) {
     const bool increments = by_increments(formulation);
     constexpr double idle = 100;
@@ -92,7 +94,8 @@ int resident_blocks(const MarchTile& tile, Precision precision, const MarchDevic
     const auto bytes = std::size_t(tile.shape.shared_bytes(real_bytes(precision)));
     if (bytes > device.block_shared_bytes) return 0;
     const auto fit = int(device.shared_bytes / (bytes + device.reserved_bytes));
-    // Threads that copy need 128 registers or spill; the others have as many as tile.blocks leaves.
+    // Threads that copy windows need 128 registers or spill. Other threads get what `tile.blocks` blocks per
+    // multiprocessor leave to each.
     constexpr int registers = 65536, registers_to_copy = 128;
     const int most = device.tensor_copies
                          ? tile.blocks
@@ -148,13 +151,13 @@ public:
     bool empty() const { return items_.empty(); }
     bool has_room() const { return int(items_.size()) < cost_->resident(); }
     void add(const MarchLoad& load) { items_.push_back({&load, 1}); }
-    /// When the next of the items is done, if these go on together.
+    /// The time when the first of the items will be done, if no other item joins them.
     double next() const {
         double first = std::numeric_limits<double>::infinity();
         for (const Item& item : items_) first = std::min(first, item.left * seconds_of(item));
         return now_ + first;
     }
-    /// Lets the items go on until then.
+    /// Advances all items to the time `until`, and removes those that are done.
     void advance(double until) {
         constexpr double none = 1e-9;  // tolerance for rounding
         std::vector<Item> rest;

@@ -16,7 +16,7 @@ namespace voxspring::layout {
 struct MarchTile {
     std::string name;  ///< its width and height in particles, "128x16": the tuning parameter `tile`
     MarchShape shape;
-    int blocks;  ///< the most that share an SM: registers are for as many
+    int blocks;  ///< the kernel's registers allow this many per multiprocessor
     bool operator==(const MarchTile&) const = default;
 };
 /// All tiles of a precision. Those that were measured to be the fastest for some body come first, those for
@@ -30,30 +30,30 @@ struct MarchDevice {
     int multiprocessors = 0;
     int threads = 0;                     ///< per multiprocessor
     std::size_t shared_bytes = 0;        ///< per multiprocessor
-    std::size_t reserved_bytes = 0;      ///< of these, per block
-    std::size_t block_shared_bytes = 0;  ///< the most of these that one block may have
-    double hertz = 0;                    ///< of the multiprocessors
-    double bytes_per_second = 0;         ///< of the memory's pins
+    std::size_t reserved_bytes = 0;      ///< part of shared_bytes that the system takes per block
+    std::size_t block_shared_bytes = 0;  ///< the most shared memory of one block
+    double hertz = 0;                    ///< clock of the multiprocessors
+    double bytes_per_second = 0;         ///< peak rate of the memory
     double cache_bytes = 0;
     bool tensor_copies = true;  ///< an engine fills windows; otherwise the threads of a block do
 };
-/// How many blocks of a tile share a multiprocessor; 0 if one is too large.
+/// How many blocks with this tile share a multiprocessor; 0 if one block is too large for it.
 int resident_blocks(const MarchTile& tile, Precision precision, const MarchDevice& device);
 
 /// What a plane costs, in cycles of a multiprocessor.
 struct MarchRates {
-    double wait;                ///< of a block, while none of its warps can issue an instruction
-    double full, masked, idle;  ///< that a warp's instructions take on its quarter: without masks, with, and
-                                ///< where all of its particles are missing
+    double wait;  ///< of a block, while none of its warps can issue an instruction
+    /// Cycles of a warp's instructions on its quarter: without masks, with masks, and without particles.
+    double full, masked, idle;
 };
 MarchRates march_rates(const MarchTile& tile, Precision precision, Formulation formulation);
 
 /// An item as the cost model sees it.
 struct MarchLoad {
     double planes = 0;  ///< planes that arrive and whose springs are evaluated
-    double cycles = 0;  ///< of all its warps (MarchRates)
+    double cycles = 0;  ///< of all its warps for these planes (MarchRates)
 };
-/// The cost of items one after the other.
+/// Predicts the time of a launch of items that have the same tile.
 class MarchCost {
 public:
     MarchCost(const MarchTile& tile, Precision precision, Formulation formulation, const MarchDevice& device);

@@ -20,8 +20,8 @@ const Direction& direction_to(const glm::ivec3& offset) {
                          [&](const Direction& direction) { return direction.offset == offset; });
 }
 
-/// The pull of springs of class k, in units of what the kernel computes for them: (l - |d|) / |d| by
-/// increments, otherwise the same in units of l.
+/// The factor by which the kernel multiplies what it computes for springs of class k: (l - |d|) / |d| in
+/// formulations by increments, otherwise the same divided by l.
 double pull_of_class(const Problem& problem, std::size_t k, Formulation formulation) {
     const Direction& direction = direction_to(class_offsets[k]);
     const double stiffness = problem.group_stiffness[std::size_t(direction.group)];

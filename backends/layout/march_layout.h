@@ -17,7 +17,7 @@ namespace voxspring::layout {
 
 /// The elements of an array of vectors: every x of the lattice, then every y, then every z.
 struct SoaStrides {
-    std::size_t row = 0, plane = 0, axis = 0;  ///< elements from one to the next; rows begin on cache lines
+    std::size_t row = 0, plane = 0, axis = 0;  ///< elements from each to the next; rows begin on cache lines
     std::size_t size() const { return 3 * axis; }
     /// The element of a voxel's x.
     std::size_t element(glm::ivec3 at) const {
@@ -30,9 +30,9 @@ SoaStrides march_strides(const Lattice& lattice, std::size_t real_bytes);
 struct SoaPlaces {
     std::size_t size = 0;                             ///< elements of the array
     std::size_t axis = 0;                             ///< elements from x to y and from y to z of a particle
-    std::function<std::size_t(std::size_t)> element;  ///< of a particle's x
+    std::function<std::size_t(std::size_t)> element;  ///< index of particle i's x
 };
-/// As march_strides() has them. The places refer to `lattice`.
+/// The places that follow from march_strides(). They keep a reference to `lattice`.
 SoaPlaces march_places(const Lattice& lattice, std::size_t real_bytes);
 
 /// The state of every particle in a formulation. Elements without a particle are zero.
@@ -52,10 +52,10 @@ State unpack_soa(const Problem& problem, const SoaState<Real>& packed, Formulati
 /// except in formulations by increments.
 bool has_inverse_lengths(const Problem& problem, Precision precision, Formulation formulation);
 
-/// Whether all edge springs pull alike, so that forces can be in units of theirs.
+/// Whether all edge springs pull alike, so that forces can be expressed in units of this pull.
 bool equal_edges(const Problem& problem, Formulation formulation);
-/// The kernel's argument with null pointers. Unless by increments it has squares of rest lengths, which
-/// inverse_root() takes.
+/// The kernel's argument with null pointers. Except in formulations by increments it has squares of rest
+/// lengths, the input of inverse_root().
 template <class Real>
 MarchStep<Real> make_march_step(const Problem& problem, Formulation formulation);
 

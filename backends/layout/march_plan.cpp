@@ -18,8 +18,8 @@ namespace voxspring::layout {
 namespace {
 
 constexpr int max_rows = 2;
-/// The longest run of planes is not cut into parts shorter than this, since an item costs three planes' time
-/// besides its planes.
+/// The longest run of planes is cut only so far that its longest part has at least this many planes, since an
+/// item costs three planes' time besides its planes.
 constexpr int shortest_part = 3;
 
 /// Which bits of a thread's word stand for the springs of its particles in the plane that arrived (1) and in
@@ -111,8 +111,8 @@ std::vector<Run> runs_of(const MarchColumns& columns) {
     return runs;
 }
 
-/// Cuts runs between long stretches in which the same warps have full stencils. Otherwise a plane of pins
-/// would leave masks to all planes above it.
+/// Cuts runs between long stretches in which the same warps have full stencils. Otherwise one plane of pinned
+/// particles would force masks on all planes above it.
 std::vector<Run> cut_by_full_stencils(const MarchColumns& columns, const std::vector<Run>& runs) {
     // An item costs three planes' time besides its planes, and masks cost an eighth of a plane's.
     constexpr int long_enough = 32;
@@ -151,12 +151,13 @@ std::vector<Run> cut_by_interior(const MarchInterior& interior, const std::vecto
     return cut;
 }
 
-/// The number of items of each length, which is the index.
+/// The number of items by their length, which is the index.
 using LengthCounts = std::vector<int>;
 
 /// The time until all items are done, in units of the time that a plane takes. `slots` blocks run at once,
 /// and each always takes the longest item that is left. An item of n planes takes the time of n + 3 planes:
-/// it shares two more planes with other items, and the wait for its first plane is as long as another one.
+/// it also fetches the plane below and the plane above, and the wait for its first plane is as long as one
+/// more.
 int finished_at(const LengthCounts& counts, int slots) {
     constexpr int extra = 3;
     std::priority_queue<int, std::vector<int>, std::greater<>> ends;
@@ -221,14 +222,15 @@ public:
     const MarchTile& tile() const { return tile_; }
     const MarchColumns& columns() const { return columns_; }
     double seconds() const { return seconds_; }
-    /// MarchPlan::kept_planes. Where the state is somewhat larger than L2, every step replaces there what the
-    /// next one reads first; telling L2 what to keep takes up to a tenth off a step. A smaller or larger
-    /// state, and items that march in several rounds, lose by it. Both bounds lie between states that were
-    /// measured on an H100.
+    /// MarchPlan::kept_planes. Where the state is somewhat larger than L2, every step evicts from L2 what the
+    /// next step reads first. Telling L2 what to keep then makes a step up to a tenth faster. With a smaller
+    /// or larger state, or with items that march in several rounds, it makes a step slower. Both bounds lie
+    /// between states that were measured on an H100.
     int kept_planes(const MarchDevice& device) const {
         constexpr double least = 0.9, most = 1.75;
         const double state = state_bytes() / device.cache_bytes;
-        // In a box pinned below, the first plane is cut from all others: those items are soon done.
+        // In a box pinned below, the first plane is cut from the rest. The items of one plane are soon done,
+        // so they do not count as a second round.
         const auto at_once = std::size_t(cost_.slots());
         const bool one_round = items_.size() <= at_once || items_[at_once].length() < shortest_part;
         return device.tensor_copies && one_round && state > least && state < most ? 2 : 0;
@@ -268,8 +270,8 @@ private:
     }
     double state_bytes() const { return double(lattice_->voxel_count()) * 3 * real_ * (increments_ ? 3 : 2); }
 
-    /// The share of a plane's springs that plane z has: the first plane of the lattice has only springs
-    /// within it.
+    /// The springs that are added when plane z arrives, as a share of those of an inner plane. The first
+    /// plane of the lattice has no springs to a plane below.
     static double springs_of(int z) { return z == 0 ? 0.5 : 1; }
     /// Cycles of all warps when plane z arrives. The warps of `full` have no masks.
     double count_cycles(int column, int z, std::uint32_t full) const {
@@ -284,7 +286,7 @@ private:
         std::uint32_t full = ~0U;
         for (int z = item.begin; z < item.end; ++z) full &= columns_.at(item.column, z).full;
         MarchLoad load;
-        // The plane above arrives as well.
+        // The plane above the item arrives as well.
         for (int z = item.begin; z <= std::min(item.end, columns_.planes() - 1); ++z) {
             load.planes += springs_of(z);
             load.cycles += springs_of(z) * count_cycles(item.column, z, full);
@@ -305,8 +307,8 @@ private:
         }
         return found;
     }
-    /// Bytes of a plane's window and of what it overwrites, with `fetched_frame` as the share of the frame
-    /// that is fetched.
+    /// Bytes of a plane's window and of what it overwrites, where `fetched_frame` is the share of the frame
+    /// that comes from memory.
     double bytes_at(int column, int z, double fetched_frame) const {
         // The size of an access to HBM, which delivers no less.
         constexpr int fetched_bytes = 64;
@@ -417,7 +419,7 @@ private:
     const MarchCells& cells_;
     const MarchShape shape_;
     const PlaneMaskTable table_;
-    std::vector<int> thread_of_;  ///< by half of its column, and by its row
+    std::vector<int> thread_of_;  ///< by half of its column and by its row
 };
 
 }  // namespace

@@ -1,5 +1,5 @@
-// Which block of the march along z does what: the tile, chosen by the predicted time of a step
-// (march_cost.h), items of work, and words for items that need masks. Built on the host, without a device.
+// The plan of the march along z: the tile (chosen by the predicted time of a step, march_cost.h), the items
+// of work of all blocks, and the mask words of items that need masks. Built on the host, without a device.
 #pragma once
 
 #include <cstddef>
@@ -15,36 +15,39 @@
 
 namespace voxspring::layout {
 
-/// Planes `begin` to `end` (exclusive) of a slab, which are stepped while its borders travel.
+/// Planes `begin` to `end` (exclusive) of a part of a body, which are stepped while the particles of its
+/// borders travel to and from neighbouring parts.
 struct MarchInterior {
     int begin = 0, end = std::numeric_limits<int>::max();
     bool operator==(const MarchInterior&) const = default;
 };
-/// The longest run of planes without a particle of a border; may be empty.
+/// The longest run of planes that contain none of the particles in `border`; may be empty.
 MarchInterior interior_of(const Lattice& lattice, const std::vector<std::uint32_t>& border);
 
 /// The work of all blocks.
 struct MarchPlan {
     MarchTile tile;
-    /// Items in the order of blocks: first those outside of the interior, then the others, either group with
-    /// the longest first.
+    /// One item per block, in the order of blocks: first the items outside of the interior, then those
+    /// inside. Within each of these two groups the longest items come first.
     std::vector<MarchItem> items;
-    std::size_t border_items = 0;  ///< how many are outside of the interior
+    std::size_t border_items = 0;  ///< how many items are outside of the interior
     std::vector<std::uint64_t> words;
-    int kept_planes = 0;  ///< that L2 is told to keep, of every kept_of; 0: it is told nothing
-    double seconds = 0;   ///< predicted time of a step
+    /// How many of every `kept_of` planes L2 is told to keep; 0: it is told nothing.
+    int kept_planes = 0;
+    double seconds = 0;  ///< predicted time of a step
     bool operator==(const MarchPlan&) const = default;
 };
 
-/// Times that differ by less than this factor count as alike: predictions are off by more (march_cost_test).
+/// Predicted times that differ by less than this factor count as alike, since predictions are no better than
+/// that (march_cost_test).
 constexpr double max_alike = 1.03;
-/// Items for all particles, in the tile with the shortest predicted step among those of `tiles` that fit the
-/// device, or in the first tile if none fits. Of tiles that are alike the first is chosen. `tiles` must not
-/// be empty. Particles step to the same bits whatever the tile, and however runs of planes are cut into
-/// items. No item has both planes of the interior and others.
+/// Plans items for all particles. Among those of `tiles` that fit the device, it takes the tile with the
+/// shortest predicted step, and the first one among tiles that are alike. If none fits, it takes the first of
+/// `tiles`, which must not be empty. Particles step to the same bits with every tile, and however runs of
+/// planes are cut into items. No item has planes both inside and outside of the interior.
 MarchPlan plan_march(const Problem& problem, const std::vector<MarchTile>& tiles, Precision precision,
                      Formulation formulation, const MarchDevice& device, MarchInterior interior = {});
-/// An upper bound of the bytes of a plan whose interior is everything.
+/// An upper bound of the bytes of a plan without borders.
 std::uint64_t max_plan_bytes(const Lattice& lattice, const MarchShape& shape);
 
 }  // namespace voxspring::layout

@@ -9,9 +9,9 @@
 namespace voxspring::layout {
 namespace {
 
-/// Operations of a spring of the march. They are counted as in pull_operations(), except for what follows the
-/// root: 1 for the formulations `position` and `displacement`; by increments in float32 3 with those of the
-/// root and of the reciprocal. Face springs are also scaled.
+/// Operations of one spring of the march. They are counted as in pull_operations(), with three differences.
+/// The formulations `position` and `displacement` take 1 operation after the root. Increments in float32 take
+/// 4 for root, reciprocal and density together. Face springs take 1 more, to scale them.
 template <class Real>
 std::uint64_t march_pull_operations(const Direction& direction, Formulation formulation) {
     const std::uint64_t axes = axes_of(direction);
@@ -29,8 +29,8 @@ StepWork shared_springs_work(const Problem& problem, Formulation formulation,
     const std::uint64_t particles = problem.particle_count();
     const bool increments = by_increments(formulation);
     const std::uint64_t array = particles * sizeof(Vector<Real>);
-    // What neighbours read is written to another array; the third array of increments is overwritten in
-    // place.
+    // The array that neighbours read has two copies: a step reads one and writes the other. The third array,
+    // of increments, is overwritten in place.
     StepWork work{.bytes = (increments ? 4 : 3) * array,
                   .written_bytes = (increments ? 2 : 1) * array,
                   .footprint_bytes = (increments ? 3 : 2) * array};

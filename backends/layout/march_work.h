@@ -1,5 +1,5 @@
-// The least work of a step of kernels that evaluate springs by class (kernels/march.h), some of them once for
-// both ends.
+// The least work of a step of kernels that evaluate springs by class (kernels/march.h). They evaluate some
+// springs only once for both ends.
 #pragma once
 
 #include <array>
@@ -11,12 +11,13 @@
 
 namespace voxspring::layout {
 
-/// How many evaluations the springs of some particles take. Springs between particles of one thread take one,
-/// others two.
+/// How many evaluations a number of springs takes: one for a spring between two particles of the same thread,
+/// two for any other.
 struct SharedSprings {
     std::uint64_t evaluations, springs;
 };
-/// The work of a step on particles in structure of arrays without masks. `shares`: of face and edge springs.
+/// The work of a step whose state is a structure of arrays, without the masks. `shares`: evaluations of face
+/// springs, then of edge springs.
 template <class Real>
 StepWork shared_springs_work(const Problem& problem, Formulation formulation,
                              const std::array<SharedSprings, 2>& shares);

@@ -18,7 +18,7 @@ ListShape make_shape(std::size_t particles, std::uint32_t slots, ListLayout layo
     if (layout == ListLayout::concatenated)
         return {.particle_stride = slots, .slot_stride = 1, .slots = slots};
     return {.particle_stride = 1,
-            // Columns begin on a cache line.
+            // The entries of one slot, for all particles, begin on a cache line.
             .slot_stride = ListRows::stride(std::uint32_t(particles)),
             .slots = slots};
 }
@@ -31,7 +31,7 @@ void start_lists(NeighbourLists<Real>& lists, const Problem& problem, std::uint3
     lists.bits = state_bits(problem);
 }
 
-// An unused slot holds its own particle.
+// An unused slot names the particle itself as its neighbour.
 template <class Real>
 void fill_unused(NeighbourLists<Real>& lists, std::uint32_t row, std::uint32_t particle, std::uint32_t begin,
                  std::uint32_t end, Formulation formulation) {
@@ -89,7 +89,7 @@ void fill_by_groups(NeighbourLists<Real>& lists, std::uint32_t row, std::uint32_
     }
 }
 
-// Appends to list `row`, whose bits count its springs. Returns where.
+// Appends a spring to list `row`, and counts it in the row's bits. Returns the element that it was stored in.
 template <class Real>
 std::size_t append(NeighbourLists<Real>& lists, std::uint32_t row, std::uint32_t entry, double stiffness,
                    Real rest_length) {
@@ -255,7 +255,8 @@ ExplicitStep<Real> make_explicit_step(const Problem& problem, const NeighbourLis
         step.first_slot[g] = lists.first_slot[g];
         step.stiffness[g] = Real(problem.group_stiffness[g]);
     }
-    // grouped_list_refusal() has compared the other springs of the group.
+    // Any direction of a group will do: grouped_list_refusal() has checked that all have the same rest
+    // length.
     for (const Direction& direction : directions())
         step.rest_length[std::size_t(direction.group)] = listed_length<Real>(problem, direction, formulation);
     std::ranges::copy(rest_by_code<Real>(problem), step.rest);

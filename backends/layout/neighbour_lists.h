@@ -22,18 +22,18 @@ struct NeighbourLists {
     std::vector<SpringConstants<Real>> constants;  ///< the secondary list; empty without one
     /// How springs beyond the lattice lie at rest, for displacements. Empty if there are none.
     std::vector<SpringRest<Real>> off_lattice_rest;
-    std::vector<std::uint32_t> bits;            ///< one per particle: counters, active and pinned
-    std::array<std::uint32_t, 3> first_slot{};  ///< of each group, without the secondary list
+    std::vector<std::uint32_t> bits;            ///< one per particle: spring counters, active and pinned bits
+    std::array<std::uint32_t, 3> first_slot{};  ///< per spring group, if there is no secondary list
 };
 
 /// The number of elements of a list with `slots` slots per particle.
 std::size_t list_size(std::size_t particles, std::uint32_t slots, ListLayout layout);
-/// Slots per particle that list_by_groups() and list_by_springs() would make.
+/// Slots per particle in the lists that list_by_groups() and list_by_springs() make.
 std::uint32_t slots_by_groups(const Problem& problem);
 std::uint32_t slots_by_springs(const Problem& problem);
 
-/// Lists with one counter per spring group and no secondary list, for a problem that is not
-/// grouped_list_refusal().
+/// Lists with one counter per spring group and no secondary list. grouped_list_refusal() must accept the
+/// problem.
 template <class Real>
 NeighbourLists<Real> list_by_groups(const Problem& problem, ListLayout layout, Formulation formulation);
 /// Lists with one counter per particle, and one stiffness and rest length per spring, for any problem. A
@@ -42,7 +42,7 @@ NeighbourLists<Real> list_by_groups(const Problem& problem, ListLayout layout, F
 template <class Real>
 NeighbourLists<Real> list_by_springs(const Problem& problem, ListLayout layout, Formulation formulation);
 
-/// Puts the rows of ListRows ahead of the entries of filled lists.
+/// Stores the rows of ListRows ahead of the entries of `lists`, which are complete.
 template <class Real>
 void put_rows_ahead(NeighbourLists<Real>& lists);
 
@@ -54,7 +54,8 @@ struct EditedLists {
 };
 /// The most springs that a touched particle has.
 std::uint32_t longest_list(const SpringEdit& edit);
-/// The lists as list_by_groups() and list_by_springs() make them, with `slots` slots per particle.
+/// Lists of the touched particles only, as list_by_groups() and list_by_springs() would make them, with
+/// `slots` slots per particle.
 template <class Real>
 EditedLists<Real> edited_by_groups(const Problem& edited, const SpringEdit& edit, std::uint32_t slots,
                                    Formulation formulation);
@@ -62,8 +63,8 @@ template <class Real>
 EditedLists<Real> edited_by_springs(const Problem& edited, const SpringEdit& edit, std::uint32_t slots,
                                     Formulation formulation);
 
-/// The kernel's argument, with squared rest lengths and null pointers. The caller fills in what is on the
-/// device.
+/// The kernel's argument, with rest lengths as listed_length() gives them. Its pointers are null: the caller
+/// sets them to arrays on the device.
 template <class Real>
 ExplicitStep<Real> make_explicit_step(const Problem& problem, const NeighbourLists<Real>& lists,
                                       Formulation formulation);

@@ -13,7 +13,8 @@ namespace {
 // Signed, because OpenMP's loops prefer that.
 std::ptrdiff_t count_of(const Problem& problem) { return std::ptrdiff_t(problem.particle_count()); }
 
-// Axes of increments begin on a cache line of 128 bytes in float32.
+// Each axis of the increments begins at a multiple of this: 32 elements of float32 are a cache line of 128
+// bytes.
 constexpr std::size_t pitch_multiple = 32;
 
 }  // namespace

@@ -12,11 +12,10 @@
 
 namespace voxspring::layout {
 
-/// The largest number of words. Their indices are of type int, and so are those of surplus threads of a last
-/// block.
+/// The largest number of words. Threads index words by int, also the surplus threads of the last block.
 inline constexpr std::size_t max_words = 0x7FFFFFFF - 1023;
 
-/// Which word of an array a particle has.
+/// Maps each particle to its word in an array.
 struct Placement {
     std::size_t words = 0;
     std::size_t first = 0;
@@ -36,13 +35,13 @@ Placement place_compact(const Problem& problem);
 /// zero, and arrays that the formulation does not use are empty.
 template <class Real>
 struct PackedState {
-    std::vector<ParticleRecord<Real>> current;      ///< x or u
+    std::vector<ParticleRecord<Real>> current;      ///< position x or displacement u, at t
     std::vector<ParticleRecord<Real>> previous;     ///< x or u at t - dt
     std::vector<ParticleRecord<Real>> current_low;  ///< low parts of u
     /// v and its low parts: x of all words, then y, then z, increment_pitch() apart.
     std::vector<Real> increment, increment_low;
 };
-/// Axes of increments begin on a cache line.
+/// Elements from one axis of the increments to the next. Each axis begins on a cache line.
 std::size_t increment_pitch(const Placement& placement);
 /// `bits`: one per particle.
 template <class Real>
@@ -62,7 +61,7 @@ std::vector<Real> pack_inverse_masses(const Problem& problem, const Placement& p
 template <class Real>
 std::vector<Real> pack_compliance(const Problem& problem, const Placement& placement);
 
-/// The caller sets the pointers `load` and `inverse_masses` to device memory.
+/// All of Motion but the pointers `load` and `inverse_masses`, which the caller sets to device memory.
 template <class Real>
 Motion<Real> make_motion(const Problem& problem);
 

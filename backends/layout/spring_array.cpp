@@ -105,7 +105,7 @@ std::vector<EditedSpring<Real>> SpringSlots::slots_of(const SpringEdit& edit) {
                           rest,
                           !by_increments(formulation_)});
     };
-    // A listed spring that is removed and added again stays.
+    // A listed spring that the edit both removes and adds is written only as an added one.
     std::set<std::pair<std::uint32_t, int>> back;
     for (const ChangedSpring& changed : edit.added) {
         if (!edit.removed.empty() && was_listed(changed)) back.emplace(changed.spring.first, changed.bit);
@@ -137,7 +137,7 @@ StepWork scatter_work(const Problem& problem, Formulation formulation) {
     const std::uint64_t springs = count_springs(problem).total();
     const std::uint64_t particles = problem.particle_count();
     const std::uint64_t force = particles * sizeof(Vector<Real>);
-    // Both launches read and write it.
+    // Each of the two launches reads and writes the force on every particle.
     const auto add_force = [&] {
         work.bytes += 2 * force;
         work.written_bytes += force;
@@ -149,7 +149,7 @@ StepWork scatter_work(const Problem& problem, Formulation formulation) {
     add_force();
     work.bytes += particles * sizeof(ParticleRecord<Real>);
     work.read_once(springs * (sizeof(SpringEnds) + sizeof(SpringConstants<Real>)));
-    // Counts the stiffness, the force, and its addition to either end.
+    // Counts the stiffness, the force, and adding the force to both ends.
     work.operations += pull_operations<Real>(problem, formulation) + springs * (1 + 3 * vector_operations);
     return work;
 }

@@ -30,12 +30,14 @@ struct SpringArrays {
 template <class Real>
 SpringArrays<Real> list_every_spring(const Problem& problem, Formulation formulation);
 
-/// Where a spring is in the spring array while springs come and go. A lattice spring that was listed keeps
-/// its slot, which is empty while the spring is cut. Other springs get slots at the end and free them again.
+/// Where each spring is in the spring array, while edits remove and add springs. A lattice spring that was
+/// listed at first keeps its slot, which is empty (stiffness 0) while the spring is cut. All other springs
+/// get slots at the end, and free them when they are removed.
 class SpringSlots {
 public:
     SpringSlots() = default;
-    /// `problem` as it was when listed; it must outlive this object. `begin` is as in SpringArrays.
+    /// `problem`: as it was when its springs were listed; it must outlive this object. `begin`:
+    /// SpringArrays::begin.
     SpringSlots(const Problem& problem, const std::array<std::size_t, neighbour_count + 1>& begin,
                 Formulation formulation);
 
@@ -48,7 +50,8 @@ public:
 private:
     /// A range of slots to search. An empty range stands for one slot.
     using Range = std::pair<std::size_t, std::size_t>;
-    /// `freed`: slots that later edits may use again. Within one edit a slot is written once.
+    /// Adds to `freed` the slot that becomes free. Only later edits may use it, because one edit writes a
+    /// slot only once.
     Range remove(const ChangedSpring& changed, std::vector<std::size_t>& freed);
     Range add(const ChangedSpring& changed);
     bool was_listed(const ChangedSpring& changed) const;

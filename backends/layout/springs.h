@@ -14,13 +14,14 @@
 
 namespace voxspring::layout {
 
-/// The square of a lattice direction's rest length. If the lattice is stress-free it is the square of the
-/// direction's offset, which is the very number that a kernel computes at rest, and not the square of a
-/// rounded root.
+/// The square of a lattice direction's rest length. If the lattice is stress-free, it is the square of the
+/// direction's offset: the same number that a kernel computes at rest. The square of a rounded root could
+/// differ from it.
 double squared_rest_length(const Problem& problem, const Direction& direction);
 
-/// A rest length as unit_pull() takes it: by increments the length itself, otherwise its square, which is to
-/// be measured. The square is what a kernel finds at rest, so the force there is zero to the bit.
+/// A rest length as unit_pull() takes it. By increments it is the length itself. Otherwise it is the square,
+/// whose root the device still has to measure: a kernel finds the same square at rest, so the force there is
+/// zero to the bit.
 template <class Real>
 Real listed_length(const Problem& problem, const Direction& direction, Formulation formulation);
 template <class Real>
@@ -35,15 +36,16 @@ template <class Real>
 SpringRest<Real> off_lattice_rest_of(const Problem& problem, std::uint32_t particle, std::uint32_t neighbour,
                                      double rest_length);
 
-/// The list entry for neighbour `index`, which lies in the direction of mask bit `bit`. Negative: in none of
-/// them.
+/// The list entry for neighbour `index`, which lies in the direction of mask bit `bit`; -1: in no lattice
+/// direction.
 std::uint32_t entry_of(std::uint32_t index, int bit, Formulation formulation);
 
-/// Empty, or why a list entry cannot hold particle and direction in one word, as formulations on
-/// displacements need it.
+/// Empty, or why the index of a particle and a direction code do not fit into one list entry. Formulations on
+/// displacements need both.
 std::string list_entry_refusal(const Problem& problem, Formulation formulation);
 
-/// Empty, or why stiffness and rest length differ between springs of one group.
+/// Empty, or why `problem` has springs that do not share stiffness and rest length with all others of a
+/// group.
 std::string grouped_list_refusal(const Problem& problem);
 
 /// The neighbour mask of a particle; 0 without a lattice.

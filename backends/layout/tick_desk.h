@@ -1,5 +1,6 @@
-// The host's side of a kernel that serves ticks without ending (records/ticks.h): it numbers them, writes
-// orders and reads answers. It knows no device: any memory will do that the kernel can reach while it runs.
+// The host's side of a kernel that serves ticks without ending (records/ticks.h): TickDesk numbers the ticks,
+// writes orders and reads answers. It knows no device: it works with any memory that the kernel can reach
+// while it runs.
 #pragma once
 
 #include <cstddef>
@@ -14,16 +15,16 @@ namespace voxspring::layout {
 /// Gives one order at a time: the next one only after the last one has been answered.
 class TickDesk {
 public:
-    /// `tick`: the number before that of the first tick.
+    /// `tick`: the first tick gets the next number.
     explicit TickDesk(std::uint32_t tick = 0) { order_.tick = tick; }
 
-    /// From now on orders go to `asked`. `answers` has room for one answer per particle that the tool holds,
-    /// at least one. No kernel may be running. Overwrites both.
+    /// From now on orders go to `asked` and answers come from `answers`, which has one element per particle
+    /// that the tool holds, and at least one. Overwrites both. No kernel may be running.
     void open(OrderWords* asked, std::span<AnswerWords> answers);
 
     /// Orders `steps` steps, at least one, with the tool at `moved`.
     void order(Vector<float> moved, std::uint32_t steps);
-    /// Repeats the latest order in a new tick: the kernel had ended without taking it.
+    /// Repeats the latest order in a new tick, for when the kernel ended without taking it.
     void order_again();
     /// Orders the kernel to store the state and to end. This is not answered; the next order waits for the
     /// end.
@@ -46,7 +47,7 @@ private:
     /// The numbers go on from kernel to kernel, so that no word of an earlier one is taken for an answer or
     /// an order. They start again after 2^32 ticks, when every word has long been overwritten.
     TickOrder order_{};
-    std::size_t arrived_ = 0;  ///< answers to the latest order that have arrived, one after another
+    std::size_t arrived_ = 0;  ///< how many answers to the latest order have been read, one after another
     std::vector<HeldForce<float>> forces_;
 };
 

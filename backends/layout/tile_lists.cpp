@@ -11,8 +11,8 @@
 namespace voxspring::layout {
 namespace {
 
-/// The coordinates in its tile of voxel (0, 0, 0). Which voxel of the whole that is follows from where the
-/// first particle is at rest.
+/// The coordinates of voxel (0, 0, 0) in its tile, each 0 or 1. In a part of a body they depend on where that
+/// voxel is in the whole body, which follows from the first particle's position at rest.
 glm::ivec3 begin_in_tile(const Problem& problem) {
     const Lattice& lattice = problem.lattice;
     if (lattice.voxel.empty()) return glm::ivec3(0);
@@ -24,12 +24,12 @@ glm::ivec3 tiles_along(const Lattice& lattice, const glm::ivec3& begin) {
     return (begin + lattice.dims + 1) / 2;
 }
 
-/// Tiles of the list, padding included.
+/// Length of the list for `active` active tiles, padding included.
 std::uint32_t listed_tiles(std::size_t active, std::uint32_t block_tiles) {
     return std::uint32_t(rounded_up(active, std::size_t(block_tiles))) + 2 * group_tiles;
 }
 
-/// Counts springs, and the evaluations of them by a tile that has them all.
+/// Counts, by spring group, the evaluations by a tile that has all springs.
 struct Evaluations {
     std::array<std::uint64_t, 2> of_group{};
     constexpr void count(int dx, int dy, int dz) {
@@ -114,9 +114,9 @@ std::size_t TileLists::element(const glm::ivec3& voxel) const {
 }
 
 void TileLists::find_rows() {
-    // Padding points at the first group, which is there to be read.
+    // Rows of padding tiles point at the first group, itself padding, which may be read.
     rows_.assign(tile_rows * masks_.size(), TileRow::make(group_tiles - 1, false));
-    // For each tile of the lattice the number of the first active one from there on.
+    // For each tile of the lattice: the list number of the first active tile at it or after it.
     std::vector<std::uint32_t> from(number_.size());
     std::uint32_t following =
         group_tiles + std::uint32_t(std::count_if(number_.begin(), number_.end(), [](std::uint32_t number) {
@@ -196,7 +196,7 @@ std::uint64_t tile_bytes(const Problem& problem, std::uint32_t block_tiles, int 
 
 template <class Real>
 StepWork tile_work(const Problem& problem, Formulation formulation) {
-    // Eight particles that have all springs have 24 of faces and 48 of edges.
+    // In a full lattice, eight particles have 24 face springs and 48 edge springs.
     StepWork work = shared_springs_work<Real>(
         problem, formulation, {{{evaluations_of_full_tile[0], 24}, {evaluations_of_full_tile[1], 48}}});
     const std::uint64_t tiles = units_of(problem.particle_count(), std::size_t(tile_particles));

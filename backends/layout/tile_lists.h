@@ -20,23 +20,24 @@ namespace voxspring::layout {
 struct ActiveTiles {
     explicit ActiveTiles(const Problem& problem);
     std::vector<std::uint8_t> of_lattice;  ///< one per tile of the lattice: 1 if it has a particle, else 0
-    std::size_t count = 0;                 ///< of those that have one
+    std::size_t count = 0;                 ///< number of tiles that have a particle
 };
 
-/// Tiles begin at even voxels. Those of a part of a body (decomposition.h) begin at even voxels of the whole,
-/// so that sums have the same order in the part as in the whole. They are in canonical order, x fastest. A
-/// group of padding precedes the first one, and the list ends with at least another, since kernels read one
-/// tile beyond either end.
+/// Tiles begin at even voxels. In a part of a body (decomposition.h) these are even voxels of the whole body,
+/// so that sums have the same order in the part as in the whole. The list has the active tiles in canonical
+/// order, x fastest. It begins with a group of padding and ends with at least one more, since kernels read
+/// one tile beyond either end.
 class TileLists {
 public:
-    /// `problem` has a lattice, and no springs beyond it. `active` are its tiles. The list is filled up to
-    /// whole blocks of `block_tiles` tiles, a multiple of group_tiles.
+    /// `problem` has a lattice, and no springs beyond it. `active`: its tiles. Between the two groups of
+    /// padding, the list is filled up to whole blocks of `block_tiles` tiles, a multiple of group_tiles.
     TileLists(const Problem& problem, const ActiveTiles& active, std::uint32_t block_tiles);
 
     std::uint32_t blocks() const { return blocks_; }
-    /// The tile of the particle at `voxel`, counted from the first one that is stepped.
+    /// The number of the tile that has the particle at `voxel`, counted from the first tile after the
+    /// padding.
     std::uint32_t tile_of(const glm::ivec3& voxel) const { return place_of(voxel).tile - group_tiles; }
-    /// Elements of an array of vectors.
+    /// Numbers in an array that has a vector for each particle of each listed tile.
     std::size_t elements() const { return 3 * std::size_t(tile_particles) * masks_.size(); }
     /// The element of a particle's x. y and z follow at distances of tile_axis.
     std::size_t element(const glm::ivec3& voxel) const;
@@ -44,11 +45,11 @@ public:
     const std::vector<TileRow>& rows() const { return rows_; }
     const std::vector<TileMask>& masks() const { return masks_; }
 
-    /// Tells of an edit. Returns the words of the masks that it changes, four per tile.
+    /// Updates the masks for an edit. Returns the mask words that it changes, four per tile.
     std::vector<EditedWord> edit(const SpringEdit& edit);
 
 private:
-    /// Tile and number in it of a particle at `voxel`.
+    /// The tile of a particle, and the particle's number in the tile.
     struct Place {
         std::uint32_t tile;
         int number;
@@ -57,10 +58,10 @@ private:
     void find_rows();
     TileMask mask_of(std::uint32_t tile) const;
 
-    glm::ivec3 begin_;                  ///< of the lattice in its first tile, each coordinate 0 or 1
-    glm::ivec3 voxels_;                 ///< of the lattice along each axis
+    glm::ivec3 begin_;                  ///< coordinates of voxel (0, 0, 0) in its tile, each 0 or 1
+    glm::ivec3 voxels_;                 ///< Lattice::dims
     glm::ivec3 dims_;                   ///< tiles along each axis
-    std::vector<std::uint32_t> voxel_;  ///< one per particle
+    std::vector<std::uint32_t> voxel_;  ///< Lattice::voxel
     std::vector<std::uint32_t>
         number_;  ///< per tile of the lattice: its number in the list; no_particle: not active
     std::vector<std::array<std::uint32_t, tile_particles>>
@@ -76,7 +77,7 @@ private:
 unsigned threads_per_tile(std::size_t tiles, std::size_t resident);
 
 /// An upper bound of the device memory of the lists and of `arrays` arrays of vectors, for blocks of
-/// `block_tiles` tiles. It counts tiles, which takes no lists.
+/// `block_tiles` tiles. It counts tiles without making the lists.
 template <class Real>
 std::uint64_t tile_bytes(const Problem& problem, std::uint32_t block_tiles, int arrays);
 

@@ -8,10 +8,10 @@
 namespace voxspring::layout {
 namespace {
 
-/// Operations of unit_pull() for a relative position or displacement, including the 3 subtractions that make
-/// it: squared_length() 3 in float32 and 4 in float64, inverse_root() 1 and 6, fast_reciprocal() 1 and 5, the
-/// density 3. On displacements an offset takes one more operation for each axis along which the neighbour
-/// lies; by increments the deficit takes 3 and as many again. Low parts are 6.
+/// Operations of unit_pull() for one relative position or displacement. In float32 and in float64 these are:
+/// the 3 subtractions that make it; squared_length() 3 and 4; inverse_root() 1 and 6; the density 3. On
+/// displacements, adding the offset takes 1 more for each axis along which the neighbour lies. By increments
+/// the deficit takes 3, plus 1 for each such axis, and fast_reciprocal() 1 and 5. Low parts take 6.
 template <class Real>
 std::uint64_t pull_operations(const Direction& direction, Formulation formulation) {
     const std::uint64_t axes = axes_of(direction);
@@ -22,7 +22,7 @@ std::uint64_t pull_operations(const Direction& direction, Formulation formulatio
     return operations;
 }
 
-/// The direction of a spring beyond the lattice, which may lie along no axis.
+/// A spring beyond the lattice may have any direction. It is counted as one that lies along all three axes.
 const Direction oblique{.bit = 0, .offset = {1, 1, 1}, .group = SpringGroup::corner};
 
 /// Operations of fast_series_stiffness(), of the sum of its arguments, and of multiplying the density by it.

@@ -1,6 +1,6 @@
 // The least work of a step, counted from the sources in kernels/: the part that all strategies have, and the
-// two ways to find neighbours that OpenGL has as well. What only one strategy does is counted beside its
-// layout. Host code without a device.
+// two ways to find neighbours (by grid and by list) that OpenGL has too. What only one strategy does is
+// counted beside its layout. Host code without a device.
 #pragma once
 
 #include <cstdint>
@@ -23,11 +23,11 @@ inline std::uint64_t axes_of(const Direction& direction) {
 /// Operations of a vector times a scalar, whether or not it is added to a sum.
 inline constexpr std::uint64_t vector_operations = 3;
 
-/// The work of integrate_and_store(). Bytes: x(t) and x(t - dt) are read and x(t + dt) is written, and each
-/// operand that the scene has is read; by increments x(t) and v are read and x(t + dt) and v are written; low
-/// parts take as much again. All are overwritten in place except what neighbours read. Vector operations: the
-/// mass, gravity and the time step take 3 and damping 1; next_position() takes 3 more, paper_position() 2,
-/// increments 1 and split sums 2 x 11.
+/// The work of integrate_and_store(). Bytes: x(t) and x(t - dt) are read and x(t + dt) is written; by
+/// increments x(t) and v are read and x(t + dt) and v are written; low parts take as much again. Loads and
+/// inverse masses are read if the scene has them. All arrays are overwritten in place except the one that
+/// neighbours read. Vector operations: the mass and the time step take 2; gravity, damping and loads 1 each;
+/// next_position() and paper_position() 3 more, increments 2 and split sums 2 x 11.
 template <class Real>
 StepWork motion_work(const Problem& problem, Formulation formulation);
 
@@ -35,8 +35,8 @@ StepWork motion_work(const Problem& problem, Formulation formulation);
 template <class Real>
 std::uint64_t pull_operations(const Problem& problem, Formulation formulation);
 
-/// The work of a step on particles by grid offset. Words of inactive voxels do not count, and neighbours are
-/// not counted a second time.
+/// The work of a step that finds neighbours by grid offset. Words of inactive voxels do not count, and each
+/// position counts as read once, although neighbours read it too.
 template <class Real>
 StepWork implicit_work(const Problem& problem, Formulation formulation);
 

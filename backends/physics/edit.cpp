@@ -103,7 +103,8 @@ public:
         line.include(b);
         return any_near(line, [&](const Triangle& triangle) { return goes_through(triangle, a, b); });
     }
-    /// Whether the cut could hit a line within `box`. False is certain; true says that triangles are near.
+    /// Whether the patch might cut a line within `box`. False is certain; true only says that triangles are
+    /// near.
     bool may_cut_within(const Box& box) const {
         return any_near(box, [](const Triangle&) { return true; });
     }
@@ -129,8 +130,8 @@ private:
     /// Nodes are in depth-first order: the children of a node follow it.
     struct Node {
         Box box;
-        std::size_t next = 0;            ///< the first node after this one and all below it
-        std::size_t first = 0, end = 0;  ///< its triangles; none unless it is a leaf
+        std::size_t next = 0;            ///< index of the first node after this node's subtree
+        std::size_t first = 0, end = 0;  ///< range of the node's triangles; empty unless it is a leaf
     };
     static constexpr std::size_t max_in_leaf = 4;
 
@@ -242,7 +243,7 @@ template <class Visit>
 void SpringEditor::visit_near(const Shape& shape, Visit visit) const {
     const Lattice& lattice = problem_.lattice;
     Box box = std::visit(Bounds{}, shape);
-    // The longest lattice spring reaches no voxel centre beyond these.
+    // A particle outside of these voxels is too far from the shape for a lattice spring to reach it.
     const double reach = longest_lattice_spring();
     const glm::dvec3 first(0), last(lattice.dims - 1);
     const glm::ivec3 low(glm::clamp(glm::floor((box.low - reach) / lattice.spacing), first, last));
@@ -337,7 +338,8 @@ SpringEdit SpringEditor::suture(const Shape& shape, double within, std::optional
                 for (int other = low.x; other <= high.x; ++other) {
                     const std::uint32_t j = particle_by_voxel()[std::size_t(
                         (std::ptrdiff_t(z) * problem_.lattice.dims.y + y) * problem_.lattice.dims.x + other)];
-                    // no_particle belongs to no face. Each pair counts once.
+                    // An empty voxel is skipped, since no_particle is not in `faces`. j > i, so that each
+                    // pair counts once.
                     if (j <= i || !faces.contains(j) || glm::distance(x[i], x[j]) > within) continue;
                     if (crosses(x[i], x[j])) pairs.emplace_back(i, j);
                 }
@@ -425,7 +427,7 @@ void SpringEditor::finish(SpringEdit& edit) {
     std::sort(particles.begin(), particles.end());
     particles.erase(std::unique(particles.begin(), particles.end()), particles.end());
 
-    // Springs beyond the lattice for each touched particle, in their order.
+    // For each touched particle its springs beyond the lattice, in the order of Problem::springs.
     std::vector<std::vector<ListedSpring>> beyond(particles.size());
     const auto list = [&](std::uint32_t particle, std::uint32_t other, const Spring& spring) {
         const auto at = std::lower_bound(particles.begin(), particles.end(), particle);

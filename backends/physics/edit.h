@@ -41,7 +41,8 @@ bool cuts(const Shape& shape, const glm::dvec3& a, const glm::dvec3& b);
 /// A spring that was taken away or added, `first` < `second`.
 struct ChangedSpring {
     Spring spring;
-    int bit;  ///< of the direction from `first` to `second`, an odd one; -1: a spring beyond the lattice
+    /// Mask bit of the direction from `first` to `second`, always odd; -1: a spring beyond the lattice.
+    int bit;
 
     friend bool operator==(const ChangedSpring&, const ChangedSpring&) = default;
 };
@@ -49,7 +50,7 @@ struct ChangedSpring {
 /// A spring as one of its two particles lists it.
 struct ListedSpring {
     std::uint32_t neighbour;
-    int bit;  ///< of the direction to the neighbour; -1: a spring beyond the lattice
+    int bit;  ///< mask bit of the direction to the neighbour; -1: a spring beyond the lattice
     double stiffness;
     double rest_length;
 
@@ -62,14 +63,15 @@ struct SpringEdit {
     struct Touched {
         std::uint32_t particle;
         std::uint32_t mask;        ///< as in Lattice::mask; without a lattice only active and pinned bits
-        std::uint32_t begin, end;  ///< its springs in `listed`
+        std::uint32_t begin, end;  ///< range of its springs in `listed`
 
         friend bool operator==(const Touched&, const Touched&) = default;
     };
 
     std::vector<ChangedSpring> removed;  ///< lattice springs first
-    std::vector<ChangedSpring> added;    ///< likewise; lattice springs of each particle by direction
-    std::vector<Touched> touched;        ///< each particle once, ascending
+    /// Lattice springs first. The lattice springs of one particle are in the order of directions.
+    std::vector<ChangedSpring> added;
+    std::vector<Touched> touched;  ///< each particle once, ascending
     /// All springs of the touched particles: those of the lattice by direction, then those of
     /// Problem::springs in their order.
     std::vector<ListedSpring> listed;
@@ -78,7 +80,7 @@ struct SpringEdit {
     std::span<const ListedSpring> springs_of(const Touched& particle) const {
         return std::span(listed).subspan(particle.begin, particle.end - particle.begin);
     }
-    /// Whether it adds a spring that no mask bit stands for.
+    /// Whether the edit adds a spring beyond the lattice.
     bool leaves_lattice() const { return !added.empty() && added.back().bit < 0; }
 
     friend bool operator==(const SpringEdit&, const SpringEdit&) = default;
@@ -87,13 +89,13 @@ struct SpringEdit {
 /// Only the change that an edit makes, in a few bytes per spring, for scenes of thousands of edits. Together
 /// with the problem as it was before the edit this says all that a SpringEdit says (SpringEditor::make()).
 struct SpringDifference {
-    /// Lattice springs from one particle to later ones: the (odd) mask bits of their directions.
+    /// Lattice springs from one particle to later ones: the mask bits of their directions, all odd.
     struct OnLattice {
         std::uint32_t particle;
         std::uint32_t bits;
     };
-    /// In the order of the edit. A particle whose springs are not in the order of their directions appears
-    /// several times.
+    /// Springs in the order of the edit. A particle appears several times in `on_lattice` if the edit does
+    /// not have its springs in the order of their directions.
     struct Springs {
         std::vector<OnLattice> on_lattice;
         std::vector<Spring> beyond;  ///< springs of Problem::springs
@@ -106,12 +108,12 @@ struct SpringDifference {
     /// Implicit: wherever an edit is kept, it is enough to keep its difference.
     SpringDifference(const SpringEdit& edit);  // NOLINT(google-explicit-constructor)
 
-    /// Whether it adds a spring that no mask bit stands for.
+    /// Whether the edit adds a spring beyond the lattice.
     bool leaves_lattice() const { return !added.beyond.empty(); }
 };
 
 /// The springs of a difference, one by one and in the order of its edit. `problem` is the problem that was
-/// edited, with or without the edit.
+/// edited, before or after the edit.
 std::vector<ChangedSpring> changed_springs(const Problem& problem, const SpringDifference::Springs& springs);
 
 /// Edits a problem's springs in place, and says what each edit changed. Keeps a reference to the problem,
@@ -157,15 +159,16 @@ private:
     void visit_near(const Shape& shape, Visit visit) const;
     double longest_lattice_spring() const;
     std::optional<Direction> direction_between(std::uint32_t first, std::uint32_t second) const;
-    /// Whether the lattice has a spring along `direction`.
+    /// Whether `particle` has a lattice spring along `direction`.
     bool has_spring(std::uint32_t particle, const Direction& direction) const {
         return (problem_.lattice.mask[particle] >> direction.bit & 1U) != 0;
     }
     /// The lattice spring between `first` and `second`, which lies along `direction` from `first`.
     Spring lattice_spring(std::uint32_t first, std::uint32_t second, const Direction& direction) const;
-    /// Leaves in `pairs` only those that no spring joins. They ascend, each with its smaller particle first.
+    /// Removes from `pairs` those that a spring joins already. `pairs` must be ascending, each with its
+    /// smaller particle first.
     void leave_out_joined(std::vector<std::pair<std::uint32_t, std::uint32_t>>& pairs) const;
-    /// Applies the edit to the problem, and completes it with what its particles have afterwards.
+    /// Applies the edit to the problem, and fills in `touched` and `listed`.
     void finish(SpringEdit& edit);
 
     Problem& problem_;

@@ -20,9 +20,9 @@ namespace voxspring {
 /// | increment | u, v = u - u_previous | v += increment_change(), u += v, forces by strain_density() |
 /// | compensated | u and v, each a high and a low part | as increment, sums by split_high(), split_low() |
 ///
-/// X is the position at rest. The functions are those of spring.h. Spring forces of the first two are
-/// spring_force() of x_i - x_j, of `displacement` spring_force() of (X_i - X_j) + (u_i - u_j); those of
-/// `compensated` take u_i - u_j as the difference of the high parts plus that of the low parts.
+/// X is the position at rest. The functions are those of spring.h. `paper` and `position` take spring forces
+/// from spring_force() of x_i - x_j, `displacement` from spring_force() of (X_i - X_j) + (u_i - u_j).
+/// `compensated` computes u_i - u_j as the difference of the high parts plus the difference of the low parts.
 enum class Formulation : std::uint8_t { paper, position, displacement, increment, compensated };
 
 #ifndef __CUDACC_RTC__
@@ -35,15 +35,17 @@ inline constexpr std::array all_formulations = {Formulation::paper, Formulation:
 std::string to_string(Formulation formulation);
 #endif
 
-/// By increments `rest=flush` sets smaller components of u and v to zero: the tails of a motion reach
-/// everywhere, and would keep the whole body from coming to rest to the bit.
+/// With rest=flush, formulations by increments set components of u and v that are smaller than this to zero.
+/// The tails of a motion reach everywhere, and would otherwise keep the whole body from coming to rest to the
+/// bit.
 inline constexpr double flushed_below = 1e-12;
 
-/// Whether the state is x rather than u.
+/// Whether the state is positions x; otherwise it is displacements u.
 VOXSPRING_HOST_DEVICE constexpr bool on_positions(Formulation formulation) {
     return formulation <= Formulation::position;
 }
-/// Whether the state has v rather than the previous place, with forces from strain_density().
+/// Whether the state has the increment v instead of the previous x or u. Forces are then those of
+/// strain_density().
 VOXSPRING_HOST_DEVICE constexpr bool by_increments(Formulation formulation) {
     return formulation >= Formulation::increment;
 }

@@ -85,9 +85,9 @@ VOXSPRING_HOST_DEVICE inline double rounded_product(double a, double b) {
 #endif
 }
 
-/// x^2 + y^2 + z^2, kept from zero by `shortest_squared`. In float32 that is added, which costs nothing and
-/// is lost in rounding unless the ends of a spring nearly coincide. In float64 it is the larger of the two,
-/// as in spring_force().
+/// x^2 + y^2 + z^2, kept from zero by `shortest_squared`. Float32 adds `shortest_squared`, which costs
+/// nothing and is lost in rounding unless the ends of a spring nearly coincide. Float64 takes the larger of
+/// the two numbers, as spring_force() does.
 VOXSPRING_HOST_DEVICE inline float squared_length(float x, float y, float z, float shortest_squared) {
     return std::fma(x, x, std::fma(y, y, std::fma(z, z, shortest_squared)));
 }
@@ -123,9 +123,9 @@ VOXSPRING_HOST_DEVICE inline double fast_reciprocal(double value) {
 #endif
 }
 
-/// series_stiffness() without an IEEE division. If neither end is a particle both compliances are zero, and
-/// the caller drops the result: on a device it is an infinity; on a host, whose sanitizers would stop there,
-/// it is zero.
+/// series_stiffness() without an IEEE division. If neither end is a particle, both compliances are zero, and
+/// the caller drops the result. On a device that result is an infinity. On a host, whose sanitizers would
+/// stop at the division, it is zero.
 VOXSPRING_HOST_DEVICE inline float fast_series_stiffness(float compliance_a, float compliance_b) {
 #ifdef __CUDA_ARCH__
     return __fdividef(2.0F, compliance_a + compliance_b);

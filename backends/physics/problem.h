@@ -71,7 +71,7 @@ struct Spring {
 struct Tool {
     std::vector<std::uint32_t> particles;  ///< ascending, each once; empty: there is no tool
     std::vector<glm::dvec3> held;          ///< one per particle; empty: all were at rest
-    double stiffness = 0;                  ///< of each spring, force per length
+    double stiffness = 0;                  ///< stiffness of each of these springs: force per length
 
     glm::dvec3 held_at(std::size_t n) const { return held.empty() ? glm::dvec3(0) : held[n]; }
 };
@@ -89,14 +89,14 @@ struct Problem {
     /// and are pinned.
     std::vector<std::uint32_t> ghosts;
     std::vector<glm::dvec3> load;  ///< one per particle, constant force; empty: none
-    Tool tool;                     ///< a tool that holds particles needs loads, see take_hold()
+    Tool tool;                     ///< if it holds particles, `load` is not empty (take_hold())
 
     Lattice lattice;
     /// Rest length of each direction of the lattice, by mask bit.
     std::array<double, neighbour_count> rest_length{};
     /// Stiffness of each spring group of the lattice, used while there is one material.
     std::array<double, 3> group_stiffness{1, 1, 1};
-    /// The mask bits of the groups that are in use. No particle has a neighbour bit outside of it.
+    /// The mask bits of the groups that are in use. No mask has a neighbour bit that is not in it.
     std::uint32_t group_bits = 0;
 
     /// Springs beyond the lattice: sutures between particles that are no grid neighbours, or all springs of
@@ -183,7 +183,7 @@ public:
     }
 
 private:
-    // Bits of neighbours.h: all of them, and the odd ones.
+    // Mask bits: all 26 neighbours, and the neighbours that come later in canonical order (odd bits).
     static constexpr std::uint32_t all_bits = 0x03FFFFFF, later_bits = 0x02AAAAAA;
 
     template <class Visit>
@@ -215,7 +215,7 @@ struct State {
     glm::dvec3 increment_of(std::size_t particle) const {
         return increment.empty() ? glm::dvec3(0) : increment[particle];
     }
-    /// This state of `particles`, with one element per particle in both lists.
+    /// This state without empty lists: both have one element for each of `particles` particles.
     State in_full(std::size_t particles) const;
 };
 

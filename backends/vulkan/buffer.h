@@ -13,10 +13,11 @@
 namespace voxspring::vulkan {
 
 enum class Place : std::uint8_t {
-    device,     ///< the device's own memory
-    addressed,  ///< likewise, and shaders may reach it by its address (BufferLimits::has_addresses)
-    host,       ///< written by the host, read once by shaders: the device's memory if the host sees it
-    staging     ///< memory that the host reads and writes fast, for copies
+    device,  ///< the device's own memory
+    /// The device's own memory, which shaders may also reach by its address (BufferLimits::has_addresses).
+    addressed,
+    host,    ///< written by the host, read once by shaders: the device's memory if the host sees it
+    staging  ///< memory that the host reads and writes fast, for copies
 };
 
 /// An array of a fixed size.
@@ -28,9 +29,10 @@ public:
 
     vk::Buffer get() const { return *buffer_; }
     std::size_t bytes() const { return bytes_; }
-    /// The address at which shaders reach it, if it is `addressed`.
+    /// The address at which shaders reach the buffer, if its place is `addressed`.
     vk::DeviceAddress address() const { return address_; }
-    /// The bytes as the host sees them, which the device sees at once. Not for Place::device.
+    /// The buffer's memory as the host sees it; the device sees what the host writes at once. Only for
+    /// Place::host and Place::staging.
     std::span<std::byte> host() const { return {host_, bytes_}; }
 
 private:
@@ -48,9 +50,9 @@ public:
     /// `device` must outlive the pool. The pool may be destroyed before the buffers that it returned.
     explicit BufferPool(const Device& device) : device_(device), spare_(std::make_shared<Spare>()) {}
 
-    /// A buffer with `bytes` in it, which the device can read; without bytes, an empty one. The last owner
-    /// must release it only after the device has read it. It may be larger than `bytes`, up to a power of
-    /// two, and has anything beyond them. The pool keeps no buffer of more than 1 MiB.
+    /// A buffer that begins with `bytes` and that the device can read; an empty buffer if `bytes` is empty.
+    /// It may be larger, up to a power of two, and what follows `bytes` is undefined. The last owner must
+    /// release it only after the device has read it. The pool keeps no buffer of more than 1 MiB.
     std::shared_ptr<const Buffer> holding(std::span<const std::byte> bytes);
 
 private:

@@ -212,10 +212,12 @@ public:
     bool has_float64() const override { return device_.has_float64(); }
 
 private:
-    /// What steps do, and what was recorded of it.
+    /// What steps dispatch, and the recordings of it.
     struct RecordedSteps {
         glsl::Dispatches dispatches;
-        std::map<std::pair<int, std::size_t>, Commands> recorded = {};  ///< by power, and the words at first
+        /// Recordings of 2^power steps, by power and by the number of the current words (0 or 1) at the first
+        /// step.
+        std::map<std::pair<int, std::size_t>, Commands> recorded = {};
     };
     struct RecordedChecks {
         glsl::Dispatches dispatches;
@@ -254,7 +256,7 @@ private:
             shaders_then_shaders(commands);
         }
     }
-    /// The recording of 2^power steps from the current words.
+    /// The recording of 2^power steps, the first of which reads the current words.
     const Commands& steps_of(int power) {
         const std::pair key(power, current());
         const auto found = step_->recorded.find(key);

@@ -12,14 +12,15 @@ namespace voxspring::vulkan {
 /// Throws Unavailable.
 std::unique_ptr<glsl::Device> make_compute_device(const Options& options);
 
-/// Vulkan's own device of a backend of this folder.
+/// The vulkan::Device of a backend of this folder.
 const Device& device_of(Backend& backend);
 
-/// The buffer of an array that such a device made.
+/// The Vulkan buffer of an array that a device of make_compute_device() made.
 const Buffer& buffer_of(const glsl::Array& array);
 
-/// A vertical list in arrays of at most `max_bytes` bytes each. `values`: those of all slots, which have the
-/// same size, at most `max_bytes`; may be empty. The list must outlive what is enqueued.
+/// A vertical list, split into arrays of at most `max_bytes` bytes each. `values`: the values of all slots,
+/// one slot after another, or empty. Every slot has the same size, at most `max_bytes`. The list must outlive
+/// the commands that are enqueued here.
 glsl::AddressedList addressed_list(Queue& queue, std::span<const std::byte> values, std::size_t slots,
                                    std::uint64_t max_bytes);
 

@@ -16,9 +16,9 @@ namespace voxspring::vulkan {
 using glsl::BufferLimits;
 
 /// Types of memory in which to try to allocate `bytes` bytes, in this order: the types among `allowed` that
-/// have `wanted` and `preferred`, then those that have only `wanted`. The preference does not count if the
-/// bytes are a large share of the heap: the part of a card's memory that the host sees is often 256 MiB, and
-/// others need it too.
+/// have `wanted` and `preferred`, then those that have only `wanted`. `preferred` does not count if the bytes
+/// are a large share of the heap: the part of a card's memory that the host sees is often 256 MiB, and other
+/// programs need it too.
 std::vector<std::uint32_t> memory_types(const vk::PhysicalDeviceMemoryProperties& memory,
                                         std::uint32_t allowed, vk::MemoryPropertyFlags wanted,
                                         vk::MemoryPropertyFlags preferred, std::uint64_t bytes);

@@ -14,8 +14,8 @@ namespace voxspring::vulkan {
 
 /// A number, vector or array in a block of uniforms.
 struct Uniform {
-    std::size_t offset = 0;  ///< in the bytes of all blocks
-    std::size_t stride = 0;  ///< from an element of an array to the next; 0: no array
+    std::size_t offset = 0;  ///< offset among the bytes of all blocks
+    std::size_t stride = 0;  ///< bytes from one array element to the next; 0: no array
 };
 
 /// The place of a block of uniforms among the bytes of all blocks.

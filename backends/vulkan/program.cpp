@@ -141,7 +141,7 @@ Pass::Pass(const Device& of, std::shared_ptr<const Program> program, std::shared
     for (const std::uint32_t binding : module.storage()) {
         const auto found = buffers.find(binding);
         const bool there = found != buffers.end() && found->second != nullptr && found->second->bytes() > 0;
-        // An upload was checked before it began; this checks what an edit brings.
+        // The buffers of an upload were checked before it began. This checks buffers that an edit makes.
         if (there) {
             const std::string why = of.buffer_limits().too_large("an array", found->second->bytes());
             if (!why.empty()) throw DeviceError(why);

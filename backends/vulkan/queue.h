@@ -69,7 +69,8 @@ private:
     vk::raii::Semaphore finished_;  // counts finished submissions
     std::uint64_t submitted_ = 0;
     std::vector<vk::CommandBuffer> enqueued_;
-    std::deque<std::pair<std::uint64_t, std::shared_ptr<const void>>> kept_;  // until that submission ends
+    // Objects that are kept alive until the submission of this number ends.
+    std::deque<std::pair<std::uint64_t, std::shared_ptr<const void>>> kept_;
     Buffer staging_;
 };
 

@@ -7,8 +7,8 @@ namespace voxspring::vulkan {
 /// is set and not empty. A message then becomes a DeviceError of the backend (messages.h).
 bool wants_validation();
 
-/// Number of messages in this process that became no error because they came last, for example about objects
-/// that were never destroyed. They are on stderr.
+/// Number of messages in this process that became no error, because no check followed them. They are on
+/// stderr. An example is a message about objects that were never destroyed.
 int unreported_messages();
 
 }  // namespace voxspring::vulkan

@@ -28,7 +28,7 @@ public:
     }
     void write(const std::byte* from) override {
         if (bytes() == 0) return;
-        taken_.wait();  // the message before, which the device may still be reading
+        taken_.wait();  // the device may still be reading the previous message
         std::memcpy(message_.data(), from, bytes());
         scatter_places(places(), message_.data(), state_.stream);
         taken_.record(state_.stream);

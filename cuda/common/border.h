@@ -1,5 +1,5 @@
-// The places of a border's particles in the state of a backend that launches one kernel per step. The border
-// is shared with the part of the body beside this one.
+// The border particles of a backend that launches one kernel per step: where their places (positions or
+// displacements) are in its state. Such particles are shared with a neighbouring part of the body.
 #pragma once
 
 #include <cstdint>
@@ -15,13 +15,14 @@
 
 namespace voxspring::cuda {
 
-/// A state of which some particles lie at borders.
+/// A state that has some particles at borders.
 template <class Real>
 struct BorderState {
-    const Stream& stream;                     ///< the stream in which it is stepped
-    std::function<BorderPlaces<Real>()> now;  ///< after the steps so far; `element` and `count` are unset
-    std::function<void()> written;            ///< called once places have been written between steps
-    BordersFirst* first = nullptr;            ///< set if borders are stepped first; null: `stream` does all
+    const Stream& stream;  ///< the stream in which the state is stepped
+    /// Where the places are after the steps so far; `element` and `count` are unset.
+    std::function<BorderPlaces<Real>()> now;
+    std::function<void()> written;  ///< called once places have been written between steps
+    BordersFirst* first = nullptr;  ///< set if borders are stepped first; null: `stream` does all
 
     /// The stream in which borders are sent and received.
     const Stream& lane() const { return first == nullptr ? stream : first->stream(); }
@@ -49,7 +50,7 @@ void gather_places(const BorderPlaces<Real>& places, Real* message, const Stream
 template <class Real>
 void scatter_places(const BorderPlaces<Real>& places, const Real* message, const Stream& stream);
 
-/// `elements`: those of the border's particles. The stream must outlive it.
+/// `elements`: elements of the state that hold the border's particles. The stream must outlive the border.
 template <class Real>
 std::unique_ptr<Border> make_border(const std::vector<std::uint32_t>& elements, BorderState<Real> state);
 

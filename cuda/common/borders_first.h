@@ -20,8 +20,8 @@ namespace voxspring::cuda {
 /// order_after_main_stream() was called.
 class BordersFirst {
 public:
-    /// `whole`: the backend's stream, which must outlive this. The device prefers the border's work to the
-    /// interior's wherever it could begin either.
+    /// `whole`: the backend's stream, which must outlive this object. Where the device could begin either, it
+    /// begins the border's work before the interior's.
     explicit BordersFirst(const Stream& whole) : whole_(whole) {}
 
     /// The stream in which borders are stepped, sent and received.
@@ -38,16 +38,16 @@ public:
         stepped_.hold(whole_);
         is_ahead_ = true;
     }
-    /// The next send or receive waits for everything that the backend's stream has been given. To be called
-    /// when that was something else than a step of this object.
+    /// Makes the next send or receive wait for everything that is in the backend's stream by then. To be
+    /// called after work other than a step() of this object was enqueued there.
     void order_after_main_stream() { is_ahead_ = false; }
 
     /// Called before a send is enqueued in stream().
     void begin_send() {
         if (!std::exchange(is_ahead_, false)) wait_for_main_stream();
     }
-    /// Called once the receive is enqueued there: what follows in the backend's stream finds the ghosts as
-    /// the parts beside this one sent them.
+    /// Called once the receive is enqueued in stream(). What follows in the backend's stream then finds the
+    /// ghosts as the neighbouring parts sent them.
     void end_receive() {
         arrived_.record(own_);
         arrived_.hold(whole_);
@@ -61,10 +61,10 @@ private:
 
     const Stream& whole_;
     const Stream own_ = Stream::with_priority();
-    Event begun_ = Event::without_time();    ///< in the backend's stream: all before has been done
+    Event begun_ = Event::without_time();    ///< in the backend's stream: everything enqueued before is done
     Event stepped_ = Event::without_time();  ///< in the second stream: the border of the latest step is done
-    Event arrived_ = Event::without_time();  ///< in the second stream: its ghosts have arrived
-    bool is_ahead_ = false;                  ///< the latest work that was enqueued is a step
+    Event arrived_ = Event::without_time();  ///< in the second stream: the ghosts of that step have arrived
+    bool is_ahead_ = false;                  ///< whether the latest work that was enqueued is a step
 };
 
 }  // namespace voxspring::cuda

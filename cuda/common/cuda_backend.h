@@ -51,28 +51,29 @@ public:
 protected:
     const Device& device() const { return device_; }
     const Stream& stream() const { return stream_; }
-    /// The problem that is stepped, of the latest upload or edit: what set_problem() was told.
+    /// The problem of the latest upload or edit, as set_problem() was told.
     const Problem& problem() const { return *problem_; }
     void set_problem(const Problem& problem) { problem_ = &problem; }
 
-    /// Whether border() returns a border. True for strategies whose places are in memory between two steps.
+    /// Whether border() returns a border: true for strategies that have all places in memory between two
+    /// steps.
     virtual bool gives_borders() const { return false; }
-    /// Whether a step can be launched in two parts. A strategy that says so overrides the functions for
-    /// parts.
+    /// Whether a step can be launched in two parts. A strategy that returns true overrides split_steps() and
+    /// enqueue_part().
     virtual bool splits_steps() const { return false; }
-    /// To be called by device_borders(). If `way` asks for borders that are stepped first, they are from here
-    /// on until the next upload(), by the returned object; otherwise the result is null. Throws Unavailable
-    /// if a joint launch leaves nothing to the interior.
+    /// To be called by device_borders(). If `way` asks for borders that are stepped first, steps are split
+    /// from here on until the next upload(), and the result is the object that enqueues them. Otherwise the
+    /// result is null. Throws Unavailable if the interior would have nothing to step.
     BordersFirst* enable_border_stream(const std::vector<SharedParticles>& borders, const std::string& way);
     /// Whether borders are stepped first.
     bool is_split() const { return is_split_; }
 
-    /// Lets a kernel end that waits for further steps. Called before anything but steps and moves of the tool
-    /// is enqueued.
+    /// Makes a kernel end that runs on and waits for further steps. Called before anything but steps and
+    /// moves of the tool is enqueued.
     virtual void let_end() {}
-    /// Waits for the stream alone, and checks whether a launch in it has waited in vain.
+    /// Waits for the stream without let_end(), and throws DeviceError if a launch in it has waited in vain.
     void wait_for_stream();
-    /// Throws DeviceError with the note of a launch that waited in vain.
+    /// Throws DeviceError with failure_note() if a launch has waited in vain.
     void check_waits() const;
 
     /// To be called first in upload(): waits for the device, frees the copy of the last start and loads the
@@ -91,8 +92,8 @@ protected:
     /// The buffer that holds x(t), 0 or 1.
     int current() const { return current_; }
 
-    /// Counts steps from 0 again, and resets the tool and the divergence monitor. The caller has put the
-    /// start's x(t) into buffer 0.
+    /// Counts steps from 0 again, and resets the tool and the divergence monitor. Before, the caller has put
+    /// the start's x(t) into buffer 0.
     void reset_to_step_zero();
     /// To be called when enqueue_step() would enqueue something else than before.
     void forget_graphs();
@@ -113,32 +114,33 @@ private:
 
     /// Empty, or why the strategy cannot run `problem`, memory aside.
     virtual std::string refused(const Problem& problem) const = 0;
-    /// Device memory that upload(problem) would take, and that the last upload took.
+    /// Bytes of device memory that upload(problem) would take; bytes_held(): bytes that the last upload took.
     virtual std::uint64_t bytes_needed(const Problem& problem) const = 0;
     /// An upper bound of bytes_needed(), for strategies that can compute one faster.
     virtual std::uint64_t max_bytes_needed(const Problem& problem) const { return bytes_needed(problem); }
     virtual std::uint64_t bytes_held() const = 0;
-    /// The arrays that a step leaves for the next one. rewound() restores what else a start needs.
+    /// The arrays that a step leaves for the next one: rewind() copies them back. rewound() restores whatever
+    /// else a start needs.
     virtual std::vector<StateArray> state_arrays() const = 0;
     /// Called when the state arrays are those of step 0 again.
     virtual void rewound() {}
-    /// Enqueues what the tool does before a step that reads buffer `reading`, if there is one.
+    /// Enqueues what the tool, if there is one, does before a step that reads buffer `reading`.
     virtual void enqueue_tool(int) {}
     /// Puts the tool, if there is one, back to where it took hold.
     virtual void rest_tool() {}
     /// Enqueues one step that reads buffer `reading`. Not called where enqueue_steps() is overridden.
     virtual void enqueue_step(int reading) = 0;
-    /// Splits steps into two parts, one of which has the particles `border`. Returns whether the other part
-    /// has anything to do.
+    /// Splits later steps into two parts, one of which has the particles `border`. Returns whether the other
+    /// part has anything to do.
     virtual bool split_steps(const std::vector<std::uint32_t>& /*border*/) { return false; }
-    /// Enqueues one such part of a step that reads buffer `reading`.
+    /// Enqueues one of these two parts of a step that reads buffer `reading`.
     virtual void enqueue_part(int /*reading*/, StepPart, const Stream&) {}
-    /// Whether steps are replayed from graphs. Otherwise the host launches each.
+    /// Whether steps are replayed from graphs. Otherwise the host launches each step.
     virtual bool replays_steps() const { return true; }
     /// Whether the next step can be made in two parts.
     virtual bool splits_next_step() const { return true; }
     void enqueue_split_steps(int count);
-    /// Which of two kinds of step the next one is, 0 or 1. Graphs are kept for each kind.
+    /// The kind of the next step, 0 or 1, for strategies with two kinds of step. Each kind has its graphs.
     virtual int kind_of_step() const { return 0; }
 
     /// Empty, or the note of a launch that waited in vain: the state is worthless until the next upload.
@@ -158,17 +160,18 @@ private:
     CompileTime compile_time_;
     int current_ = 0;
     DivergenceMonitor monitor_, next_monitor_;
-    std::int64_t steps_ = 0;                    ///< since upload()
+    std::int64_t steps_ = 0;                    ///< since upload() or rewind()
     std::int64_t last_check_ = 0;               ///< the step of the last check
     Buffer<FirstDivergence> first_divergence_;  ///< one element
     std::vector<Buffer<std::byte>> start_;      ///< copies of the state arrays, for rewind()
-    /// The longest graph has 2^8 steps, beside which its launch costs nothing.
+    /// The longest graph has 2^8 steps, so that launching it takes next to no time compared with running it.
     static constexpr int graph_lengths = 9;
     /// graphs_[kind][b][k] runs 2^k steps, the first of which reads buffer b. A graph is captured when it is
     /// first launched, so a batch of steps that was run once since upload() captures nothing when it is
     /// timed.
     std::array<std::array<std::array<std::optional<Graph>, graph_lengths>, 2>, 2> graphs_;
-    std::optional<BordersFirst> borders_first_;  ///< set once a caller has asked for it
+    /// Set once a caller has asked for borders that are stepped first.
+    std::optional<BordersFirst> borders_first_;
     bool is_split_ = false;
 };
 

@@ -1,4 +1,4 @@
-// Borders between backends whose devices are of one process, from device to device.
+// Borders between parts of a body that are on devices of one process: messages go from device to device.
 #pragma once
 
 #include <cstdint>
@@ -12,10 +12,11 @@
 
 namespace voxspring::cuda {
 
-/// The ways "peer", "stores" and "nccl". If `splits_steps`, also each of them with the suffix `_overlap`, in
-/// which borders are stepped and sent first. For Capabilities::border_ways.
+/// Values for Capabilities::border_ways: "peer", "stores" and "nccl". If `splits_steps`, each of them also
+/// with the suffix `_overlap`: then the particles at borders are stepped and sent before the others are
+/// stepped.
 std::vector<std::string> border_ways(bool splits_steps);
-/// Whether borders are stepped first in this way.
+/// Whether `way` has the suffix `_overlap`.
 bool overlaps(const std::string& way);
 
 /// Lets the current device, `own`, read and write the memory of `other`. Returns false if the hardware does
@@ -24,7 +25,7 @@ bool enable_peer_access(int own, int other);
 /// Calls enable_peer_access() and throws Unavailable where that returns false.
 void require_peer_access(int own, int other);
 
-/// SharedParticles with elements of the state in place of particles.
+/// Like SharedParticles, but `sent` and `received` have the indices of the particles' elements in the state.
 struct SharedElements {
     int part;  ///< as in SharedParticles
     std::vector<std::uint32_t> sent, received;

@@ -10,20 +10,20 @@
 namespace voxspring::cuda {
 
 struct DivergenceCheck {
-    std::int64_t step;         ///< the step after which it checks
-    std::int64_t last_check;   ///< the step of the check before
-    double largest_increment;  ///< |x(t) - x(t - dt)|
+    std::int64_t step;         ///< the check is made after this step
+    std::int64_t last_check;   ///< the step of the previous check
+    double largest_increment;  ///< the largest |x(t) - x(t - dt)| that passes
 };
 
-/// Enqueues a check of the first `count` elements of `particles` with its kernel, check_words or check_axes.
-/// In structure of arrays, elements without a particle neither move nor are infinite. The caller fills
-/// `first` with the largest numbers there are.
+/// Enqueues a check of the first `count` elements of `particles`. `kernel` is check_words or check_axes, as
+/// the type of `particles` needs. In structure of arrays, elements without a particle pass: they are finite
+/// and do not move. Before the first check the caller fills `first` with the largest numbers of its type.
 template <class Real, template <class> class Particles>
 void launch_divergence_check(const Kernel& kernel, const Particles<Real>& particles, std::size_t count,
                              const DivergenceCheck& parameters, FirstDivergence* first,
                              const Stream& stream) {
     if (count == 0) return;
-    // So few blocks that one atomic operation of each costs nothing.
+    // Few blocks: each does two atomic operations if it finds a divergence.
     constexpr std::size_t block = 256, max_blocks = 1024;
     const auto blocks = unsigned(std::min(max_blocks, (count + block - 1) / block));
     const auto max_squared = Real(parameters.largest_increment * parameters.largest_increment);

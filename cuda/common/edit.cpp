@@ -18,7 +18,7 @@ void send_in_words(const Kernel& kernel, std::byte* to, std::span<const std::byt
 }  // namespace
 
 void send_as_argument(std::byte* to, std::span<const std::byte> from, const Stream& stream) {
-    // A launch with a shorter argument is cheaper. Both kernels are the same in either precision.
+    // A launch with a shorter argument is cheaper. Both kernels have the same code in float32 and float64.
     const SupportKernels& kernels = any_support_kernels();
     const auto words = unsigned((from.size() + sizeof(ArgumentWord) - 1) / sizeof(ArgumentWord));
     if (from.size() <= sizeof(ShortArgument)) {

@@ -1,4 +1,4 @@
-// Puts what an edit changed on the device.
+// Writes to the device what an edit of springs has changed.
 #pragma once
 
 #include <algorithm>
@@ -16,19 +16,18 @@
 
 namespace voxspring::cuda {
 
-/// Writes `from`, which is short, to `to`, which is aligned to 16 bytes and has room for a multiple of that.
-/// The bytes travel as an argument of a kernel launch: `from` may change at once, and the steps before and
-/// after need not wait for the copy engine, which would take longer than many an edit does. Enqueues one
-/// kernel.
+/// Copies the few bytes `from` to `to`. `to` is aligned to 16 bytes and has room for them, rounded up to a
+/// multiple of 16. Enqueues one kernel, which gets the bytes as an argument. So `from` may be changed at
+/// once, and no step waits for the copy engine, which would take longer than many an edit does.
 void send_as_argument(std::byte* to, std::span<const std::byte> from, const Stream& stream);
 
 /// Memory for values on their way to a kernel; grows by doubling, so that edits seldom allocate.
 template <class T>
 class Staging {
 public:
-    /// The values on the device, valid until the next call in the same `stream`. `values` may change at once.
-    /// If they are too many for an argument, the call waits until the device has fetched the values of a call
-    /// some calls back, so the host may be that many edits ahead.
+    /// Returns the values on the device, valid until the next call in the same `stream`. `values` may be
+    /// changed at once. Values that are too many for a kernel argument go through one of `slots_`, in turn;
+    /// the call waits until the device has fetched what that slot held before.
     const T* send(std::span<const T> values, const Stream& stream) {
         if (values.empty()) return buffer_.data();
         constexpr std::size_t word = 16;
@@ -41,14 +40,14 @@ public:
         }
         return buffer_.data();
     }
-    /// Where send() puts the values. It stays the same as long as no call sends more than all calls before.
+    /// The address that send() returns. It can change only if a call sends more values than all calls before.
     const T* data() const { return buffer_.data(); }
     std::size_t bytes() const { return buffer_.bytes(); }
 
 private:
     struct Slot {
         Pinned<T> pinned;
-        Event sent;  ///< the latest values have left `pinned`
+        Event sent;  ///< passed when the device has fetched `pinned`
         bool pending = false;
     };
 
@@ -74,7 +73,7 @@ private:
     std::size_t next_ = 0;
 };
 
-/// Sends the lists of some particles to a kernel in one copy.
+/// Sends the edited lists of some particles to the device in one copy, for write_rows().
 template <class Real>
 class StagedRows {
 public:

@@ -7,10 +7,10 @@
 
 namespace voxspring::cuda {
 
-/// When a backend carries the secondary list.
+/// When a backend stores the secondary list, which has the stiffness and rest length of each spring.
 enum class Secondary : std::uint8_t { always, where_needed, never };
 
-/// A strategy of this kind. `fetches`: the paths by which it can read positions, the default first.
+/// Describes a backend with explicit addressing. `fetches`: the ways to read positions, the default first.
 BackendEntry explicit_entry(const std::string& name, const std::string& summary, const TuningValues& fetches,
                             Secondary secondary);
 

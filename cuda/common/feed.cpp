@@ -1,6 +1,6 @@
 #include "cuda/common/feed.h"
 
-// The system's header, whose types cuda_gl_interop.h names.
+// The system's OpenGL header: cuda_gl_interop.h uses its types.
 #include <GL/gl.h>
 #include <cuda_gl_interop.h>
 
@@ -29,8 +29,8 @@ public:
     }
     FeedKernel(const FeedKernel&) = delete;
     FeedKernel& operator=(const FeedKernel&) = delete;
-    /// Freeing the buffers of a feed waits for whatever the device runs. Asking `feeding` ends a launch that
-    /// waits for ticks; otherwise such a launch would end only when its patience does.
+    /// Freeing the buffers of a feed waits until the device is idle. A launch that waits for ticks would keep
+    /// the device busy up to its time limit, so it is ended first: calling feeding_() does that.
     ~FeedKernel() {
         try {
             static_cast<void>(feeding_());
@@ -39,14 +39,15 @@ public:
         }
     }
     bool empty() const { return fed_.size() == 0; }
-    /// Where the particles are now; also ends a launch that waits for ticks.
+    /// Asks where the particles are now, which also ends a launch that waits for ticks.
     Feeding<Real> feeding() const {
         Feeding<Real> feeding = feeding_();
         feeding.fed = fed_.data();
         feeding.count = fed_.size();
         return feeding;
     }
-    /// Enqueues the kernel that writes `feeding` to `displacements`, which the device can reach.
+    /// Enqueues the kernel that writes the displacements of the particles in `feeding` to `displacements`,
+    /// which the device can reach.
     void enqueue(const Feeding<Real>& feeding, void* displacements) const {
         launch_for_each(*support_kernels<Real>().feed, feeding.count, stream_, feeding, displacements);
     }
@@ -77,7 +78,7 @@ public:
         std::size_t bytes = 0;
         check(cudaGraphicsResourceGetMappedPointer(&displacements, &bytes, resource));
         kernel_.enqueue(feeding, displacements);
-        // OpenGL's commands from here on come after the kernel.
+        // OpenGL commands that are issued after this call run after the kernel.
         check(cudaGraphicsUnmapResources(1, &resource, stream.get()));
         stream.synchronize();
     }
@@ -87,7 +88,7 @@ private:
     FeedKernel<Real> kernel_;
 };
 
-/// A feed whose kernel writes to the host's memory itself. A copy of so few bytes would be one more command
+/// A feed whose kernel writes into pinned host memory. A copy of these few bytes would be one more command
 /// that waits for its turn.
 template <class Real>
 class PinnedFeed final : public HostFeed {
@@ -108,10 +109,11 @@ public:
 private:
     static_assert(sizeof(glm::vec4) == sizeof(FedDisplacement));
     Pinned<glm::vec4> displacements_;
-    FeedKernel<Real> kernel_;  // last, so that its launch has ended when memory is freed
+    // Declared last, so destroyed first: that ends a launch which writes to the memory above.
+    FeedKernel<Real> kernel_;
 };
 
-/// A feed for other users of the card.
+/// A feed into an array on the device, for another library.
 template <class Real>
 class ArrayFeed final : public DeviceFeed {
 public:
@@ -133,7 +135,8 @@ public:
 private:
     int device_ = 0;
     Buffer<glm::vec4> displacements_;
-    FeedKernel<Real> kernel_;  // last, so that its launch has ended when memory is freed
+    // Declared last, so destroyed first: that ends a launch which writes to the memory above.
+    FeedKernel<Real> kernel_;
 };
 
 }  // namespace

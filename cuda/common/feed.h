@@ -1,5 +1,5 @@
-// Displacements for a picture: into a window's buffer, which OpenGL lends to CUDA, into host memory, or
-// for another library into an array on the device.
+// Feeds write displacements of particles for a picture. They write to a window's buffer, which OpenGL lends
+// to CUDA, to host memory, or, for another library, to an array on the device.
 #pragma once
 
 #include <cstdint>
@@ -12,16 +12,17 @@
 
 namespace voxspring::cuda {
 
-/// What fills the OpenGL buffer `buffer`, whose context is current, with what `feeding` says when it is
-/// asked. The stream must outlive it. The result is null if that context is on another device, or on none.
+/// Makes a feed that fills the OpenGL buffer `buffer`, whose context is current. Each time, the feed asks
+/// `feeding` where the particles are. `stream` must outlive the feed. The result is null if the context is on
+/// another device than the current one, or on no CUDA device.
 template <class Real>
 std::unique_ptr<Feed> make_feed(const std::vector<FedWord<Real>>& fed, std::uint32_t buffer,
                                 const Stream& stream, std::function<Feeding<Real>()> feeding);
-/// What fills host memory with what `feeding` says when it is asked.
+/// Makes a feed that fills host memory. Each time, it asks `feeding` where the particles are.
 template <class Real>
 std::unique_ptr<HostFeed> make_host_feed(const std::vector<FedWord<Real>>& fed, const Stream& stream,
                                          std::function<Feeding<Real>()> feeding);
-/// What fills an array on the device with what `feeding` says when it is asked.
+/// Makes a feed that fills an array on the device. Each time, it asks `feeding` where the particles are.
 template <class Real>
 std::unique_ptr<DeviceFeed> make_device_feed(const std::vector<FedWord<Real>>& fed, const Stream& stream,
                                              std::function<Feeding<Real>()> feeding);

@@ -1,5 +1,5 @@
-// Implicit addressing on the device. One backend serves both kernels: one fetches neighbours from memory, the
-// other from a tile in shared memory.
+// Implicit addressing on the device. One backend class serves two kernels: one fetches neighbours from
+// memory, the other from a tile in shared memory.
 #pragma once
 
 #include <string>
@@ -8,9 +8,9 @@
 
 namespace voxspring::cuda {
 
-/// A strategy of this kind. `fetches`: the paths by which it can read positions, the default first. Without
-/// any, neighbours come from tiles as wide and high as a block. `blocks`: shapes of blocks, the default
-/// first.
+/// Describes a backend with implicit addressing. `fetches`: the ways to read positions, the default first. If
+/// it is empty, neighbours come from tiles as wide and high as a block. `blocks`: shapes of blocks, the
+/// default first.
 BackendEntry implicit_entry(const std::string& name, const std::string& summary, const TuningValues& fetches,
                             const TuningValues& blocks);
 

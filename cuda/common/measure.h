@@ -10,7 +10,7 @@
 
 namespace voxspring::cuda {
 
-/// Replaces each square by what `kernel` makes of it on the device.
+/// Replaces each squared length by what `kernel` computes from it on the device.
 template <class Real>
 void measure_on_device(const Kernel& kernel, std::span<Real> squared, const Stream& stream) {
     Buffer<Real> values;
@@ -18,7 +18,7 @@ void measure_on_device(const Kernel& kernel, std::span<Real> squared, const Stre
     launch_for_each(kernel, values.size(), stream, values.data(), values.size());
     values.download(squared, stream);
 }
-/// measured_length() of each square.
+/// Replaces each squared length by its measured_length().
 template <class Real>
 void calibrate_rest_lengths(std::span<Real> squared, const Stream& stream) {
     measure_on_device(*support_kernels<Real>().measure_lengths, squared, stream);

@@ -1,5 +1,5 @@
-// What the backends of all strategies share whose kernel takes one step: the buffers of particles, arrays
-// with one element per particle, and the launch of a step.
+// The base class of backends that store one ParticleRecord per particle: its buffers, borders, feeds and
+// tool, and the launch of a step.
 #pragma once
 
 #include <algorithm>
@@ -36,18 +36,18 @@ inline unsigned blocks_for(std::size_t count, unsigned block) {
     return unsigned(units_of(count, std::size_t(block)));
 }
 
-/// The type of kernels/fetch.h with which kernels read positions.
+/// How kernels read positions: one value per type of kernels/fetch.h.
 enum class Fetch : std::uint8_t { past_l1, through_l1, texture };
-/// From the tuning values "cg", "l1" and "texture".
+/// `tuned`: the value "cg", "l1" or "texture" of the tuning parameter `fetch`.
 Fetch fetch_path(const std::string& tuned);
 
 /// Texels of 16 bytes per word. One texture fetch reads one texel.
 template <class Real>
 inline constexpr std::size_t texels_per_word = sizeof(ParticleRecord<Real>) / 16;
 
-/// The tuning parameters `own`, and those that all strategies with a KernelFamily have.
+/// Adds to `own` the tuning parameters that all backends with a KernelFamily have.
 inline std::map<std::string, TuningValues> tuning(std::map<std::string, TuningValues> own) {
-    // Compile in the terms that the scene needs, or all of them, chosen at run time.
+    // Compile in the terms that the scene needs, or compile in all terms and choose at run time.
     own["terms"] = {"needed", "all"};
     return own;
 }
@@ -57,10 +57,10 @@ struct KernelFamily {
     Precision precision;
     Formulation formulation;
     Fetch fetch;
-    bool all_terms;         ///< compiled in, and asked for at run time (tuning `terms`)
+    bool all_terms;         ///< compile in all terms and choose at run time (tuning `terms`)
     bool dependent_launch;  ///< tuning `dependent_launch`
     bool may_be_dependent;  ///< tuning `dependent_launch` is "auto": on if the device can
-    bool replays;           ///< steps from graphs, unless tuning `graph` is "off"
+    bool replays;           ///< replay steps from graphs, unless tuning `graph` is "off"
 
     explicit KernelFamily(const Options& options, Fetch path);
     /// This family with "auto" replaced by what it means on `device`.
@@ -71,7 +71,8 @@ struct KernelFamily {
                         std::uint32_t more_terms = 0) const;
 };
 
-/// Registers per thread in float32 where not all threads run at once. These were the fastest on an H200.
+/// Registers per thread in float32, by formulation, for lattices whose threads do not all run at once. These
+/// were the fastest on an H200.
 struct RegisterChoice {
     int on_positions, displacement, increment, compensated;
     int of(Formulation formulation) const {
@@ -93,8 +94,8 @@ template <class Real>
 std::string launch_refusal(std::size_t words, const Device& device, const KernelFamily& family);
 
 /// A backend with one kernel that reads all positions and moves every particle by one step. `Step` is that
-/// kernel's first argument and has a member `motion`. The others are a reader of positions, a reader of their
-/// low parts, and the arrays that the step writes (kernels/*.cu).
+/// kernel's first argument and has a member `motion`. The other arguments are a reader of positions, a reader
+/// of their low parts, and the arrays that the step writes (kernels/*.cu).
 template <class Real, class Step>
 class ParticleBackend : public CudaBackend, public BorderFacet, public FeedFacet, public ToolFacet {
 public:
@@ -167,7 +168,7 @@ protected:
     explicit ParticleBackend(const KernelFamily& family) : family_(family.on(this->device())) {}
 
     struct Launch {
-        KernelSource source = {};  ///< of `kernel`, if it can take a list of blocks (LISTED_BLOCKS)
+        KernelSource source = {};  ///< set if `kernel` can be compiled with LISTED_BLOCKS
         std::shared_ptr<const Kernel> kernel;
         dim3 grid, block;
         std::size_t shared_bytes = 0;
@@ -192,9 +193,9 @@ protected:
         return threads <= std::size_t(device().multiprocessors()) * std::size_t(block) *
                               std::size_t(blocks_with(registers, block));
     }
-    /// Registers per thread: `tuned`, unless that is "auto". Then the result is the first of `plenty` with
-    /// which all threads run at once, since room for more threads would be of no use. If there is none, it is
-    /// what `choice` says.
+    /// Registers per thread: `tuned`, unless that is "auto". With "auto" the result is the first number of
+    /// `plenty` with which all threads run at once, since fewer registers would make room for threads that do
+    /// not exist. If there is no such number, `choice` decides.
     int registers_for(const std::string& tuned, std::size_t threads, int block,
                       std::initializer_list<int> plenty, const RegisterChoice& choice) const {
         if (tuned != "auto") return std::stoi(tuned);
@@ -204,8 +205,8 @@ protected:
         return choice.of(family_.formulation);
     }
 
-    /// Copies the state in and returns to step 0, ready to go on with `launch`. `bits` has one word per
-    /// particle. The step's motion then points at the arrays of this backend.
+    /// Uploads the state and returns to step 0, ready to go on with `launch`. `bits` has one word per
+    /// particle. Points the motion of the launch's step at the arrays of this backend.
     void start(const Problem& problem, const State& state, const Placement& placement,
                std::span<const std::uint32_t> bits, Launch launch) {
         set_problem(problem);
@@ -215,7 +216,8 @@ protected:
             PackedState<Real> packed = pack<Real>(problem, state, placement, bits, family_.formulation);
             const bool increments = by_increments(family_.formulation);
             moved = upload_words(words_, 0, packed.current) || moved;
-            // By increments a step writes every particle's word to this buffer before any step reads it.
+            // By increments there is no previous state, and these values are not read: the first step writes
+            // every particle's word to this buffer.
             moved = upload_words(words_, 1, increments ? packed.current : packed.previous) || moved;
             moved = upload_words(low_, 0, packed.current_low) || moved;
             moved = upload_words(low_, 1, packed.current_low) || moved;
@@ -231,7 +233,8 @@ protected:
         resume(launch, moved);
     }
 
-    /// Goes on with `launch`, whose motion points at the same arrays as that of the previous launch.
+    /// Takes the next steps with `launch`, whose motion points at the same arrays as that of the previous
+    /// launch. `words_moved`: particles are in other memory than before.
     void resume(const Launch& launch, bool words_moved = false) {
         const bool changed = words_moved || launch.kernel != launch_.kernel ||
                              !same(launch.grid, launch_.grid) || !same(launch.block, launch_.block) ||
@@ -257,7 +260,8 @@ protected:
     /// x(t) of every word.
     ParticleRecord<Real>* current_words() const { return words_[std::size_t(current())].data(); }
 
-    /// Writes new bits of particles. Every step copies the bits from the buffer that it reads.
+    /// Writes new bits of `particles` to the current state. Every step copies the bits from the buffer that
+    /// it reads to the other one.
     void write_particle_bits(std::span<const std::uint32_t> particles, std::span<const std::uint32_t> bits) {
         std::vector<EditedWord> edited;
         edited.reserve(particles.size());
@@ -327,7 +331,8 @@ protected:
         });
     }
 
-    /// Splits blocks of particles in canonical order, for kernels that can take a list of blocks.
+    /// Splits the blocks of a step into those with particles of `border` and the others, for kernels that can
+    /// take a list of blocks. Particles are in canonical order.
     bool split_steps(const std::vector<std::uint32_t>& border) override {
         parts_ = part_blocks(problem().particle_count(), launch_.block.x, border);
         blocks_.upload(parts_.blocks, stream());
@@ -345,7 +350,7 @@ protected:
     bool replays_steps() const final { return family_.replays; }
 
     bool gives_borders() const override { return true; }
-    /// Called when places of particles were written into the state between two steps.
+    /// Called after a message over a border has been written into the state between two steps.
     virtual void border_written() {}
 
 private:
@@ -377,7 +382,7 @@ private:
         return moved;
     }
 
-    /// The handle that the types of kernels/fetch.h hold.
+    /// The handle that the types of kernels/fetch.h hold: a texture or an address.
     std::uint64_t source(const Buffer<ParticleRecord<Real>>& buffer, const Texture& texture) const {
         return family_.fetch == Fetch::texture ? texture.get()
                                                : reinterpret_cast<std::uintptr_t>(buffer.data());
@@ -392,7 +397,8 @@ private:
         return pack_fed<Real>(problem(), particles, family_.formulation,
                               [&](std::uint32_t i) { return placement_.at(i); });
     }
-    /// Where particles are after the steps so far. The caller fills in which particles it wants.
+    /// Where particles are after the steps so far. The caller fills in which particles it wants (`fed`,
+    /// `count`).
     Feeding<Real> feeding() {
         let_end();
         const auto now = std::size_t(current());

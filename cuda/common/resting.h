@@ -17,8 +17,9 @@ namespace voxspring::cuda {
 
 /// The tuning parameter `rest` (rest_policy.h). With `step` every block is stepped. With `skip` blocks at
 /// rest are left out, which changes no bit. `flush` is `skip` and sets displacements and increments below
-/// flushed_below to zero. `auto` is `step` or `skip`, whichever takes less time: `skip` if a third of the
-/// blocks are at rest at the start, for as long as that many rest, and again from time to time.
+/// flushed_below to zero. `auto` is meant to be the faster of `step` and `skip`: it begins with `skip` if
+/// at least a third of the blocks are at rest at the start. When fewer rest it changes to `step`, and tries
+/// `skip` again from time to time.
 class Resting {
 public:
     explicit Resting(const Options& options);
@@ -29,10 +30,10 @@ public:
     std::uint64_t bytes_needed(const Problem& problem, BlockShape shape) const;
     std::uint64_t bytes_held() const;
 
-    /// For a run that starts from `state`. Its first step takes all blocks, unless start_checked() is called
-    /// before.
+    /// Prepares a run that starts from `state`. Its first step takes all blocks, unless start_checked() is
+    /// called before that step.
     void upload(const Problem& problem, const State& state, BlockShape shape, const Stream& stream);
-    /// The blocks of the start check: a step from the start that stores nothing.
+    /// The blocks for the start check, which is a step from the start that stores nothing.
     ActiveBlocks start_check() const;
     /// Call it after the start check is enqueued. The first step of each run then takes only the blocks that
     /// the check has listed, those that are not at rest at the start.
@@ -62,10 +63,10 @@ public:
     std::size_t blocks_stepped(const Stream& stream) const;
 
 private:
-    /// With fewer blocks nothing is checked: a step is then as long as its launch.
+    /// If there are fewer blocks than this, none is checked: a step then takes no longer than its launch.
     static constexpr std::size_t min_blocks = 512;
 
-    /// Elements of counts_ on the device.
+    /// Indices into Counts.
     enum Count : std::uint8_t { listed_for_0, listed_for_1, readers, taken, counts };
     using Counts = std::array<unsigned, counts>;
 
@@ -74,10 +75,10 @@ private:
 
     const Rest rest_;
     RestPolicy policy_;
-    bool starts_checking_ = false;  ///< what upload() decided
+    bool starts_checking_ = false;  ///< upload() decided that the run begins with checks
     int row_ = 0, slice_ = 0;
     Buffer<BlockOrigin> all_;                     ///< blocks with particles
-    Buffer<std::uint32_t> all_marks_, no_marks_;  ///< of all blocks, and of none
+    Buffer<std::uint32_t> all_marks_, no_marks_;  ///< marks that list all blocks, and none
     Buffer<Counts> awake_counts_;                 ///< for a step of all blocks that reads buffer 0 or 1
     // One element for steps that read buffer 0, one for steps that read buffer 1.
     std::array<Buffer<BlockOrigin>, 2> lists_;

@@ -37,7 +37,7 @@ void load_support_kernels(const Device& device, CompileTime& time);
 template <class Real>
 const SupportKernels& support_kernels();
 
-/// Kernels of either precision, for those in which no number has that precision.
+/// The kernels for float or for double, whichever are loaded. Use only those that are the same.
 const SupportKernels& any_support_kernels();
 
 /// Launches one thread for each of `count` elements, in blocks of 128. Launches nothing if there are none.

@@ -1,5 +1,5 @@
-// A launch that does not end between ticks: it takes the steps of one tick after another as the host orders
-// them, and ends when the host orders that.
+// A launch that goes on from tick to tick: it takes the steps that the host orders for each tick, and ends
+// when the host orders the end.
 #pragma once
 
 #include <cstddef>
@@ -19,8 +19,8 @@ namespace voxspring::cuda {
 /// calls end() before it enqueues anything else in the stream, and before it destroys this.
 class Ticks {
 public:
-    /// Enqueues a launch that begins with the latest order. `again`: how many of its steps have been ordered
-    /// before, in vain.
+    /// Enqueues a launch that begins with the latest order. `again`: the steps of that order if an earlier
+    /// launch ended before it took them, otherwise 0.
     using Launch = std::function<void(const TickLine& line, std::uint32_t again)>;
     /// `wait_for_stream()` throws DeviceError if what ran in the stream has failed.
     Ticks(const Stream& stream, Launch launch, std::function<void()> wait_for_stream)
@@ -40,8 +40,9 @@ public:
 
 private:
     /// Waits for the answer to the latest order. A launch ends by itself if it sees no order for too long
-    /// (max_idle_nanoseconds), maybe just before it would have seen this one: then another launch is started.
-    /// Every wait in a launch is bounded, and so is this one: after a second such end it throws.
+    /// (max_idle_nanoseconds), maybe just before it would have seen the latest one. Then another launch is
+    /// started; if that ends without an answer as well, this throws. So the wait is bounded, as every wait in
+    /// a launch is.
     void wait();
     void begin(std::uint32_t again);
 
@@ -53,7 +54,7 @@ private:
     Buffer<OrderWords> handed_on_;
     Buffer<std::uint32_t> taken_blocks_;
     TickDesk desk_;
-    bool running_ = false;  ///< a launch was not told to end; it may have ended by itself
+    bool running_ = false;  ///< the latest launch was not told to end, but may have ended by itself
 };
 
 }  // namespace voxspring::cuda

@@ -81,7 +81,7 @@ public:
     Program& operator=(const Program&) = delete;
     ~Program() { nvrtc().DestroyProgram(&program_); }
 
-    /// `get_size` and `get_text` as NVRTC has them.
+    /// `get_size`, `get_text`: the two NVRTC functions that return the size and the characters of one text.
     std::string take(nvrtcResult (*get_size)(nvrtcProgram, std::size_t*),
                      nvrtcResult (*get_text)(nvrtcProgram, char*)) const {
         std::size_t size = 0;

@@ -10,14 +10,14 @@ namespace voxspring::cuda {
 struct KernelSource {
     std::string file;  ///< "implicit.cu"
     std::map<std::string, std::string> macros;
-    bool moves_registers =
-        false;  ///< registers move between threads: compiled for that one architecture (moves_registers())
+    /// Registers move between threads (moves_registers()), so the code is for that one architecture only.
+    bool moves_registers = false;
     bool operator==(const KernelSource&) const = default;
 };
 
 struct CompiledKernel {
     std::string code;    ///< machine code, or PTX where NVRTC knows no such card
-    double seconds = 0;  ///< that compiling took, in this run or an earlier one
+    double seconds = 0;  ///< the time that compiling took, in this run or an earlier one
     bool found = false;  ///< whether the code was on disk, where it is kept with that time
 };
 
@@ -29,17 +29,17 @@ CompiledKernel compile(const KernelSource& source, int architecture);
 /// bytes at once, which needs 7.5.
 int oldest_architecture();
 
-/// Whether some threads of a block may have more registers than others.
+/// Whether kernels for `architecture` may move registers from some threads of a block to others.
 bool moves_registers(int architecture);
 
 /// The part of compile()'s settings that is the same for all scenes on a card: "NVRTC 13.0 <build id>
 /// --gpu-architecture=sm_90 --std=c++20 ...".
 std::string compiler_and_options(int architecture);
 
-/// The version of NVRTC and the build id of its library: what code depends on besides its source.
+/// The version of NVRTC and the build id of its library. Compiled code depends on these besides its source.
 const std::string& compiler_build();
 
-/// The name of the function in every kernel file.
+/// The name of the kernel in each file that has only one.
 inline constexpr const char* kernel_name = "step";
 
 }  // namespace voxspring::cuda

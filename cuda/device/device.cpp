@@ -43,7 +43,7 @@ std::string uuid_of(const cudaDeviceProp& properties) {
     return uuid_text(bytes);
 }
 
-/// The card that Device takes in a thread without a choice. Makes no context on it.
+/// The UUID of the card that Device takes in a thread for which no device was chosen. Makes no context on it.
 std::string first_card() {
     cudaDeviceProp properties{};
     if (cudaGetDeviceProperties(&properties, 0) == cudaSuccess) return uuid_of(properties);
@@ -85,7 +85,7 @@ Device::Device() {
     check(cudaDeviceGetTexture1DLinearMaxWidth(&max_texels_, &texel, number_));
     sm_mhz_ = megahertz(cudaDevAttrClockRate, number_);
     memory_mhz_ = megahertz(cudaDevAttrMemoryClockRate, number_);
-    // Each pin carries one bit at either edge of the clock.
+    // Each pin carries two bits per clock, one at either edge.
     memory_bytes_per_second_ = 2e6 * memory_mhz_ * properties.memoryBusWidth / 8;
 }
 
@@ -106,7 +106,7 @@ std::string Device::driver_version() {
     int version = 0;
     check(cudaDriverGetVersion(&version));
     std::string text = "CUDA " + version_text(version);
-    // Only the kernel module knows the driver's version, and NVML, which not every server has.
+    // Only the kernel module and NVML know the driver's version, and not every server has NVML.
     std::ifstream module("/proc/driver/nvidia/version");
     std::string line;
     std::smatch number;

@@ -1,4 +1,5 @@
-// A point in a stream: when the device passed it, and what waits until it has.
+// A point in a stream. Streams and the host can wait until the device has passed it, and two of them tell the
+// time in between.
 #pragma once
 
 #include "cuda/device/stream.h"

@@ -14,7 +14,7 @@ namespace voxspring::cuda {
 
 using Library = Handle<cudaLibrary_t, cudaLibraryUnload>;
 
-/// One object is shared by all that launch the kernel, on any device of its architecture.
+/// A loaded kernel. All who launch it share one object, on any device of its architecture.
 class Kernel {
 public:
     /// Compiles the source if this process has not done so yet, and loads its function `name` on the current
@@ -29,7 +29,8 @@ public:
     unsigned blocks_at_once(const Device& device, unsigned block) const;
     /// Registers that a thread begins with.
     int registers() const;
-    /// Lets a block have `bytes` of shared memory if that is more than every kernel may have.
+    /// Lets a block of this kernel have `bytes` of shared memory, if that is more than any kernel may have by
+    /// default.
     void allow_shared(std::size_t bytes) const;
     template <class... Arguments>
     void launch(const Stream& stream, dim3 grid, dim3 block, std::size_t shared_bytes,
@@ -74,8 +75,8 @@ private:
         check(cudaLaunchKernelExC(&config, kernel_, pointers.data()));
     }
 
-    /// Loads the kernel on the current device if it is not loaded there. This must not happen first in a
-    /// capture.
+    /// Loads the kernel on the current device if it is not loaded there. The first load must not happen while
+    /// a stream is captured.
     void load() const;
 
     std::shared_ptr<const Library> library_;  ///< shared by all kernels of a file

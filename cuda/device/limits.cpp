@@ -40,7 +40,7 @@ private:
 class Stopwatch {
 public:
     explicit Stopwatch(const Stream& stream) : stream_(stream) {}
-    /// Seconds that the work takes which `enqueue()` puts into the stream, between two events.
+    /// The seconds between two events in the stream, before and after the work that `enqueue()` puts into it.
     template <class Enqueue>
     double seconds(Enqueue enqueue) {
         begin_.record(stream_);
@@ -72,7 +72,8 @@ double launch_seconds(const LimitKernels& kernels, const Stream& stream, Stopwat
 /// Passes over parts of one buffer of zeros.
 class Sweeps {
 public:
-    /// Every footprint is a multiple of this: one to three arrays of whole blocks, with two words per thread.
+    /// Every footprint is a multiple of this. So it divides into one, two or three arrays of whole blocks,
+    /// even with two words per thread.
     static constexpr std::size_t unit = 6 * 2 * block * sizeof(float4);
 
     Sweeps(std::size_t max_footprint, const LimitKernels& kernels, const Stream& stream, Stopwatch& stopwatch)
@@ -81,7 +82,7 @@ public:
         buffer_.fill_with_zeros(stream);
     }
 
-    /// Measures the bandwidth at one footprint three times: if none, a third or half of the bytes moved are
+    /// Measures the bandwidth at one footprint for three mixes: none, a third and half of the bytes moved are
     /// written. Passes that write are tried both in place and with a separate array to write.
     void add(std::size_t footprint, std::vector<Bandwidth>& table) {
         const auto add_best = [&](double written_share, double bytes_per_second) {
@@ -93,7 +94,7 @@ public:
     }
 
 private:
-    /// A pass over `arrays` arrays, of which the last one is written.
+    /// Bytes per second of a pass over `arrays` arrays. If `writes`, it writes the last one.
     template <int reads, bool writes>
     double of_arrays(std::size_t footprint, std::size_t arrays) {
         const std::size_t count = footprint / sizeof(float4) / arrays;
@@ -108,8 +109,8 @@ private:
         return double((reads + (writes ? 1 : 0)) * count * sizeof(float4)) / seconds;
     }
 
-    /// Seconds of the faster kind of pass: with a few blocks that stride, or with a new block for every few
-    /// words.
+    /// Seconds per pass, by the faster of two kinds of launch: few blocks that stride through the arrays, or
+    /// a new block for every few words.
     template <int reads, bool writes, int words>
     double of_words(const Sweep& moved) {
         const auto kernel = kernels_.get(fmt::format("sweep_{}_{}_{}", reads, writes ? 1 : 0, words));
@@ -150,13 +151,13 @@ void measure_bandwidth(DeviceLimits& limits, const LimitKernels& kernels, const 
     const auto whole = [](std::size_t bytes) {
         return std::max<std::size_t>(bytes / Sweeps::unit, 1) * Sweeps::unit;
     };
-    // With eight times the size of the cache no line stays in it until its next use.
+    // At eight times the size of the cache, no line stays in the cache until its next use.
     const std::size_t beyond = whole(std::max(8 * cache, std::size_t(128) << 20));
     const std::size_t within = whole(cache / 4);
     std::vector<std::size_t> footprints;
     if (cache != 0) {
         // Some caches have two halves, each of which keeps a copy of what its processors read. Then only half
-        // of the size may be usable. Arrays that just do not fit are still found there in part.
+        // of the size may be usable. Arrays that are slightly too large still stay in the cache in part.
         footprints = {whole(cache / 32),    whole(cache / 8),     within,
                       whole(cache / 2),     whole(cache / 4 * 3), whole(cache),
                       whole(cache / 2 * 3), whole(3 * cache)};

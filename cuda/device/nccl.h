@@ -66,7 +66,7 @@ public:
     /// member may be called afterwards. Throws DeviceError.
     void end();
 
-    /// Enqueues the sends and receives of `transfers`, none of which waits for another.
+    /// Enqueues the sends and receives that `transfers` calls, as one group: none of them waits for another.
     template <class Transfers>
     void together(const Transfers& transfers) const {
         nccl_.check(nccl_.group_start_());

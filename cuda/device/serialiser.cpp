@@ -16,7 +16,7 @@ struct Tool {
 constexpr std::array tools = {Tool{"sanitizer-collection", "compute-sanitizer"},
                               Tool{"cuda-injection", "Nsight Compute"}};
 
-/// How many streams a process has hardware queues for, unless CUDA_DEVICE_MAX_CONNECTIONS says otherwise.
+/// How many hardware queues a process has for its streams, unless CUDA_DEVICE_MAX_CONNECTIONS says otherwise.
 constexpr int usual_connections = 8;
 
 std::vector<std::string> loaded_libraries() {

@@ -1,4 +1,4 @@
-// Finds out what keeps kernels from running at the same time, where some wait for each other.
+// Finds out what would keep kernels that wait for each other from running at the same time.
 #pragma once
 
 #include <functional>
@@ -7,9 +7,9 @@
 
 namespace voxspring::cuda {
 
-/// Empty, or why `kernels` kernels in as many streams of this process may not run at the same time: "with
-/// CUDA_LAUNCH_BLOCKING=1 kernels run one at a time". To be called once CUDA is in use, since that loads
-/// tools.
+/// Empty, or the reason why `kernels` kernels, each in a separate stream of this process, may not run at the
+/// same time, for example "with CUDA_LAUNCH_BLOCKING=1 kernels run one at a time". To be called once CUDA is
+/// in use, since tools are loaded only then.
 std::string serialised_by(int kernels);
 
 /// serialised_by() for any environment and loaded libraries. `value_of` gives a variable (null: not set).

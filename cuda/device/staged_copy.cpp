@@ -14,12 +14,12 @@ namespace voxspring::cuda {
 namespace {
 
 constexpr std::size_t piece_bytes = std::size_t(1) << 25;
-/// No pinned memory is allocated for a program whose copies are all smaller than this.
+/// Copies smaller than this do not go through pinned memory. A program without larger copies allocates none.
 constexpr std::size_t large = 2 * piece_bytes;
 
 struct Piece {
     Memory<std::byte, cudaMallocHost, cudaFreeHost> memory;
-    Event copied;  ///< between it and the device
+    Event copied;  ///< passed when the latest copy from or to the device has ended
 };
 
 using Pieces = std::array<Piece, 2>;

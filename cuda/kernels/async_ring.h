@@ -8,7 +8,7 @@
 namespace voxspring::cuda {
 
 #ifdef __CUDACC__
-/// Copies `bytes`, at most 16, and fills up 16 bytes with zeros.
+/// Copies `bytes` bytes, at most 16, and fills the rest of the 16 bytes with zeros.
 __device__ inline void copy_async(void* to, const void* from, int bytes) {
     asm volatile("cp.async.cg.shared.global [%0], [%1], 16, %2;" ::"r"(
                      static_cast<std::uint32_t>(__cvta_generic_to_shared(to))),
@@ -30,15 +30,15 @@ __device__ void meet_block() {
 }
 #endif
 
-/// The rings of a block that marches over an item, and where this thread is in them (march()). A plane
-/// arrives when all threads have met after waiting for their copies. No thread then works on the plane before
-/// the previous one any more, so the slots of that plane are filled anew.
+/// The rings of a block that marches over an item, and where this thread is in them (march()). A plane has
+/// arrived once every thread has waited for its copies and all threads have met. By then no thread works any
+/// more on the plane that is two before it, so the slots of that plane are filled anew.
 template <class Real, MarchShape shape>
 class AsyncRings {
     static constexpr int real = sizeof(Real);
     static constexpr int planes = shape.planes, befores = shape.previous_windows;
-    /// Each plane has two groups: what a step overwrites, then positions. So many may be on their way when a
-    /// plane arrives: those of later planes.
+    /// A thread's copies form two groups per plane: first what a step overwrites, then positions. This many
+    /// groups, those of later planes, may still be under way when a plane arrives.
     static constexpr int pending = planes - 2 <= befores - 1 ? 2 * (planes - 3) : 2 * (befores - 2) + 1;
     static_assert(planes >= 3 && befores >= 2);
 
@@ -84,7 +84,7 @@ public:
     }
     __device__ void release() {}
     __device__ const Real* before() {
-        // The lattice's last plane is stepped without another one's arrival.
+        // No plane arrives after the lattice's last one, so wait here for what the last step overwrites.
         if (arriving_ == step_.nz && before_plane_ + 1 == item_.end - item_.begin) {
             await_copies<0>();
             meet_block<shape.threads()>();
@@ -98,13 +98,13 @@ public:
     }
 
 private:
-    /// The slot `count` further on in a ring, at most one round.
+    /// The slot that is `count` slots after `slot` in the ring. `count` is at most `slots`.
     template <int slots>
     static __device__ int slot_ahead(int slot, int count) {
         return slot + count < slots ? slot + count : slot + count - slots;
     }
     __device__ void fill(int slot, int plane) const {
-        // The plane above the item's last one is the last to arrive, if there is one.
+        // The last plane to arrive is the one above the item, if the lattice has one.
         if (plane <= item_.end && plane < step_.nz)
             copy_box<shape.pitch(real), shape.height() + 2>(
                 windows_ + slot * (shape.window_bytes(real) / real), from_.positions,
@@ -115,8 +115,8 @@ private:
             copy_box<shape.width(), shape.height()>(befores_ + slot * (shape.before_bytes(real) / real),
                                                     from_.before, item_.x, item_.y, plane);
     }
-    /// Copies this thread's share of the box at (x, y, z) of all three axes, in pieces of 16 bytes. Elements
-    /// outside of the lattice become zeros. x is a multiple of a piece.
+    /// Copies this thread's pieces, of 16 bytes each, of the box that begins at (x, y, z), for all three
+    /// axes. x is a multiple of a piece's elements. Elements outside of the lattice become zeros.
     template <int width, int height>
     __device__ void copy_box(Real* to, const Real* from, int x, int y, int z) const {
         constexpr int piece = 16 / real, across = width / piece, pieces = 3 * height * across;
@@ -141,8 +141,8 @@ private:
     Real* const befores_;
     const int thread_, first_;
     int arriving_;                            ///< the next plane to arrive
-    int slot_ = 0;                            ///< and its slot
-    int before_plane_ = 0, before_slot_ = 0;  ///< the plane of the item that is stepped next, and its slot
+    int slot_ = 0;                            ///< the slot of that plane
+    int before_plane_ = 0, before_slot_ = 0;  ///< the item's next plane to be stepped, and its slot
 };
 
 }  // namespace voxspring::cuda

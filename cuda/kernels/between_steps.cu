@@ -62,7 +62,7 @@ KERNEL write_rows(EditedRows<Real> rows, std::size_t slots, ListShape shape, Par
     const std::size_t n = thread_number();
     if (n >= slots) return;
     write_slot(rows, n, shape, neighbour, constants, off_lattice_rest);
-    // Each thread writes one row.
+    // The thread of a row's first slot also writes the bits of the row's particle.
     const std::size_t row = n / shape.slots;
     if (words != nullptr && n % shape.slots == 0)
         write_bits(words, EditedWord{rows.particle[row], rows.bits[row]});
@@ -75,7 +75,7 @@ KERNEL write_springs(const EditedSpring<Real>* edited, std::size_t count, Spring
     if (thread_number() < count) write_spring(edited[thread_number()], ends, constants, off_lattice_rest);
 }
 
-// Values so few that a copy would not be worth it travel as a kernel argument.
+// These values are so few that they travel as a kernel argument: a copy would not be worth it.
 KERNEL write_short_argument(__grid_constant__ const ShortArgument argument, unsigned words,
                             ArgumentWord* to) {
     if (thread_number() < words) to[thread_number()] = argument.word[thread_number()];

@@ -9,14 +9,15 @@
 
 namespace voxspring::cuda {
 
-/// Where the places of some particles are in a state, which is stored in words or in structure of arrays.
+/// Where the places (positions or displacements) of some particles are in a state, which is stored in words
+/// or in structure of arrays.
 template <class Real>
 struct BorderPlaces {
-    const std::uint32_t* element;  ///< of each particle
+    const std::uint32_t* element;  ///< the element of each particle
     std::size_t count;
-    Real* at;                               ///< x of element 0
-    Real* low;                              ///< x of the low part of element 0; null: there are none
-    std::size_t element_pitch, axis_pitch;  ///< from an element to the next one, and from x to y
+    Real* at;                               ///< address of x of element 0
+    Real* low;                              ///< address of the low part of x of element 0, or null
+    std::size_t element_pitch, axis_pitch;  ///< distance to the next element, and from x to y
 
     /// Numbers in a message: x of all particles, then y, then z, and then their low parts in the same order.
     VOXSPRING_HOST_DEVICE std::size_t numbers() const { return (low != nullptr ? 6 : 3) * count; }

@@ -14,7 +14,7 @@ constexpr int lanes = shape.lanes();
 constexpr int all_threads = lanes + POLLERS;
 using Tile = BrickTile<Terms, shape, EQUAL_EDGES, INCREMENTS_IN_MEMORY>;
 constexpr int mask_words = Tile::mask_words;
-/// Masks of larger tiles are read anew in each step.
+/// Whether a thread keeps its masks in registers. Masks of larger tiles are read anew in each step.
 constexpr bool keeps_masks = mask_words <= 6;
 
 extern __shared__ float points[];
@@ -23,7 +23,7 @@ extern __shared__ float points[];
 __device__ void border_is_here() { meet<1, all_threads>(); }
 __device__ void step_is_done() { meet<2, all_threads>(); }
 
-/// Masks of any thread, plain or not.
+/// The complete masks of a thread, whether it is plain or not.
 struct TileWords {
     static constexpr bool by_side = false;
     std::uint32_t word[mask_words];
@@ -115,8 +115,8 @@ struct Polls {
     }
 };
 
-/// Fetches into the half at `to` the points that other blocks publish with `tag`. Returns false if not all of
-/// them came; the launch must then end.
+/// Fetches the points that other blocks publish with `tag` into `to`, a half of `points`. Returns false if
+/// not all of them came; the launch must then end.
 __device__ bool fetch_published(const Polls& polls, const BrickStep& step, float* to,
                                 const TaggedPoint* exchange, std::uint32_t tag) {
     std::uint32_t missing = 0;
@@ -129,9 +129,9 @@ __device__ bool fetch_published(const Polls& polls, const BrickStep& step, float
         [&](int n, Vector<float> point) { Tile::store(to, int(polls.poll[n].slot), point); });
 }
 
-/// Takes `count` steps, at least one, of the state in `current` and `before`, which are in structure of
-/// arrays: x or u, and x or u at t - dt or, by increments, v. The state after the last step replaces it.
-/// Points are published with the tags `tag` + 1, `tag` + 2 and so on. `launches`: how many launches have
+/// Takes `count` steps, at least one. `current` and `before` hold the state before the first step and then
+/// the state after the last one, in structure of arrays: x or u at t, and x or u at t - dt or, by increments,
+/// v. Points are published with the tags `tag` + 1, `tag` + 2 and so on. `launches`: how many launches have
 /// counted their blocks in `step.started_blocks`, this one included.
 extern "C" __global__ void __launch_bounds__(all_threads, 1)
     step(const __grid_constant__ BrickStep step, float* current, float* before, int count, std::uint32_t tag,
@@ -176,7 +176,8 @@ extern "C" __global__ void __launch_bounds__(all_threads, 1)
         } else
 #endif
             run_steps(step, tile, words, idle, thread, count, tag);
-        // If this wait is in vain, the state is worthless, in memory as on the chip.
+        // The result does not matter: if this wait is in vain, the state is worthless, in memory as on the
+        // chip.
         static_cast<void>(
             wait_until_counted(step.started_blocks, launches * gridDim.x, step.wait, tag + count));
         if constexpr (!keeps_masks) words.load(step, lane_of(thread));
@@ -217,7 +218,7 @@ extern "C" __global__ void __launch_bounds__(all_threads, 1)
         bool in_vain = false;  // after one wait in vain this thread waits no more
         ROLLED
         for (int n = 1; n < count; ++n) {
-            // Poll only after this block's step is done: polling takes instruction slots from it, and would
+            // Poll only after this block's step is done: polling would take instruction slots from it and
             // find little.
             ROLLED
             for (int first = 0; first < ROUNDS; first += polls_in_flight) {

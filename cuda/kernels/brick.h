@@ -9,7 +9,7 @@
 
 namespace voxspring::cuda {
 
-/// Counts the springs of a tile.
+/// A visitor that does nothing: visit_brick_springs() returns how many springs it has visited.
 struct CountSprings {
     VOXSPRING_HOST_DEVICE constexpr void both(int, int, int, int, int, int, int) {}
     VOXSPRING_HOST_DEVICE constexpr void half(int, int, int, int, int, int, int) {}
@@ -24,7 +24,7 @@ VOXSPRING_HOST_DEVICE constexpr BrickMask brick_mask() {
             shape.tile()};
 }
 
-/// Masks of a plain thread. Conditions that its springs share are tested once.
+/// The masks of a plain thread (TileSides). Conditions that several springs share are tested once.
 struct FullTileMasks {
     static constexpr bool by_side = true;
     TileSides sides;
@@ -51,7 +51,7 @@ template <class Terms, BrickShape shape, bool equal_edges, bool increments_in_me
 class BrickTile {
 public:
     static constexpr int particles = shape.tile();
-    // Bits of the masks: of the first late spring and of the first particle.
+    // Numbers of mask bits: for the first late spring, and for whether particle 0 moves and exists.
     static constexpr int late_bit = brick_mask<shape>().early, moves_bit = brick_mask<shape>().moves(0),
                          exists_bit = brick_mask<shape>().exists(0), mask_words = brick_mask<shape>().words();
 
@@ -84,10 +84,10 @@ public:
         }
     }
 
-    /// Takes the particles from a half of `points` before the first step. Of the particles at the border of
-    /// the brick, those that exist will be published. `words`: the masks, here and in the functions below.
-    /// They say whether particle n exists(n) and moves(n), and whether there is a spring(bit, crossed): by
-    /// its bit or, if `by_side`, by the sides that it crosses.
+    /// Loads the thread's particles from a half of `points` before the first step. Particles at the border of
+    /// the brick will be published if they exist. `words`, here and in the functions below: the masks. They
+    /// say whether particle n exists(n) and moves(n), and whether there is a spring(bit, crossed): by its bit
+    /// or, if `by_side`, by the sides of the tile that it crosses.
     template <class Words>
     VOXSPRING_HOST_DEVICE void start(const float* points, const Words& words) {
         load_own(points);
@@ -101,7 +101,7 @@ public:
         return i * place_.dx + j * place_.dy * int(step.row) + k * place_.dz * int(step.plane);
     }
 
-    /// What a step overwrites besides points: v, by increments.
+    /// The increment v of particle `number`, which a step overwrites. Used only by increments.
     VOXSPRING_HOST_DEVICE Vector<float> increment(int number) const {
         if constexpr (!increments_in_memory) return increment_[number];
         return load_axes(increments_ + 3 * number * shape.lanes(), std::size_t(shape.lanes()));
@@ -116,7 +116,8 @@ public:
     /// Words of memory that the increments of a block take.
     static constexpr int increment_words = 3 * particles * shape.lanes();
 
-    /// Adds the forces of springs that end in the tile or near it. Points come from a half of `points`.
+    /// Adds the forces of early springs (visit_brick_springs()), which need no points of other blocks.
+    /// `points`: the half that this step reads.
     template <class Words>
     VOXSPRING_HOST_DEVICE void add_early(const BrickStep& step, const float* points, const Words& words) {
         visit_particles([&](int n, int, int, int) { force_[n] = {0, 0, 0}; });
@@ -131,10 +132,10 @@ public:
         Springs<Words> springs{*this, step, points, words};
         visit_brick_springs<shape.tx, shape.ty, shape.tz, shape.both, true>(springs, late_bit);
     }
-    /// Moves the particles by one step. `next`: the other half, which holds x(t - dt) unless by increments.
-    /// publish(whether, i, j, k, point) is called for each particle. No branch skips a particle that is not
-    /// there: without branches the compiler can fill the waits of one particle with the work of the others,
-    /// which takes about half of the time.
+    /// Moves the particles by one step. `next`: the half of `points` that is written; unless by increments it
+    /// still holds x(t - dt). publish(whether, i, j, k, point) is called for each particle. No branch skips a
+    /// particle that is not there: without branches the compiler can fill the waits of one particle with the
+    /// work of the others, which takes about half of the time.
     template <class Words, class Publish>
     VOXSPRING_HOST_DEVICE void integrate(const BrickStep& step, float* next, const Words& words,
                                          Publish publish) {
@@ -205,8 +206,8 @@ private:
             const Pull<float> spring = class_pull<Terms, equal_edges>(
                 step, tile.spacing_, tile.own_[a] - other, c, i2 - i, j2 - j, k2 - k);
             const std::uint32_t crossed = shape.crossed(i2, j2, k2);
-            // Predicates make a step of large tiles and one by increments shorter, others longer
-            // (docs/cuda-trials.md).
+            // Predicated instructions make a step shorter for large tiles and by increments, and longer
+            // otherwise (docs/cuda-trials.md).
             if (Words::by_side ? crossed != 0 : !keeps_own || Terms::increments) {
                 return add_predicated(spring.offset, spring.density, words.spring(bit, crossed),
                                       tile.force_[a]);

@@ -39,7 +39,7 @@ struct ListedDeltas {
     }
 };
 
-/// The list of a particle, number `lane` of its slice.
+/// The list of the particle that is number `lane` of its slice.
 template <class Real>
 VOXSPRING_HOST_DEVICE const RowDeltas* list_of(const DeltaStep<Real>& step, const Slice& slice,
                                                std::uint32_t lane) {
@@ -76,7 +76,8 @@ VOXSPRING_HOST_DEVICE Vector<Real> listed_force(const DeltaStep<Real>& step, con
             [&](int dx, int dy, int dz) { return step.compliance[index + delta(dy, dz) + dx]; });
     }
     const std::uint32_t gaps = current.entry(&list->gaps);
-    // The word that `dx` counts from. Behind a gap the neighbour is one particle nearer.
+    // The word from which `dx` counts. If the middle of a row is missing (a gap), its neighbour at dx = 1 is
+    // one word nearer.
     const auto row = [&](int dx, int dy, int dz) {
         const int number = row_number(dy, dz);
         return index + delta(dy, dz) - (dx > 0 && number < row_count ? int(gaps >> number & 1U) : 0);

@@ -42,7 +42,7 @@ VOXSPRING_HOST_DEVICE void write_slot_or_bits(std::uint16_t* slot, std::size_t s
     }
 }
 
-/// Writes slot n of the rows to its place according to `shape`.
+/// Writes slot n of the edited rows to the element of the lists that `shape` says.
 template <class Real>
 VOXSPRING_HOST_DEVICE void write_slot(const EditedRows<Real>& rows, std::size_t n, const ListShape& shape,
                                       std::uint32_t* neighbour, SpringConstants<Real>* constants,

@@ -24,9 +24,9 @@ using Terms = TERMS;
 #define BLOCK_NUMBER blockIdx.x
 #endif
 
-/// With DEPENDENT_LAUNCH the next step is launched while this one still runs, as soon as all blocks of this
-/// one have passed this point and there is room. Each thread waits here until the step before this one has
-/// ended. Without such a launch it does not wait.
+/// With DEPENDENT_LAUNCH the next step may start while this one still runs, once all blocks of this step have
+/// passed AWAIT_STEP_BEFORE() and there is room. Each thread waits there until the previous step has ended.
+/// Without a dependent launch it does not wait.
 #if defined(DEPENDENT_LAUNCH) && __CUDA_ARCH__ >= 900
 #define AWAIT_STEP_BEFORE()                            \
     asm volatile("griddepcontrol.wait;" ::: "memory"); \

@@ -20,7 +20,7 @@ template <class Terms>
 VOXSPRING_HOST_DEVICE int listed_index(std::uint32_t entry) {
     return int(Terms::positions ? entry : entry & LISTED_INDEX);
 }
-/// How the spring to that neighbour lies at rest.
+/// The offset at rest of the spring that a list entry stands for.
 template <class Terms, class Real>
 VOXSPRING_HOST_DEVICE SpringRest<Real> listed_rest(const SpringRest<Real>* rest, std::uint32_t entry) {
     if constexpr (Terms::positions) {
@@ -121,8 +121,9 @@ VOXSPRING_HOST_DEVICE void step_by_springs(const ExplicitStep<Real>& step, int i
     integrate_and_store<Terms>(step.motion, output, i, self, before, force);
 }
 
-/// Steps particle i with a list as the paper had it: the rows of ListRows say where it begins and how many
-/// entries it has, and each entry is read by itself. The sums have the order of the other two.
+/// Steps particle i with a list as the paper had it: the rows of ListRows say where the list begins and how
+/// many entries it has, and entries are read one by one. Forces are added in the same order as in
+/// step_by_groups() and step_by_springs().
 template <class Terms, bool secondary, class Real, class Current>
 VOXSPRING_HOST_DEVICE void step_by_rows(const ExplicitStep<Real>& step, int i, const Current& current,
                                         const Output<Real>& output) {

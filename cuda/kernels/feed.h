@@ -1,4 +1,4 @@
-// The displacements of some particles, for a picture.
+// The displacements of some particles, for a picture: the body of the kernel of a feed.
 #pragma once
 
 #include "backends/layout/records/feed.h"

@@ -7,7 +7,7 @@
 
 namespace voxspring::cuda {
 
-/// The type of CUDA as which an entry of a list is loaded.
+/// The built-in CUDA type as which an entry of a list is loaded.
 template <class Entry>
 struct LoadedAs;
 #define LOAD_AS(Entry, Vector) \
@@ -87,7 +87,7 @@ __device__ inline int4 texel(cudaTextureObject_t texture, int index, int4) {
 }
 
 /// Reads positions through a texture object (tex1Dfetch): one float4, or two int4 for float64. Lists are read
-/// by plain loads, which with ROWS, as in 2008, no cache beside the multiprocessor serves.
+/// through L1 or, with ROWS, past it: in 2008 no such cache served plain loads.
 template <class Real>
 struct ThroughTexture {
     cudaTextureObject_t texture;

@@ -44,13 +44,13 @@ VOXSPRING_HOST_DEVICE Pull<Real> lattice_pull(const ImplicitStep<Real>& step, co
     return unit_pull<Terms>(here - there, rest, step.rest_length[bit / 2], step.motion.shortest_squared);
 }
 
-/// The sum of unit pulls of each spring group, or of pulls where each spring has its own stiffness.
+/// The sums of unit pulls, by spring group. Where each spring has a separate stiffness, the sums of pulls.
 template <class Real>
 struct GroupSums {
     Vector<Real> face{0, 0, 0}, edge{0, 0, 0}, corner{0, 0, 0};
 };
 
-/// A choice of neighbours for add_springs(): all of them.
+/// Tells add_springs() to visit all neighbours.
 struct EveryNeighbour {
     static VOXSPRING_HOST_DEVICE constexpr bool has(int, int, int) { return true; }
 };
@@ -105,7 +105,7 @@ VOXSPRING_HOST_DEVICE void add_springs(const ImplicitStep<Real>& step, const Vec
 #undef ADD_CORNER
 }
 
-/// The force of all springs in the sums.
+/// The total force of the springs whose pulls are in `sums`.
 template <class Terms, class Real>
 VOXSPRING_HOST_DEVICE Vector<Real> force_of(const ImplicitStep<Real>& step, const GroupSums<Real>& sums) {
     const bool materials = Terms::template has<term_materials>(step.compliance != nullptr);
@@ -229,8 +229,8 @@ struct Tile {
         return middle;
     }
 
-    /// Loads this thread's column and the columns of the frame beside it, as thread (tx, ty). Returns its
-    /// particle. What lies outside of the lattice stays unset: no spring reads it.
+    /// Loads this thread's column, as thread (tx, ty), and the columns of the frame next to it. Returns the
+    /// thread's particle. What lies outside of the lattice stays unset: no spring reads it.
     template <class Current>
     VOXSPRING_HOST_DEVICE Self<Real, split> fill(int tx, int ty, int index, int row, int slice,
                                                  const Current& current) {

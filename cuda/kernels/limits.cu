@@ -13,10 +13,10 @@ __device__ inline float4 operator-(float4 a, float4 b) {
     return make_float4(a.x - b.x, a.y - b.y, a.z - b.z, a.w - b.w);
 }
 
-/// Reads one or two arrays and writes one or none, in accesses of 16 bytes past L1, of which each thread
-/// makes `words` at once. All passes are in one launch, since a pass in the cache takes hardly longer than a
-/// launch. A grid of more than one row has one row per pass; a grid of few blocks goes through the arrays in
-/// strides.
+/// Makes `passes` passes. A pass reads one or two arrays and writes one or none, past L1 and in words of 16
+/// bytes, of which each thread moves `words` at a time. A launch has many passes, since a pass within the
+/// cache takes hardly longer than a launch. A grid of several rows has one row per pass; a grid of few blocks
+/// goes through the arrays in strides.
 template <int reads, bool writes, int words>
 __device__ void sweep(int passes, const Sweep& arrays) {
     const std::size_t stride = std::size_t(gridDim.x) * THREADS * words;
@@ -48,7 +48,7 @@ __device__ void sweep(int passes, const Sweep& arrays) {
     if (!writes && none.x + none.y + none.z + none.w == arrays.impossible) *arrays.written = none;
 }
 
-// Each name has the number of arrays that a pass reads and writes, and the words per thread.
+// The digits of a name: how many arrays a pass reads and writes, and the words per thread.
 KERNEL sweep_1_0_1(int passes, Sweep arrays) { sweep<1, false, 1>(passes, arrays); }
 KERNEL sweep_1_0_2(int passes, Sweep arrays) { sweep<1, false, 2>(passes, arrays); }
 KERNEL sweep_1_1_1(int passes, Sweep arrays) { sweep<1, true, 1>(passes, arrays); }
@@ -73,8 +73,8 @@ KERNEL meet(int barriers, std::uint32_t* arrived, std::uint32_t before) {
     }
 }
 
-/// The threads of a block form rings with those of all other blocks. Each one sends a point on and waits for
-/// the points of both its neighbours, with tags from `tag` + 1 on.
+/// Each thread of a block forms a ring with the threads of the same number in all other blocks. In each
+/// exchange it sends a point and waits for those of its two neighbours in the ring. Tags begin at `tag` + 1.
 KERNEL exchange(TaggedPoint* points, int exchanges, std::uint32_t tag) {
     const unsigned before = (blockIdx.x + gridDim.x - 1) % gridDim.x, after = (blockIdx.x + 1) % gridDim.x;
     Vector<float> point{0, 0, 0};
@@ -86,13 +86,14 @@ KERNEL exchange(TaggedPoint* points, int exchanges, std::uint32_t tag) {
             left = load_word_gpu(half + before * blockDim.x);
             right = load_word_gpu(half + after * blockDim.x);
         } while (left.tag != tag + std::uint32_t(n) || right.tag != tag + std::uint32_t(n));
-        // The sum keeps an exchange from beginning before the last one is over.
+        // The sum makes the next exchange depend on this one, so that it does not begin before this one is
+        // over.
         point = left.point + right.point;
     }
 }
 
-/// Writes nothing, but only the caller knows that: the sums converge to 2. The multiply-adds are fused in the
-/// source, because the compiler is told not to fuse any.
+/// Writes nothing, but the compiler cannot know that: the sums converge to 2, so that `total` never equals
+/// `impossible`. The multiply-adds are fused in the source, because the compiler is told not to fuse any.
 template <class Real>
 __device__ void multiply_add(int repetitions, Real factor, Real impossible, Real* result) {
     Real sum[limit_sums];

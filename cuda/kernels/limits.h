@@ -14,11 +14,11 @@ namespace voxspring::cuda {
 /// read.
 struct Sweep {
     const float4* first;
-    const float4* second;  ///< of two arrays that are read
+    const float4* second;  ///< the second array read, if there are two
     float4* written;
     std::size_t count;
-    /// A shift of zero and a sum that never occurs. The compiler does not know that, so every pass has to
-    /// read anew.
+    /// `shift` is zero, and `impossible` is a sum that never occurs. The compiler does not know that, so
+    /// every pass has to read memory anew.
     std::size_t shift;
     float impossible;
 };
@@ -26,6 +26,6 @@ struct Sweep {
 /// Independent sums per thread. With 8 warps or more per scheduler they have a multiply-add ready in every
 /// cycle.
 inline constexpr int limit_sums = 8;
-inline constexpr int limit_multiply_adds = 2048;  ///< of each sum and repetition
+inline constexpr int limit_multiply_adds = 2048;  ///< per sum and repetition
 
 }  // namespace voxspring::cuda

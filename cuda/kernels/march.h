@@ -1,6 +1,7 @@
 // A march along z through a lattice in structure of arrays: every thread owns ROWS x 2 columns of particles
-// and steps them plane by plane. It reads windows that hold one plane of a tile with a frame around it. This
-// is the body of the kernel; a device fills the windows with its copy engine, a test with a loop.
+// and steps them plane by plane. It reads windows, each of which holds one plane of a tile with a frame
+// around it. This is the body of the kernel. A device fills the windows with its copy engine or by its
+// threads' asynchronous copies, a test with a loop.
 #pragma once
 
 #include "backends/layout/records/march.h"
@@ -50,9 +51,9 @@ VOXSPRING_HOST_DEVICE constexpr bool has_class(int k) {
     return (Terms::groups & bits_of_class(k)) != 0;
 }
 
-/// The effect on particle i of its spring to neighbour j, (dx, dy, dz) voxels away on a lattice with
-/// `spacing`. The spring is of class k (records/march.h): along an axis, or in the plane of two. `relative`
-/// is x_i - x_j, or u_i - u_j if the state consists of displacements.
+/// The pull on particle i of its spring to neighbour j, (dx, dy, dz) voxels away on a lattice with `spacing`.
+/// The spring is of class k (records/march.h): along an axis, or in the plane of two axes. `relative`:
+/// x_i - x_j, or u_i - u_j if the state consists of displacements.
 template <class Terms, bool equal_edges, class Real>
 VOXSPRING_HOST_DEVICE Pull<Real> class_pull(const MarchStep<Real>& step, const Vector<Real>& spacing,
                                             Vector<Real> relative, int k, int dx, int dy, int dz) {
@@ -77,16 +78,16 @@ VOXSPRING_HOST_DEVICE Pull<Real> class_pull(const MarchStep<Real>& step, const V
     return spring;
 }
 
-/// Adds a spring to the force on a particle if the spring is there. The selection applies to the sum, not to
-/// the addend: a point that is not finite then has no effect.
+/// Adds the force of a spring to `force` if the spring is there. The selection applies to the sum, not to the
+/// addend: so a point that is not finite has no effect through a spring that is not there.
 template <class Real>
 VOXSPRING_HOST_DEVICE void add_where(Vector<Real> offset, Real density, bool is_there, Vector<Real>& force) {
     const Vector<Real> sum = fused(offset, density, force);
     if (is_there) force = sum;
 }
-/// add_where() by predicated instructions. Where several sums have one condition the compiler selects after
-/// each of them; this takes no more instructions than the sum itself. `there`: not 0 if the spring is there.
-/// A masked bit is tested by one instruction, a bit that was shifted into a bool by three.
+/// add_where() by predicated instructions. Where several sums share one condition, the compiler would add a
+/// selection to each of them; predicates need no instruction beyond the sum. `there` is nonzero if the spring
+/// is there. Pass a masked bit, which one instruction tests; a bit shifted into a bool would take three.
 template <class Real>
 VOXSPRING_HOST_DEVICE void add_predicated(Vector<Real> offset, Real density, std::uint32_t there,
                                           Vector<Real>& force) {
@@ -107,7 +108,8 @@ VOXSPRING_HOST_DEVICE void add_predicated(Vector<Real> offset, Real density, std
     add_where(offset, density, there != 0, force);
 }
 
-/// Which springs count when a plane arrives: those within it, those between it and the plane before, or all.
+/// Which springs count when a plane arrives: those within the plane, those between it and the plane before,
+/// or both kinds.
 enum class PlaneSpringsOf { plane, both, between };
 
 /// The springs that a thread evaluates when a plane arrives, added to the forces on its particles in that
@@ -118,7 +120,7 @@ class PlaneSprings {
 public:
     using Particles = Own<Real, shape.rows>;
 
-    /// Each window is given by the element where the thread's own particles begin.
+    /// `window` and `window_before` point at the thread's first particle in the windows of the two planes.
     VOXSPRING_HOST_DEVICE PlaneSprings(const MarchStep<Real>& step, const Sides<Real>& sides,
                                        std::uint64_t word, const Real* window, const Real* window_before,
                                        const Particles& now, const Particles& before, Particles& force,
@@ -312,7 +314,7 @@ VOXSPRING_HOST_DEVICE void march(const MarchStep<Real>& step, const MarchItem& i
         force = force_above;
     }
     const std::uint64_t word = word_of(plane);
-    // The springs within the plane above are those of another item.
+    // The springs within the plane above belong to another item.
     if (plane < step.nz) {
         add_springs<Terms, shape, masked, equal_edges, PlaneSpringsOf::between>(
             step, sides, word, planes.arrive(), window, planes, above, own, force_above, force);

@@ -131,18 +131,18 @@ VOXSPRING_HOST_DEVICE Vector<Real> flushed(Vector<Real> v) {
     const auto far = [](Real a) { return a < Real(flushed_below) && a > -Real(flushed_below) ? Real(0) : a; };
     return {far(v.x), far(v.y), far(v.z)};
 }
-/// `low` with every component zero whose `high` is 0.
+/// `low` with zero for every component whose `high` is 0.
 template <class Real>
 VOXSPRING_HOST_DEVICE Vector<Real> low_of(Vector<Real> high, Vector<Real> low) {
     const auto kept = [](Real h, Real l) { return h != 0 ? l : Real(0); };
     return {kept(high.x, low.x), kept(high.y, low.y), kept(high.z, low.z)};
 }
 
-/// What a step makes of one particle.
+/// The state of one particle after a step.
 template <class Real, bool split>
 struct Integrated {
     Point<Real, split> point;
-    PreviousOrVelocity<Real> before;  ///< for the next step
+    PreviousOrVelocity<Real> before;  ///< what the next step overwrites
 };
 
 /// The particle of word `index` one step later under `force`, or where it was if it is pinned.

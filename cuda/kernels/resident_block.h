@@ -13,7 +13,7 @@ namespace voxspring::cuda {
 struct ResidentShape {
     int lanes;              ///< threads of a block that have particles
     int pollers;            ///< more threads, which wait for points of other blocks
-    int rounds;             ///< points that each of these waits for
+    int rounds;             ///< points that each poller waits for
     int slots;              ///< points in shared memory
     std::uint32_t borders;  ///< kinds of border in use, as bits
     bool masked;  ///< the lattice is stressed at rest, so that the spring to an absent neighbour would pull
@@ -21,8 +21,8 @@ struct ResidentShape {
     /// The kernel steps a part of a body and exchanges the points at its borders with the kernels that step
     /// the parts beside it.
     bool part = false;
-    /// Particles of a thread. If there are several, the thread steps one after the other, and keeps none of
-    /// them in registers: x(t - dt) is in the other half of its slot, v in memory.
+    /// Particles per thread. If there are several, the thread steps one after the other and keeps none in
+    /// registers: x(t - dt) is in the other half of the points in shared memory, v in global memory.
     int turns = 1;
 };
 
@@ -30,7 +30,7 @@ struct NoCompliance {
     __device__ float operator()(int, int, int) const { return 0; }
 };
 
-/// `Terms` of the motion. It has no loads where these are part of the force.
+/// The terms with which particles are moved: `Terms`, but without loads if the force already includes them.
 template <class Terms, bool loads_in_force>
 struct TermsOfMotion {
     using type = Terms;
@@ -88,7 +88,8 @@ public:
             if ((border & mirrored_z) != 0) lane.spacing.z = -lane.spacing.z;
             run_lane_of<0>(border & border_kind_bits, lane, count, tag);
             if (!lane.active) return;
-            // If this wait is in vain, the state is worthless, in memory as on the chip.
+            // The result does not matter: if this wait is in vain, the state is worthless, in memory as on
+            // the chip.
             static_cast<void>(
                 wait_until_counted(step_.started_blocks, launches * gridDim.x, step_.wait, tag + count));
             store(lane, memory);
@@ -115,7 +116,7 @@ private:
         bool active;  ///< whether the lane has a particle
         int word;
         int own_slot;
-        int newest;  ///< in turns: the half that the latest step wrote
+        int newest;  ///< with several particles per thread: the half that the latest step wrote
         int slot[neighbour_bits];
         Vector<float> spacing;   ///< of the lattice, negative along axes in which the warp is mirrored
         TaggedPoint* published;  ///< null where no other block reaches the particle
@@ -140,7 +141,7 @@ private:
     struct Polls {
         const TaggedPoint* from[shape.rounds];
         int slot[shape.rounds];
-        std::uint32_t wanted;  ///< bits
+        std::uint32_t wanted;  ///< bit n: point n has to be fetched
     };
 
     // The hardware's barriers 1 and 2. __syncthreads() uses 0.
@@ -227,11 +228,12 @@ private:
         }
     }
 
-    /// Takes a step of every particle of this thread: those with neighbours in other blocks last, once the
-    /// border's points have come. So the sum of a particle's springs has the order of the implicit kernels.
+    /// Takes a step of every particle of this thread. Those with neighbours in other blocks come last, once
+    /// the points at the border have come. So all springs of a particle are added in the order of the
+    /// implicit kernels.
     template <int half>
     __device__ void step_in_turns(std::uint32_t tag, bool first, bool last) {
-        // After the wait for the border another tick's order may come.
+        // Read now: after the wait for the border, the next tick's order may replace this one.
         const ToolNow tool = tool_now();
         bool waits = !first;
         ROLLED
@@ -325,8 +327,8 @@ private:
         }
     }
 
-    /// The load of a lane's particle in a step, including the tool's force. The host asks for the tool's
-    /// force of the `last` step of a launch or tick. now(): a ToolNow.
+    /// The load of a lane's particle in a step, including the tool's force. now() returns a ToolNow. `last`:
+    /// the step is the last one of a launch or tick, for which the host asks for the tool's force.
     template <class Now>
     __device__ Vector<float> load_of(const Lane& lane, bool last, Now now) const {
         if (lane.held == resident_none) return lane.load;
@@ -343,10 +345,10 @@ private:
         return lane.load + force;
     }
 
-    /// Which half of the exchange holds the points with `tag`, which a step leaves in half `half` of shared
-    /// memory. Each launch begins with half 0 of shared memory. Blocks of one launch may use the exchange in
-    /// the same way. But a neighbouring part's launch may be ahead by one, and if that launch has a single
-    /// step, the point that it sends must not replace the point before it, which may not have been read yet.
+    /// Which half of the exchange holds the points with `tag`. `half`: the half of shared memory that holds
+    /// the same step's points. Each launch begins with half 0 of shared memory. Within one launch the
+    /// exchange can use the same half. But a neighbouring part may be one launch ahead, and if that launch
+    /// has a single step, its point must not replace the point before it, which may not have been read yet.
     /// So between parts the parity of the tag selects the half, whatever the launches.
     ///
     /// Two halves are enough. A block sends the point of step n + 2 only once it, or its launch
@@ -355,9 +357,9 @@ private:
     /// step n.
     static __device__ int turn_of(int half, std::uint32_t tag) { return shape.part ? int(tag & 1) : half; }
 
-    /// Takes a step that reads half `half`. Springs across the border are added last, once the border's
-    /// points have come. The load is taken first, because after the wait for the border another tick's order
-    /// may come.
+    /// Takes a step that reads half `half`. Springs across the border are added last, once the points at the
+    /// border have come. The load is taken before that wait: after it, the next tick's order may replace this
+    /// one.
     template <class Border, int half>
     __device__ void step_lane(Lane& lane, std::uint32_t tag, bool first, bool last) {
         if constexpr (shape.turns > 1) {
@@ -423,8 +425,8 @@ private:
 
     /// Whether there is another step to take. All threads of the block call this before each step; after the
     /// last step of a tick they wait for the next tick. The first poller waits for the order, since lanes are
-    /// busy for longer. The order replaces the one before, which no thread reads any more: each step of its
-    /// tick had a wait for the border, and after the last of these waits no thread reads it.
+    /// busy for longer. The new order replaces the previous one, which no thread reads any more: threads read
+    /// an order only before their last wait for the border in its tick.
     __device__ bool goes_on(Turn& turn, std::uint32_t tag) {
         if (turn.steps == 0) {
             if (int(threadIdx.x) == shape.lanes)
@@ -486,8 +488,8 @@ private:
         }
     }
 
-    /// Fetches into half `half` the points that other blocks publish with `tag`. After one wait in vain it
-    /// wants no more points.
+    /// Fetches into half `half` the points that other blocks publish with `tag`. After a wait in vain this
+    /// thread fetches no more points.
     __device__ void poll(Polls& polls, int half, std::uint32_t tag) {
         const bool found =
             wait_for_points(polls, polls.wanted, turn_of(half, tag), tag,
@@ -511,9 +513,9 @@ private:
         return wait_for_words<shape.rounds, true>(step_.wait, missing, tag, load, found);
     }
 
-    /// Stores the ghosts that this thread keeps where the last step of a launch leaves them: as x(t) and,
-    /// since they count as pinned, as x(t - dt). So the next launch, an edit and a check for divergence find
-    /// ghosts where they find any particle.
+    /// Stores the ghosts that this thread keeps where the last step of a launch leaves all particles: as x(t)
+    /// and, since ghosts count as pinned, as x(t - dt). So the next launch, an edit and a check for
+    /// divergence find ghosts like other particles.
     __device__ void keep_ghosts(const Polls& polls, std::uint32_t at, const Memory& memory,
                                 std::uint32_t launches, std::uint32_t tag) {
         std::uint32_t kept = 0, word[shape.rounds];
@@ -535,7 +537,7 @@ private:
 
     Shared& shared_;
     const Step& step_;
-    const Memory* memory_ = nullptr;  ///< in turns
+    const Memory* memory_ = nullptr;  ///< only set with several particles per thread
 };
 
 }  // namespace voxspring::cuda

@@ -12,10 +12,10 @@
 
 namespace voxspring::cuda {
 
-/// A block and those around it.
+/// A block and the 26 around it.
 inline constexpr int blocks_around = 27;
 
-/// Number `number` of the blocks around `origin`, of x * y * z voxels each.
+/// Block `number`, from 0, of the 27 blocks around `origin`, itself included. A block has x * y * z voxels.
 VOXSPRING_HOST_DEVICE inline BlockOrigin around(const ActiveBlocks& blocks, const BlockOrigin& origin,
                                                 int number, int x, int y, int z) {
     const int dx = number % 3 - 1, dy = number / 3 % 3 - 1, dz = number / 9 - 1;
@@ -31,7 +31,7 @@ __device__ inline unsigned thread_of_block() {
 /// One of the blocks around a block, as the thread of that number sees it.
 struct BlockAround {
     BlockOrigin origin;
-    bool listed;  ///< for the next step, before this one began; also set in threads beyond the last number
+    bool listed;  ///< already listed for the next step; also set in threads beyond the last number
 };
 
 __device__ inline BlockAround look_around(const ActiveBlocks& blocks, const BlockOrigin& origin) {

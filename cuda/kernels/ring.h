@@ -10,7 +10,7 @@ __device__ inline std::uint32_t shared_address(const void* p) {
     return static_cast<std::uint32_t>(__cvta_generic_to_shared(p));
 }
 
-/// An mbarrier. A phase ends when as many threads have arrived as it was made for, and the bytes that they
+/// An mbarrier. A phase ends once as many threads have arrived as make() was given, and all bytes that they
 /// announced are there.
 struct Barrier {
     std::uint32_t address;
@@ -38,8 +38,8 @@ struct Barrier {
     }
 };
 
-/// What L2 keeps of the lattice's planes: `kept` of every kept_of, while all others go first. With 0 it keeps
-/// what it would keep anyway.
+/// Tells L2 to keep the first `kept` of every kept_of planes of the lattice, and to evict all others first.
+/// With 0 it tells L2 nothing.
 template <int kept>
 struct CachePolicy {
     std::uint64_t keep = 0, drop = 0;
@@ -70,7 +70,8 @@ struct CachePolicy {
             *to = pair;
         }
     }
-    /// Copies the box at (x, y, z) of all three axes. Elements outside of the tensor become zeros.
+    /// Copies the box that begins at (x, y, z), for all three axes. `done` counts the bytes that have
+    /// arrived. Elements outside of the tensor become zeros.
     __device__ void copy_box(std::uint32_t to, const TensorMap& from, int x, int y, int z,
                              Barrier done) const {
         if constexpr (kept > 0) {
@@ -96,7 +97,7 @@ struct RingPlace {
     std::uint32_t parity = 0;
 
     __device__ void advance() { *this = ahead(1); }
-    /// The position `count` slots further on, at most one round.
+    /// The position `count` slots further on. `count` is at most `slots`.
     __device__ RingPlace ahead(int count) const {
         const int next = slot + count;
         return next < slots ? RingPlace{next, parity} : RingPlace{next - slots, parity ^ 1U};
@@ -198,7 +199,7 @@ private:
         if (threadIdx.x % 32 == 0) empty.arrive();
     }
     __device__ void fill(RingPlace<shape.planes> place, int plane) const {
-        // The plane above the item's last one is the last to arrive, if there is one.
+        // The last plane to arrive is the one above the item, if the lattice has one.
         if (plane <= item_.end && plane < planes_)
             ring_.fill(cache_, place, positions_, item_.x - shape.margin(real), item_.y - 1, plane);
     }
@@ -214,8 +215,8 @@ private:
     const Real* window_;
     const Real* before_;
     CachePolicy<kept> cache_;
-    int planes_;        ///< of the lattice
-    int stored_plane_;  ///< that the next stores are of
+    int planes_;        ///< planes of the lattice
+    int stored_plane_;  ///< the plane that the next stores belong to
     RingPlace<shape.planes> place_;
     RingPlace<shape.previous_windows> before_place_;
 };

@@ -58,7 +58,7 @@ __device__ inline TickOrder wait_for_order(const TickLine& line, std::uint32_t t
                                            std::uint32_t step) {
     TickOrder order{{0, 0, 0}, 0, tick};
     if (blockIdx.x == 0) {
-        // This order may replace the previous one only when no block looks for that any more.
+        // The new order may replace the previous one only once every block has read that.
         bool late = !wait_until_counted(line.taken_blocks, (tick - line.first_tick) * gridDim.x, limit, step);
         const std::uint64_t begin = nanoseconds();
         // Look once more after the time is over: meanwhile another process may have had the card.

@@ -1,5 +1,5 @@
-// TILE_THREADS threads per active tile, in warps side by side. Steps sweep the list forth and back in turn: a
-// step begins with what the step before has left in L2.
+// Each active tile has TILE_THREADS threads, in as many successive warps. Steps go through the list forwards
+// and backwards in turn, so that a step begins with what the step before has left in L2.
 #include "cuda/kernels/entry.h"
 #include "cuda/kernels/tiles.h"
 
@@ -15,7 +15,7 @@ KERNEL step(const __grid_constant__ TileStep<Real> step, const Real* at,
     const unsigned warp = threadIdx.x / group_tiles;
     const std::uint32_t tile = group_tiles + block * (THREADS / TILE_THREADS) +
                                warp / TILE_THREADS * group_tiles + threadIdx.x % group_tiles;
-    const TileRows rows(step.rows, tile);  // which no step or edit writes
+    const TileRows rows(step.rows, tile);  // read before the wait: no step or edit writes it
     AWAIT_STEP_BEFORE();
     step_tile<Terms, EQUAL_EDGES, TILE_THREADS>(step, rows, at, output, tile, warp % TILE_THREADS);
 }

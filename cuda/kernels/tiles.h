@@ -9,8 +9,8 @@
 
 namespace voxspring::cuda {
 
-/// Reads a number of memory that only this thread reads in a step, past L1. A load must not be moved before
-/// the wait for the step before (AWAIT_STEP_BEFORE).
+/// Reads a number past L1 that only this thread reads in a step. The load must not be moved before the wait
+/// for the previous step (AWAIT_STEP_BEFORE).
 template <class Real>
 VOXSPRING_HOST_DEVICE Real load_once(const Real* from) {
 #ifdef __CUDA_ARCH__
@@ -122,8 +122,8 @@ private:
     Vector<Real> own_[tile_particles], before_[tile_particles], force_[tile_particles], other_{};
 };
 
-/// Takes the step of thread number `thread` of the `threads` threads of a tile, number `tile` of the list.
-/// Each has its own code, in which what it does not step is left out; all lanes of a warp have the same
+/// Takes a step of tile number `tile` as thread number `thread` of the tile's `threads` threads. Each thread
+/// number has separate code, without the particles that it does not step. All lanes of a warp have the same
 /// number.
 template <class Terms, bool equal_edges, int threads, int coded = 0, class Real>
 VOXSPRING_HOST_DEVICE void step_tile(const TileStep<Real>& step, const TileRows& rows, const Real* at,

@@ -15,7 +15,7 @@
 namespace voxspring::cuda {
 
 #ifdef __CUDACC__
-/// Counts this block as having read the start state, which other blocks may then overwrite.
+/// Counts this block as having read what other blocks may overwrite once all blocks are counted.
 __device__ inline void count_block(std::uint32_t* counted_blocks) {
     asm volatile("red.release.gpu.global.add.u32 [%0], 1;" ::"l"(counted_blocks) : "memory");
 }
@@ -49,7 +49,7 @@ __device__ void meet() {
 }
 #endif
 
-/// One thread's wait for step `number`.
+/// A wait of one thread that ends after a time limit. `number`: the step to report if it does.
 class BoundedWait {
 public:
     __device__ BoundedWait(const WaitLimit& limit, std::uint32_t number) : limit_(limit), number_(number) {}
@@ -78,9 +78,9 @@ private:
     std::uint32_t began_ = 0;
 };
 
-/// Waits until each of the words `missing`, as bits of their numbers, has `tag`. load(n) reads word n, and
+/// Waits until each of the words whose bits are set in `missing` has `tag`. load(n) reads word n, and
 /// found(n, point) takes its point. Returns false if not all of them came; the launch must then end.
-/// `loads_all`: words that have come are loaded as well, without a branch.
+/// `loads_all`: words that have come are loaded again as well, which saves a branch.
 template <int count, bool loads_all, class Load, class Found>
 __device__ bool wait_for_words(const WaitLimit& limit, std::uint32_t missing, std::uint32_t tag, Load load,
                                Found found) {

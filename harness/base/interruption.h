@@ -17,7 +17,7 @@ public:
 
 private:
     struct sigaction interrupt_ {
-    }, terminate_{};      ///< the actions before, to be restored
+    }, terminate_{};      ///< the previous actions, to be restored
     bool ended_at_once_;  ///< `at_once` of the enclosing CaughtInterruptions
 };
 

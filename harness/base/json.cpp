@@ -28,9 +28,9 @@ std::string child_path(const std::string& parent, const std::string& key) {
     return parent.empty() ? key : parent + "." + key;
 }
 
-/// Parses `text`. Refuses also what the grammar allows but a user cannot have meant.
+/// Parses `text`. Also refuses what the grammar allows but no user can mean, such as a key given twice.
 json parsed(std::string_view text, const std::string& file) {
-    std::vector<std::set<std::string>> keys(max_depth + 1);  // of the open object at each depth
+    std::vector<std::set<std::string>> keys(max_depth + 1);  // the keys of the open object at each depth
     const auto check = [&](int depth, json::parse_event_t event, const json& value) {
         const auto level = std::size_t(depth);
         if (event == json::parse_event_t::key && !keys[level].insert(value.get<std::string>()).second)

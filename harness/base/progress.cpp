@@ -58,7 +58,7 @@ void Ticker::start(Seconds first, Seconds between) {
 void Ticker::run(const std::stop_token& stopped) {
     std::unique_lock lock(mutex_);
     while (!stopped.stop_requested()) {
-        const auto until = next_;  // which may be postponed meanwhile
+        const auto until = next_;  // `next_` may be postponed meanwhile
         changed_.wait_until(lock, stopped, until, [] { return false; });
         if (stopped.stop_requested() || Clock::now() < next_) continue;
         postpone();

@@ -45,7 +45,7 @@ private:
     std::condition_variable_any changed_;
     std::chrono::time_point<Clock, Seconds> next_;
     Seconds between_{0};
-    std::jthread thread_;  ///< last: it uses all of the others
+    std::jthread thread_;  ///< declared last, so destroyed first: it uses all other members
 };
 
 /// Progress of tasks done one after the other, some of which cannot say how far they are. A task that takes
@@ -74,7 +74,7 @@ private:
     double fraction_ = 0;
     Clock::time_point begin_;
     bool drawn_ = false;
-    Ticker ticker_{[this] { write(); }};  ///< last: it uses all of the others
+    Ticker ticker_{[this] { write(); }};  ///< declared last, so destroyed first: it uses all other members
 };
 
 /// Progress of a study. Unless it writes to a terminal it also writes one line per scene. The time left is a
@@ -113,13 +113,13 @@ private:
     std::string line() const;
 
     std::vector<Scene> scenes_;
-    std::size_t number_ = 0;  ///< of the scene, from 1
+    std::size_t number_ = 0;  ///< number of the current scene, from 1
     std::string heading_, what_;
-    int done_ = 0, total_ = 0;  ///< within the scene
+    int done_ = 0, total_ = 0;  ///< as in show()
     Clock::time_point scene_begin_, begin_, what_begin_;
     double work_at_begin_ = -1;  ///< negative: nothing has been shown yet
     bool terminal_;
-    Ticker ticker_{[this] { tick(); }};  ///< last: it uses all of the others
+    Ticker ticker_{[this] { tick(); }};  ///< declared last, so destroyed first: it uses all other members
 };
 
 }  // namespace voxspring

@@ -17,7 +17,7 @@ struct Candidate {
     double fraction_of_stable = 0;
     int steps = 0;
     double end_time = 0;
-    double seconds = 0;  ///< to the end time
+    double seconds = 0;  ///< time that it takes to reach the end time
     double total_error = 0, rounding_error = 0;
 };
 

@@ -22,8 +22,8 @@ constexpr double any_number = std::numeric_limits<double>::infinity();
 /// Backends that are never chosen for scenes with edits: they rebuild their tables at an edit, which takes
 /// the longer the larger the body is.
 const std::set<std::string> never_edited = {"cuda_march"};
-/// Backends that are never chosen if a tool moves, although they have one: cuda_resident would make few steps
-/// per launch instead of thousands. Backends without a tool refuse the scene themselves.
+/// Backends that are never chosen if a tool moves, although they accept a tool: cuda_resident would take few
+/// steps per launch instead of thousands. Backends without a tool refuse the scene themselves.
 const std::set<std::string> never_held = {"cuda_resident"};
 
 /// Why a backend is fast, as text for users.

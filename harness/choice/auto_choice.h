@@ -36,8 +36,8 @@ struct Rule {
     std::string tuning;  ///< "fetch=l1": what differs from the defaults; may be empty
     double min_particles, max_particles;
     double min_occupancy, max_occupancy;
-    double min_steps_between_edits;  ///< infinite: only without edits
-    bool increments;                 ///< for which formulations
+    double min_steps_between_edits;  ///< infinite: the rule is only for scenes without edits
+    bool increments;                 ///< by_increments() of the formulations it is for
     bool tool;                       ///< whether the rule also holds if a tool moves
     std::string reason;              ///< as text for users
 };
@@ -70,17 +70,17 @@ AutoChoice choose_backend(const std::string& text, const Scene& scene,
 /// available, may be chosen, takes the scene and is not outpaced.
 Chosen choose_by_rules(const std::string& text, const Scene& scene,
                        const std::function<bool(const BackendSpec&)>& takes);
-/// What a choice's reason says of a backend that the rules prefer and that is outpaced (outpaced.h).
+/// The text in a choice's reason about a backend that the rules prefer but that is outpaced (outpaced.h).
 std::string passed_over_text(const BackendSpec& spec, const std::string& why);
-/// Whether the rules may choose a backend: not if it is a graphics API in software.
+/// Whether the rules may choose a backend: false for a graphics API that runs in software.
 bool may_be_chosen(const Capabilities& capabilities);
 /// Checks the options that follow "auto". Throws BadSpecification.
 Formulation check_auto(const std::string& text);
 
-/// The choice on the devices of a measured result. `rows` are the medians of one scene, formulation and
-/// precision. The result has the `name` of the chosen row, the `reason`, and its time as a multiple of the
-/// fastest row's time (`times_fastest`). `name` and `times_fastest` are null if what the rules choose was not
-/// measured.
+/// What `--backend auto` would choose on the devices of a measured result. `rows` are the medians of one
+/// scene, formulation and precision. Returns the `name` of the chosen row, the `reason`, and the row's time
+/// as a multiple of the fastest row's time (`times_fastest`). `name` and `times_fastest` are null if what the
+/// rules choose was not measured.
 nlohmann::json choose_among(const Result& result, const std::vector<Row>& rows);
 
 }  // namespace voxspring

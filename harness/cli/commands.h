@@ -29,8 +29,8 @@ inline constexpr int max_run_steps = 1'000'000'000;
 
 struct RunOptions {
     std::string backend;
-    int steps = 100;                              ///< from the scene's start
-    std::optional<double> time;                   ///< instead of `steps`, in the scene's unit
+    int steps = 100;                              ///< the step to end at, from the scene's start
+    std::optional<double> time;                   ///< the end time instead, in the scene's unit
     std::optional<double> time_step;              ///< the same motion with this step; empty: the scene's step
     std::optional<std::filesystem::path> resume;  ///< a state that `out` wrote
     VolumeOptions volume;
@@ -50,8 +50,8 @@ struct AdviseOptions {
     /// The error is that of a deflection at rest against the continuum, and the scene is a case of the study
     /// `truth`.
     bool continuum = false;
-    std::optional<std::filesystem::path> results;  ///< of a pareto, truth or scaling study; empty: measure
-    StudyOptions study;                            ///< of the measurement; its volume is the scene's
+    std::optional<std::filesystem::path> results;  ///< a pareto, truth or scaling result; empty: measure
+    StudyOptions study;                            ///< how to measure; its volume is the scene's
     bool json = false;
 };
 

@@ -52,8 +52,9 @@ std::string failure_of(const std::string& python, const std::string& code) {
     return output.empty() ? "it fails without a message" : output;
 }
 
-/// The first of these Pythons that can import the modules: the environment that `./run report` makes in a
-/// source tree, the system's Python, the PATH's Python. Throws BadInput, which says what each lacks.
+/// Returns the first of these Python interpreters that can import the modules: the one of the environment
+/// that `./run report` makes in a source tree, /usr/bin/python3, the PATH's python3. Throws BadInput if none
+/// can; the message says why each one failed.
 std::string find_python(const std::string& command, const std::filesystem::path& folder,
                         const std::string& modules) {
     const Script& script = scripts().at(command);

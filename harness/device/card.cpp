@@ -43,7 +43,8 @@ struct Card::Library {
         if (function == nullptr || function(device, arguments..., &value) != success) return std::nullopt;
         return value;
     }
-    /// What a function reports that also reports the value after a restart.
+    /// Like ask(), for a function that reports two values: the present one, and the one that a restart will
+    /// set. Returns the present one.
     template <class Value>
     std::optional<Value> ask_now(const char* name) const {
         Value now = 0, later = 0;

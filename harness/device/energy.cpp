@@ -47,7 +47,8 @@ private:
 /// The counter of one package. It wraps to zero after `range`.
 struct Package {
     std::filesystem::path counter;
-    std::uint64_t range = 0, last = 0, before = 0;  ///< microjoules; `before`: `range` times the wraps so far
+    /// In microjoules; `before` is `range` times the number of wraps.
+    std::uint64_t range = 0, last = 0, before = 0;
 };
 
 std::optional<std::uint64_t> number_in(const std::filesystem::path& path) {
@@ -173,7 +174,7 @@ private:
     std::set<unsigned> mhz_;
     std::set<std::string> throttled_;
     std::exception_ptr error_;
-    std::jthread thread_;  // last: it uses all of the others
+    std::jthread thread_;  // declared last: it ends before the members that it uses are destroyed
 };
 
 }  // namespace

@@ -48,16 +48,18 @@ struct EnergyUse {
 
 constexpr double max_leap_seconds = 0.5;
 
-/// Calls `work` repeatedly: first for `lead_seconds`, so that clocks and averages settle, and then until
-/// `seconds` are measured. The counter moves in leaps, some tens of milliseconds apart, and power is taken
-/// from the first leap to the last. If two leaps are farther apart than max_leap_seconds, less time is
-/// measured. Throws std::runtime_error if the counter moved fewer than two times.
+/// Calls `work` repeatedly: first for `lead_seconds` without measuring, so that clocks and averages settle,
+/// and then until `seconds` are measured. The energy counter is updated only every few tens of milliseconds,
+/// so the mean power is computed from its first update to its last one. If updates are more than
+/// max_leap_seconds apart, the measured time is shorter than `seconds`. Throws std::runtime_error if the
+/// counter changed fewer than two times.
 EnergyUse measure_energy(EnergyMeter& meter, double lead_seconds, double seconds,
                          const std::function<void()>& work);
 
-/// Counter and samples are two readings of one sensor. Over ten steady seconds they agree within this
-/// fraction: a leap of the counter is 1% of that time, and a sample, the mean of one second, holds nothing
-/// from before the lead. If they differ by more, one of them is wrong.
+/// The largest accepted difference between the power from the counter and the mean of the samples, as a
+/// fraction. Both come from one sensor, and over ten seconds of constant load they agree within this: an
+/// update of the counter is 1% of that time, and a sample, which is the mean of one second, covers only time
+/// under that load. If they differ by more, one of them is wrong.
 constexpr double max_power_disagreement = 0.05;
 /// Whether counter and samples agree; true if there are no samples.
 bool powers_agree(const EnergyUse& use);

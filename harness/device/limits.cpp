@@ -96,8 +96,9 @@ bool is_on_a_part(const DeviceLimits& limits) {
            limits.compute_shader_float32_operations_per_second.value_or(0) / 4;
 }
 
-/// What the limits of a device depend on. Those of a processor are measured with as many threads as OpenMP
-/// may use, and footprints are multiples of that number.
+/// The cache key of a device's limits: a hash of everything that they depend on. The number of OpenMP threads
+/// is part of it, since a processor's limits are measured with all of them and the footprints are multiples
+/// of that number.
 std::string name_in_cache(const Capabilities& device) {
     return "limits-" + hash_of(json_text({version_commit, device.api, device.device, device.driver,
                                           device.uuid, device.limits_of, omp_get_max_threads()}));

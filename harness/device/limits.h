@@ -21,20 +21,21 @@ DeviceLimits device_limits_of(const nlohmann::json& json);
 /// The better of two measurements of each limit.
 DeviceLimits best_of(const DeviceLimits& one, const DeviceLimits& other);
 
-/// The best limits of a device that any process of this build has measured, `measured` included: rates of a
-/// processor, and launches that take the host's time, differ from process to process by tens of percent. Kept
-/// in the user's cache. The second function returns nothing if nothing was measured yet.
+/// The best limits of a device that any process of this build has measured, including `measured`. They are
+/// kept in the user's cache, because a processor's rates and the launch times that depend on the host differ
+/// between processes by tens of percent. The second function returns nothing if nothing was measured yet.
 DeviceLimits best_so_far(const Capabilities& device, const DeviceLimits& measured);
 std::optional<DeviceLimits> best_so_far(const Capabilities& device);
 
-/// The shortest time of a step on a card, and the sum of the times whose longest one that is.
+/// Lower bounds on the time of a step: the longest of the times for launches, exchanges, memory traffic and
+/// arithmetic, and the sum of these times.
 struct StepBound {
     StepLimit longest;
     double sum_seconds = 0;
 };
-/// `own`: the limits of the step's API. `of_card`: those of all APIs on the same card. Bytes and operations
-/// take the shortest time by any of them, so that all rows of a card have one denominator; launches and
-/// exchanges are those of the step's API.
+/// Computes the bounds for `work`. Times for launches and exchanges come from `own`, the limits of the step's
+/// API. Times for memory traffic and arithmetic are the shortest by `own` and by `of_card`, the limits of all
+/// APIs on the same card, so that all rows of a card are compared with the same limit.
 StepBound bound_of(const StepWork& work, Precision precision, const DeviceLimits& own,
                    const std::vector<DeviceLimits>& of_card);
 
@@ -47,13 +48,14 @@ public:
     std::optional<DeviceLimits> of(const Capabilities& capabilities,
                                    const std::function<DeviceLimits()>& measure);
 
-    /// The limits of all APIs that were measured on the card of `capabilities`. Its own alone for a device
-    /// without a UUID, and for fragment shaders that run on a small part of the card.
+    /// The limits of all APIs that were measured on the card of `capabilities`. For a device without a UUID,
+    /// and for an API whose fragment shaders run on a small part of the card, only the limits of that API.
     std::vector<DeviceLimits> on_card_of(const Capabilities& capabilities) const;
-    /// Takes a launch that was shorter in another process.
+    /// Lowers the launch time of a device if `seconds`, which another process measured, is shorter.
     void improve_launch(const Capabilities& capabilities, double seconds);
 
-    /// By the names above: api, device and every limit that applies, or the reason why there are none.
+    /// An object by the keys of this class. Each value is an object with `api`, `device` and every limit that
+    /// applies, or the text why there are none.
     nlohmann::json json() const;
 
 private:

@@ -31,8 +31,8 @@ double parting(std::vector<double> values) {
 }
 
 /// The change from the median of the first third of the values to that of the last third, as a fraction of
-/// the first; 0 if the values do not rise or fall by more than chance explains. That is the test of Mann
-/// (1945) and Kendall, at 1%: it takes six values.
+/// the former. It is 0 unless the Mann-Kendall trend test (Mann 1945) finds a trend at the 1% level, which
+/// takes at least six values.
 double drift(const std::vector<double>& values) {
     const std::size_t count = values.size(), third = count / 3;
     double rises = 0;
@@ -40,7 +40,7 @@ double drift(const std::vector<double>& values) {
         for (std::size_t m = 0; m < n; ++m)
             rises += double(values[n] > values[m]) - double(values[n] < values[m]);
     }
-    constexpr double one_percent = 2.576;  // of a normal distribution, on both sides
+    constexpr double one_percent = 2.576;  // two-sided quantile of the normal distribution
     const double by_chance = std::sqrt(double(count * (count - 1) * (2 * count + 5)) / 18);
     if (third == 0 || std::abs(rises) <= one_percent * by_chance) return 0;
     const auto part = std::ptrdiff_t(third);
@@ -100,7 +100,7 @@ std::vector<std::string> reasons_of_noise(const Observed& observed) {
         const double spread = (quantile(observed.seconds, 0.75) - quantile(observed.seconds, 0.25)) / median;
         if (spread > max_spread)
             add("the middle half of the repetitions spreads", "over " + percent(spread) + " of their median");
-        // The median of two groups is the time of one of two states, whichever was more frequent.
+        // If the values form two groups, their median only tells which group was more frequent.
         if (const double apart = parting(observed.seconds); apart > max_parting)
             add("its repetitions are of two kinds", percent(apart) + " apart");
         if (const double change = drift(observed.seconds); std::abs(change) > max_drift)

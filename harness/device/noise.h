@@ -31,7 +31,7 @@ unsigned other_processes(const std::vector<pid_t>& on_card, const OwnProcesses& 
 struct Observed {
     std::vector<double> seconds = {};        ///< of each repetition, in the order in which they were made
     std::vector<double> spins = {};          ///< spin_seconds() after each repetition
-    std::vector<double> waits = {};          ///< its threads' waits for a core, as shares of its time
+    std::vector<double> waits = {};          ///< seconds that threads waited for a core, per second
     std::vector<unsigned> card_mhz = {};     ///< the card's clock after each repetition
     std::vector<unsigned> other_users = {};  ///< other programs' processes on the card
 };
@@ -41,8 +41,8 @@ std::vector<std::string> reasons_of_noise(const Observed& observed);
 /// The largest interquartile range, as a fraction of the median. results/diff.py is to find builds that
 /// differ by a tenth, which is impossible if repetitions spread over more.
 constexpr double max_spread = 0.1;
-/// The largest gap, as a fraction of the median, between two groups of repetitions that still counts as one
-/// group.
+/// The largest accepted gap between two groups of repetitions, as a fraction of their median. With a wider
+/// gap the repetitions count as two different kinds.
 constexpr double max_parting = 0.03;
 /// The largest accepted change from the first third of the repetitions to the last one.
 constexpr double max_drift = 0.05;

@@ -27,12 +27,13 @@ std::size_t around(glm::ivec3 offset) {
     return std::size_t(index);
 }
 
-/// The offset of the n-th voxel around a corner, in voxels from the voxel whose corner it is; positive is
-/// towards the corner.
+/// The n-th of the eight voxels around a corner of a voxel, as an offset from that voxel. Offsets are 0 or 1
+/// along each axis, where 1 is the direction towards the corner.
 glm::ivec3 place_of(unsigned n) { return {n & 1, n >> 1 & 1, n >> 2}; }
 
-/// The mean of the points where edges of a cube of eight voxel centres cross the surface of the `inside`
-/// ones, in voxels from the first towards the corner.
+/// The vertex of "surface nets" in a cube of eight voxel centres, where bit n of `inside` tells whether voxel
+/// place_of(n) is inside: the mean of the midpoints of all edges with exactly one end inside. The unit is the
+/// voxel, and the origin is the centre of voxel 0.
 glm::dvec3 mean_crossing(unsigned inside) {
     glm::dvec3 crossing(0);
     int crossings = 0;
@@ -61,7 +62,7 @@ public:
         for (std::uint32_t i = 0; i < problem.particle_count(); ++i) add_open_faces(i);
     }
 
-    std::vector<BodyMesh::Vertex> vertices;  ///< here they follow indices of the problem's particles
+    std::vector<BodyMesh::Vertex> vertices;  ///< here `follows` holds particle indices of the problem
     std::vector<std::array<std::uint32_t, 4>> faces;
 
 private:
@@ -75,8 +76,8 @@ private:
                    std::size_t(voxel.x)];
     }
 
-    /// Counts a spring beyond the lattice between grid neighbours like one of the lattice: it holds the body
-    /// together as well.
+    /// If a spring of Problem::springs connects grid neighbours, sets their bits in mask_ as for a lattice
+    /// spring, since it holds the body together as well.
     void join(std::uint32_t i, std::uint32_t j) {
         const Lattice& lattice = problem_.lattice;
         const glm::ivec3 offset =
@@ -112,7 +113,7 @@ private:
     void add_face(glm::ivec3 voxel, int axis, int direction) {
         if (faces.size() == max_faces) refuse_so_many_faces();
         const int u = (axis + 1) % 3, v = (axis + 2) % 3;
-        // Because u x v points along `axis`.
+        // The order is counter-clockwise as seen from the positive end of `axis`, since u x v points there.
         std::array<std::pair<int, int>, 4> sides = {{{-1, -1}, {1, -1}, {1, 1}, {-1, 1}}};
         if (direction < 0) std::swap(sides[1], sides[3]);
         auto& face = faces.emplace_back();
@@ -195,7 +196,7 @@ void number_particles(BodyMesh& mesh) {
 }
 
 void list_faces_of_vertices(BodyMesh& mesh) {
-    // The last corner of a triangle stands twice.
+    // A triangle is stored as a quadrangle whose last two corners are equal.
     const auto corners = [](const std::array<std::uint32_t, 4>& face) {
         return std::span(face).first(face[2] == face[3] ? 3 : 4);
     };

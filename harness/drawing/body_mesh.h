@@ -12,11 +12,11 @@
 
 namespace voxspring {
 
-/// Faces lie between an active voxel and an inactive one, and between two active voxels whose spring is cut.
-/// A vertex is shared by the faces around it. Stairs of voxels become slopes: at rest a vertex lies at the
-/// mean of the crossings of the edges from active to inactive voxels around it ("surface nets"). Its position
-/// is that plus the mean displacement of the particles that it follows: up to eight particles around it that
-/// springs hold together, so that a cut opens.
+/// A surface of quadrangles. There is a face between an active voxel and an inactive one, and between two
+/// active voxels whose spring is cut. Faces share their vertices. At rest a vertex lies at the mean of the
+/// points where the edges between the voxel centres around it cross the surface ("surface nets"), so that
+/// slopes have no stairs. In motion the mean displacement of the particles that the vertex follows is added.
+/// These are the up to eight particles around it that springs connect, so that a cut opens.
 struct BodyMesh {
     struct Vertex {
         glm::vec3 rest{0};
@@ -35,7 +35,8 @@ struct BodyMesh {
 /// The largest number of faces of a mesh.
 inline constexpr std::size_t max_faces = std::size_t(1) << 24;
 
-/// Throws std::runtime_error if the problem has no lattice or its surface more than max_faces.
+/// Makes the surface of a problem's voxels. Throws std::runtime_error if the problem has no lattice, or if
+/// the surface has more than max_faces faces.
 BodyMesh mesh_of(const Problem& problem);
 
 /// A surface of triangles in which vertex n follows particle n. A face of it has its last

@@ -28,7 +28,7 @@ struct Shades {
 
 /// How pictures are made.
 struct PictureStyle {
-    int samples = 0;  ///< per pixel, which shows the samples' mean; 0: one sample. Every renderer supports 4.
+    int samples = 0;    ///< samples per pixel, whose mean is shown; 0: one sample. Every renderer supports 4.
     int smoothing = 0;  ///< number of passes that smooth the surface's normals
     /// Neither light nor dark, so that both ends of viridis and plasma stand out from it.
     std::array<float, 4> background = {0.16F, 0.17F, 0.19F, 1};
@@ -67,8 +67,8 @@ public:
     /// Where the mesh's vertices are (x, y, z), with the present contents of displacements(), and their
     /// values (w). Waits for the card.
     std::vector<glm::vec4> places();
-    /// The smallest and the largest value on the body in the picture, apart from that on the particles
-    /// `without`, which ascend. Waits for the card.
+    /// The smallest and the largest value of the mesh's vertices, except those whose first followed particle
+    /// is in `without`, which is sorted in ascending order. Waits for the card.
     std::array<double, 2> range(std::span<const std::uint32_t> without = {}) const;
 
 private:

@@ -12,7 +12,7 @@ namespace voxspring {
 namespace {
 
 constexpr double decades = 3;
-/// Its contrast by WCAG is 5.1 on white and 3.5 on a nearly black page (#15181c).
+/// The grey of text and ticks. Its contrast by WCAG is 5.1 on white and 3.5 on a nearly black page (#15181c).
 constexpr Colour ink = {0.431, 0.431, 0.431, 1};
 
 Colour from_hex(unsigned rgb) {
@@ -134,11 +134,11 @@ void draw_legend(Image& image, const Scale& scale) {
     const double height = image.height * legend_share;
     const auto left = int(image.width * 0.14), right = int(image.width * 0.86);
     const auto top = int(image.height - height * 0.62), bottom = int(image.height - height * 0.42);
-    // Both texts above the bar fit beside each other.
+    // The width of the bar must hold this many letters, so that both texts above it fit beside each other.
     constexpr int most_letters = 40;
     const int dot =
         std::max(1, std::min(int(height * 0.18 / letter_height), (right - left) / (most_letters * advance)));
-    const int share = image.height - int(height);  // where the legend's share begins
+    const int share = image.height - int(height);  // uppermost row of pixels of the legend
     const int above =
         std::min(top - (letter_height + 1) * dot, std::max(share, top - (letter_height + 3) * dot));
 

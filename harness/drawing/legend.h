@@ -26,15 +26,15 @@ std::optional<Colouring> colouring_called(const std::string& text);
 /// three decades.
 class Scale {
 public:
-    /// `max` is the end of the scale, finite and not negative. `largest` is the largest value in the picture
-    /// above the legend; absent: max.
+    /// `max` is the upper end of the scale, finite and not negative. `largest`, which the legend prints, is
+    /// the largest value in its picture; absent: max.
     Scale(Colouring colouring, double max, std::optional<double> largest = {})
         : colouring_(colouring), max_(max), largest_(largest.value_or(max)) {}
 
     Colouring colouring() const { return colouring_; }
     double max() const { return max_; }
     double largest() const { return largest_; }
-    /// The place of a value, from 0 to 1. Every place is 0 if max() is 0.
+    /// The position of a value on the colour bar, from 0 to 1; always 0 if max() is 0.
     double place(double value) const;
 
     struct Tick {

@@ -15,7 +15,7 @@
 namespace voxspring {
 namespace {
 
-/// The mesh, or Unavailable if the body has no surface: that is not a failure of the thread that steps.
+/// Like mesh_of(), but throws Unavailable if the body has no surface, which is no failure of a thread.
 BodyMesh mesh_or_absent(const Problem& problem) {
     try {
         return mesh_of(problem);

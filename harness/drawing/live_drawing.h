@@ -25,20 +25,21 @@
 
 namespace voxspring {
 
-/// A second thread, with a separate OpenGL context, draws and waits for the card. All functions are called by
-/// the stepping thread. It hands displacements over in a buffer between the two, because the buffer that a
-/// picture is drawn from cannot be written meanwhile and a context is current in one thread only. The drawing
-/// thread returns that buffer when the picture is finished rather than right after copying it: one more
-/// switch of contexts per picture would slow the steps on the card.
+/// Draws in a second thread with a separate OpenGL context, which also waits for the card. The stepping
+/// thread calls all public functions. It passes displacements to the drawing thread through a buffer on the
+/// card, because it cannot write to the buffer from which a picture is being drawn, and because a context is
+/// current in one thread only. The drawing thread returns the buffer once the picture is finished. To return
+/// it earlier, right after copying it, would take one more switch of contexts per picture and slow the steps
+/// on the card.
 class LiveDrawing {
 public:
     static constexpr int pictures_per_second = 60;
     static constexpr glm::ivec2 size{1280, 800};
 
     /// Draws `problem`, which `backend` has uploaded; no further upload may follow. `own` is a context of the
-    /// calling thread, which a gl::Sharing shares: an OpenGL backend that was made while that lived writes
-    /// displacements into the drawing's buffer. All references must outlive this. Throws Unavailable if there
-    /// is no OpenGL or the body has no surface, and DeviceError.
+    /// calling thread, and a gl::Sharing must share it. An OpenGL backend that was made while that Sharing
+    /// existed writes displacements directly into the drawing's buffer. All references must outlive this
+    /// object. Throws Unavailable if there is no OpenGL or the body has no surface, and DeviceError.
     LiveDrawing(const gl::Context& own, Backend& backend, const Problem& problem);
     LiveDrawing(const LiveDrawing&) = delete;
     LiveDrawing& operator=(const LiveDrawing&) = delete;
@@ -77,7 +78,7 @@ private:
 
     const gl::Context& own_;
     Backend& backend_;
-    /// Buffer on the card; is_full_ tells which thread may use it, and the next member.
+    /// Displacements on the card. is_full_ tells which thread may use this buffer and the next two members.
     gl::StorageBuffer handed_over_;
     std::vector<glm::dvec3> downloaded_;
     std::span<const glm::vec4> brought_;  ///< displacements that host_feed_ brought to the host
@@ -92,7 +93,7 @@ private:
     /// waits for the mutex as rarely as possible: if the mutex is taken, it tries again in the next tick.
     mutable std::mutex mutex_;
     std::condition_variable_any changed_;
-    bool is_full_ = false;  ///< whether it is the drawing thread's turn
+    bool is_full_ = false;  ///< true: the drawing thread may use handed_over_; false: the stepping thread may
     int mesh_of_full_ = 0;
     int mesh_ = 0;  ///< number of the latest mesh; 0: none yet
     /// Particles of the latest mesh, until the stepping thread takes them.

@@ -14,9 +14,9 @@ namespace {
 
 /// The angle in radians that the picture's height covers.
 constexpr double field_of_view = 0.6;
-/// The largest elevation: beyond straight above the view would turn over.
+/// The largest elevation in radians. Beyond a right angle the picture would turn upside down.
 constexpr double highest = 1.5;
-/// The share of the room in a picture that the body may take.
+/// The largest fraction of the picture that the body may fill.
 constexpr double margin = 0.94;
 
 constexpr glm::dvec3 up(0, 0, 1);

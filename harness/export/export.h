@@ -33,7 +33,7 @@ std::string list_formats();
 /// Parses the size of a picture or a window, "640x480". Throws BadInput, which names --size.
 glm::ivec2 parse_size(const std::string& text);
 
-/// The number of frames in a folder is at most this if no number of steps between them is given.
+/// The largest number of pictures in the series `frames` if `every` is absent.
 inline constexpr int max_frames = 50;
 
 /// The export options of `voxspring run`.
@@ -41,8 +41,10 @@ struct ExportOptions {
     std::vector<std::filesystem::path> out;
     std::optional<int> every;                     ///< steps between the files of a series
     std::optional<std::filesystem::path> frames;  ///< folder of a series of pictures, created if missing
-    std::optional<std::string> colour;            ///< of pictures: a Colouring; absent: displacement
-    std::optional<std::string> size;              ///< of pictures: WIDTHxHEIGHT; absent: default_size
+    /// What the colours of pictures show, a Colouring; absent: displacement.
+    std::optional<std::string> colour;
+    /// Size of the pictures, WIDTHxHEIGHT; absent: default_size.
+    std::optional<std::string> size;
     /// File of the force on the scene's tool, see ToolForces.
     std::optional<std::filesystem::path> tool_force;
 };

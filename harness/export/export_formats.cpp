@@ -200,7 +200,8 @@ private:
         if (status != ZIP_OK) throw std::runtime_error("cannot make a .npz file: not enough memory");
     }
     void append(std::string_view bytes) {
-        constexpr std::size_t max_bytes = 1u << 30;  // per call
+        // Limit of one call: zipWriteInFileInZip() takes an unsigned length.
+        constexpr std::size_t max_bytes = 1u << 30;
         for (; !bytes.empty(); bytes.remove_prefix(std::min(max_bytes, bytes.size()))) {
             check(
                 zipWriteInFileInZip(file_.get(), bytes.data(), unsigned(std::min(max_bytes, bytes.size()))));

@@ -52,12 +52,12 @@ std::string vtu(const Snapshot& snapshot);
 ///     time, time_step                     () float64
 std::string npz(const Snapshot& snapshot);
 
-// The surface of a body: the mesh that it was made of, as the body carries it (carried_mesh.h), or the
-// surface of its voxels if it was made of no mesh (body_mesh.h).
+// The surface of a body. For a body that was made of a mesh it is that mesh, deformed with the body
+// (carried_mesh.h); otherwise it is the surface of the voxels (body_mesh.h).
 //
-// The vertices and triangles of a mesh keep their order, copies of vertices at cuts come last, and places are
-// in the mesh's coordinates and its unit of length. Polygons that came in are triangles. A volume's surface
-// is in the coordinates of vtu().
+// Vertices and triangles of a mesh keep their order. Copies of vertices, made at cuts, come last. Positions
+// are in the coordinates of the mesh's file, in its unit of length. Polygons of the file are written as
+// triangles. The surface of voxels is in the coordinates of vtu().
 
 /// Binary STL, float32.
 std::string stl(const Snapshot& snapshot);
@@ -65,8 +65,8 @@ std::string stl(const Snapshot& snapshot);
 std::string obj(const Snapshot& snapshot);
 /// Binary little-endian, float64.
 std::string ply(const Snapshot& snapshot);
-/// VTK UnstructuredGrid of triangles or, of a mesh of tetrahedra, of these. Point data: displacement
-/// (float64, 3). Field data: TimeValue and step.
+/// VTK UnstructuredGrid. Its cells are tetrahedra if the body was made of a mesh of tetrahedra, otherwise
+/// triangles. Point data: displacement (float64, 3). Field data: TimeValue and step.
 std::string mesh_vtu(const Snapshot& snapshot);
 
 }  // namespace voxspring

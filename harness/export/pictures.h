@@ -23,13 +23,13 @@ inline constexpr int min_picture_side = 64;
 inline constexpr int max_picture_side = 4096;
 inline constexpr glm::ivec2 default_size{1280, 960};
 
-/// Draws a run's snapshots, whose states must be finite: the mesh that the body was made of as the body
-/// carries it, or the surface of its voxels. The snapshots passed to look_at() determine what all
-/// pictures share: a camera that shows every one of them, and a scale up to the largest value of any. The
-/// largest value that a legend names is that of its picture. A single picture needs no look_at().
+/// Draws snapshots of a run, whose states must be finite. It draws the deformed mesh if the body was made of
+/// a mesh, otherwise the surface of the voxels. The pictures share a camera that shows all snapshots passed
+/// to look_at(), and a colour scale up to the largest value in them. The legend of a picture states the
+/// largest value in that picture. A single picture needs no look_at().
 ///
 /// Particles of parts that nothing holds (parts.h) are drawn where they are, but do not affect the camera or
-/// the scale. They fall for ever, and the body would shrink to a dot of one colour.
+/// the scale: they fall for ever, and the rest of the body would shrink to a dot of one colour.
 class Pictures {
 public:
     /// The sides of `size` are from min_picture_side to max_picture_side. Throws Unavailable if there is no

@@ -14,8 +14,8 @@
 namespace voxspring {
 namespace {
 
-constexpr double reach = 2.5;  // voxels
-constexpr int width = 5;       // voxel centres within reach, along an axis
+constexpr double reach = 2.5;  // half the width of the box around a vertex, in voxels
+constexpr int width = 5;       // number of voxel centres in the box, per axis
 constexpr int cells = width * width * width;
 
 /// The motion of a vertex: a displacement in voxels' coordinates, and a value.
@@ -24,7 +24,7 @@ using Motion = Eigen::Vector4d;
 /// The particles in the box around a place.
 struct Box {
     std::array<std::uint32_t, cells> particle;
-    std::array<glm::dvec3, cells> offset;  ///< from the place, in voxels
+    std::array<glm::dvec3, cells> offset;  ///< from that position to the particle, in voxels
     int nearest = -1;                      ///< cell of the nearest particle; -1: the box is empty
 
     int cell_of(std::uint32_t i) const {
@@ -33,11 +33,11 @@ struct Box {
     }
 };
 
-/// Which cells of a box have a particle that springs connect to one of them.
+/// For each cell of a box, whether springs connect its particle to a certain other particle of the box.
 using Connected = std::array<bool, cells>;
 
-/// The weights of the particles in the affine motion that fits those cells best, at the box's place. They
-/// sum up to one.
+/// Fits an affine motion to the motion of the particles in the cells `of`, by weighted least squares. Its
+/// value at the centre of the box is a weighted sum of their motions. Returns these weights, whose sum is 1.
 std::array<double, cells> weights(const Box& box, const Connected& of) {
     std::array<double, cells> weight{};
     double sum = 0;
@@ -67,7 +67,8 @@ std::array<double, cells> weights(const Box& box, const Connected& of) {
     }
     // Along a direction in which the particles have no extent there is no gradient.
     const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> axes(spread / sum);
-    constexpr double none = 1e-6;  // voxels squared; the next layer is 1 away and weighs more than that
+    // In voxels squared; a further layer of particles, 1 voxel away, adds more than this.
+    constexpr double none = 1e-6;
     Eigen::Vector3d slope = Eigen::Vector3d::Zero();
     for (int k = 0; k < 3; ++k) {
         if (axes.eigenvalues()[k] <= none) continue;
@@ -80,7 +81,7 @@ std::array<double, cells> weights(const Box& box, const Connected& of) {
     return weight;
 }
 
-/// Makes Carrier give each vertex its motion in one state.
+/// Policy for Carrier: an Item is the motion of a vertex in one state.
 struct Motions {
     using Item = Motion;
     std::span<const glm::dvec3> displacement;
@@ -100,7 +101,7 @@ struct Motions {
     }
 };
 
-/// Makes Carrier give each vertex the particles that it follows, with their weights.
+/// Policy for Carrier: an Item lists the particles that a vertex follows, with their weights.
 struct Followed {
     using Item = std::vector<std::pair<std::uint32_t, float>>;
 
@@ -115,7 +116,8 @@ struct Followed {
     }
 };
 
-/// Carries a mesh; `Vertices` says what a vertex gets.
+/// Attaches a mesh to particles. The policy `Vertices` (Motions or Followed) determines the Item that is
+/// computed for each vertex.
 template <class Vertices>
 class Carrier {
 public:
@@ -132,7 +134,8 @@ public:
         }
     }
 
-    /// `items` gets what each vertex has, copies included. The mesh has no displacements yet.
+    /// Fills `items` with the Item of each vertex, copies at cuts included. The returned mesh has no
+    /// displacements yet.
     CarriedMesh carry(std::vector<Item>& items) {
         const Mesh& mesh = source_.mesh;
         CarriedMesh out{.rest = mesh.points, .triangles = mesh.triangles, .tetrahedra = mesh.tetrahedra};
@@ -159,7 +162,8 @@ public:
     }
 
 private:
-    /// A place of the mesh in voxels, whose centres are whole numbers. One far from the grid comes nearer.
+    /// Converts a position from the mesh's coordinates to voxels, where voxel centres have integer
+    /// coordinates. Positions far outside the grid are clamped to its neighbourhood.
     glm::dvec3 in_voxels(const glm::dvec3& point) const {
         return glm::clamp((point - source_.origin) / source_.pitch, glm::dvec3(-2 * width),
                           glm::dvec3(problem_.lattice.dims + 2 * width));
@@ -221,8 +225,8 @@ private:
         return reached;
     }
 
-    /// Moves vertices without a particle in their box like the nearest one, which spreads from voxel to
-    /// voxel.
+    /// Makes each vertex that has no particle in its box (`is_alone`) follow the nearest particle. A flood
+    /// fill from the particles through the voxels finds the nearest one.
     void follow_nearest(const std::vector<std::uint8_t>& is_alone, std::vector<Item>& items) const {
         const glm::ivec3 dims = problem_.lattice.dims;
         std::vector<std::uint32_t> nearest = particle_, front = problem_.lattice.voxel, next;
@@ -256,7 +260,8 @@ private:
         }
     }
 
-    /// Gives cells at cuts the vertices of their side. `items` and `out.rest` get copies of vertices.
+    /// Separates the mesh at cuts: where two sides of a cut share a vertex, makes the triangles or tetrahedra
+    /// of one side use a copy of it. Appends the copies to `items` and `out.rest`.
     template <class Cell>
     void part(std::vector<Cell>& all, const std::vector<std::uint8_t>& is_cut, std::vector<Item>& items,
               CarriedMesh& out) {

@@ -23,8 +23,9 @@ using Tetrahedron = std::array<std::uint32_t, 4>;
 struct Mesh {
     std::string file{};  ///< the name in messages
     std::vector<glm::dvec3> points{};
-    /// The surface, counter-clockwise from outside as far as the file is. Polygons are cut into fans. For a
-    /// mesh of tetrahedra: the faces that no two of them share, outwards.
+    /// The surface. Seen from outside, its triangles are counter-clockwise if they are so in the file.
+    /// Polygons are divided into fans. For a mesh of tetrahedra: the faces that belong to only one
+    /// tetrahedron, facing outwards.
     std::vector<Triangle> triangles{};
     std::vector<Tetrahedron> tetrahedra{};
     std::vector<std::string> notes{};  ///< for the user, like Scene::notes

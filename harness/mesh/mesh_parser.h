@@ -58,7 +58,7 @@ public:
         return error == std::errc() && stop == text.data() + text.size();
     }
 
-    /// Refuses what was read last, where it stands in the file.
+    /// Throws BadInput for `value`, which was read last; the message says where it stands in the file.
     [[noreturn]] void refuse(std::string_view value, std::string_view accepted) const;
 
 private:

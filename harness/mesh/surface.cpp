@@ -17,10 +17,10 @@
 namespace voxspring {
 namespace {
 
-/// An edge of a triangle, from its smaller point to its larger one.
+/// An edge of a triangle. `from` is its endpoint of lower index, `to` the other one.
 struct Side {
     std::uint32_t from, to, triangle;
-    bool is_backward;  ///< the triangle runs from `to` to `from`
+    bool is_backward;  ///< in the triangle's order of corners, `to` precedes `from`
 };
 
 std::vector<Side> sides_of(const std::vector<Triangle>& triangles) {
@@ -49,13 +49,14 @@ void for_each_edge(const std::vector<Side>& sides, const Visit& visit) {
     }
 }
 
-/// Triangles that edges of two triangles connect.
+/// A set of triangles that are connected across edges which exactly two triangles share.
 struct Piece {
     std::vector<std::uint32_t> triangles;
     double area = 0;
     glm::dvec3 area_vector{0}, centre{0};
     double volume = 0;  ///< signed, as seen from its centre
-    /// Whether it encloses something, rather than being a patch. A half sphere has a ratio of 1/2.
+    /// Whether the piece encloses a volume, rather than being a nearly flat patch. The ratio of the two areas
+    /// is 0 for a closed piece, 1/2 for a half sphere and 1 for a flat patch.
     bool is_shell() const { return glm::length(area_vector) < 0.75 * area; }
 };
 
@@ -86,7 +87,8 @@ private:
     }
     void turn(std::uint32_t t) { std::swap(triangles_[t][1], triangles_[t][2]); }
 
-    /// Finds pieces, and turns the smaller part of each like the larger one.
+    /// Finds the pieces. In each piece, turns triangles over so that all face the same side, the one that
+    /// most of the piece's area faced.
     void find_pieces() {
         struct Neighbours {
             std::array<std::uint32_t, 3> triangle;
@@ -199,7 +201,8 @@ private:
                 const glm::dvec3 normal = glm::cross(c[1] - c[0], c[2] - c[0]);
                 const double area = glm::length(normal);
                 if (!(area > 0)) continue;
-                // As far as the patch is wide, so that the hole that it fills is felt.
+                // Distance of the sample points: large enough, in relation to the patch, to see the hole that
+                // the patch fills.
                 const glm::dvec3 offset = normal / area * std::sqrt(patch.area) / 4.0;
                 const glm::dvec3 centre = (c[0] + c[1] + c[2]) / 3.0;
                 difference += area * (tree.at(centre + offset) - tree.at(centre - offset));
@@ -216,11 +219,11 @@ private:
     std::vector<Piece> pieces_;
 };
 
-/// Closes the surface by a fan over each connected set of edges that have more triangles on one side than on
-/// the other.
+/// Closes the surface: adds a fan of triangles over each connected set of edges whose triangles do not
+/// cancel, which means that more of them pass the edge in one direction than in the other.
 void add_caps(Surface& surface) {
     DisjointSets sets(surface.points.size());
-    std::vector<Triangle> open;  // from, to, and how often as a cap must run there
+    std::vector<Triangle> open;  // triangles of the caps, at first without their third point
     for_each_edge(sides_of(surface.triangles), [&](std::span<const Side> edge) {
         std::int64_t net = 0;
         for (const Side& side : edge) net += side.is_backward ? -1 : 1;
@@ -228,7 +231,7 @@ void add_caps(Surface& surface) {
         if (edge.size() > 2) ++surface.facts.non_manifold_edges;
         if (net == 0) return;
         sets.join(edge[0].from, edge[0].to);
-        // A cap runs against the surface.
+        // A cap passes the edge in the direction opposite to the surface's triangles.
         for (; net > 0; --net) open.push_back({edge[0].to, edge[0].from, 0});
         for (; net < 0; ++net) open.push_back({edge[0].from, edge[0].to, 0});
     });
@@ -269,7 +272,7 @@ Surface surface_of(const Mesh& mesh) {
         parts.join(same[0], same[2]);
         const auto& p = mesh.points;
         if (same[0] == same[1] || same[1] == same[2] || same[0] == same[2]) {
-            ++facts.flat;  // its edges would count as open
+            ++facts.flat;  // left out of the surface, where its edges would count as open
             continue;
         }
         if (glm::cross(p[same[1]] - p[same[0]], p[same[2]] - p[same[0]]) == glm::dvec3(0)) ++facts.flat;

@@ -1,5 +1,5 @@
-// Makes a surface of which inside and outside can be told from the triangles of a mesh, whatever its holes,
-// and says what it met.
+// Makes a closed surface from the triangles of a mesh, even if that has holes, so that inside and outside can
+// be told apart. Reports what it found in the mesh.
 #pragma once
 
 #include <cstddef>
@@ -11,12 +11,12 @@
 
 namespace voxspring {
 
-/// What a mesh is like, where points at the same place are one.
+/// Properties of a mesh. Points at the same position count as one point.
 struct MeshFacts {
     std::size_t vertices = 0, triangles = 0, tetrahedra = 0;
     std::size_t parts = 0;               ///< pieces that share no point
     std::size_t open_edges = 0;          ///< edges that belong to one triangle only
-    std::size_t holes = 0;               ///< connected sets of open edges
+    std::size_t holes = 0;               ///< connected sets of edges that a cap closes
     std::size_t non_manifold_edges = 0;  ///< edges that belong to three triangles or more
     std::size_t flat = 0;                ///< triangles without an area
     std::size_t turned = 0;              ///< triangles that were turned over, see Surface
@@ -24,12 +24,13 @@ struct MeshFacts {
     double volume = 0;                   ///< by the divergence theorem, holes closed by fans
 };
 
-/// A closed surface: the triangles of a mesh, and caps. A cap is a fan over the edges of a hole. Each edge of
-/// the two together has as many triangles on one side as on the other, whatever the mesh is.
+/// A closed surface: the triangles of a mesh, and caps. A cap is a fan of triangles that closes a hole. With
+/// the caps, equally many triangles pass each edge in either direction, whatever the mesh is like.
 ///
-/// Neighbours across an edge of two triangles are turned alike; the larger part of a piece decides. A piece
-/// whose volume is negative is turned as a whole unless it lies within another, as a cavity does. A piece
-/// that is nearly flat, such as a patch that is stitched to nothing, is turned as the rest around it says.
+/// Triangles are turned over where necessary. Neighbours across an edge of two triangles are made to face the
+/// same side, the one that most of the area of their connected piece faced. A piece with a negative volume is
+/// turned over as a whole, unless it is a cavity within another piece. A nearly flat piece, such as a patch
+/// whose vertices were not joined to the rest, is turned so that it fits the surface around it.
 struct Surface {
     std::vector<glm::dvec3> points;  ///< the mesh's vertices, then one for each cap
     std::vector<Triangle> triangles;

@@ -16,7 +16,7 @@ namespace voxspring {
 /// Voxels along the longest side of a mesh whose pitch nobody chose.
 inline constexpr int default_voxels = 64;
 
-/// The share of a voxel that lies in the body, from which on the voxel belongs to it.
+/// A voxel belongs to the body if at least this fraction of it lies inside.
 inline constexpr double default_fill = 0.5;
 
 /// A mesh and the grid that was made of it.
@@ -41,11 +41,12 @@ struct Voxelised {
 /// The pitch of a mesh that nobody chose: default_voxels along the longest side, in two significant digits.
 double default_pitch(const MeshFacts& facts);
 
-/// Makes voxels of edge `pitch`. A voxel is active if at least `fill` of it, in (0, 1], lies where the
-/// winding number of the mesh exceeds 1/2. That is inside a closed surface, and where a hole is open as far
-/// as a film across it. 16 lines through a voxel measure its share, each exactly. Equal input gives equal
-/// bits, however many threads there are. Without a pitch it is default_pitch(), which a note says. Throws
-/// BadInput, which names --pitch, if the grid is too large for `limits` or if no voxel is active.
+/// Makes voxels of edge `pitch`. A voxel is active if at least the fraction `fill` of it, in (0, 1], has a
+/// winding number above 1/2 with respect to the mesh. That is the inside of a closed surface. Where the
+/// surface has a hole, the inside ends about where a film across the hole would be. The fraction is measured
+/// along 16 lines through the voxel. Equal input gives equal bits with any number of threads. Without a pitch
+/// default_pitch() is used, and a note says so. Throws BadInput, which names --pitch, if the grid is too
+/// large for `limits` or if no voxel is active.
 Voxelised voxelise(Mesh mesh, std::optional<double> pitch, double fill, const SceneSizeLimits& limits);
 
 }  // namespace voxspring

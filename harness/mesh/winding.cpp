@@ -14,7 +14,8 @@ namespace {
 glm::dvec3 centroid(const Corners& t) { return (t[0] + t[1] + t[2]) / 3.0; }
 glm::dvec3 area_vector(const Corners& t) { return glm::cross(t[1] - t[0], t[2] - t[0]) / 2.0; }
 
-/// A box acts as a whole on points that are farther from its centre than this many times its reach.
+/// A node stands for all its triangles at points that are farther from its centre than this many times its
+/// reach.
 constexpr double far_away = 3;
 constexpr std::uint32_t leaf_size = 8;
 
@@ -67,7 +68,7 @@ void WindingTree::build(std::uint32_t first, std::uint32_t count) {
 
 double WindingTree::at(const glm::dvec3& point) const {
     if (nodes_.empty()) return 0;
-    std::array<std::uint32_t, 64> waiting{};  // deep enough: halves of 2^32 triangles
+    std::array<std::uint32_t, 64> waiting{};  // stack of nodes; its depth is enough for 2^32 triangles
     std::size_t count = 1;
     double sum = 0;
     while (count > 0) {

@@ -29,7 +29,7 @@ private:
         glm::dvec3 centre{0};                ///< mean of the triangles' centroids, weighted by area
         double reach = 0;                    ///< largest distance of a corner from it
         glm::dvec3 area{0};                  ///< sum of area vectors
-        std::uint32_t first = 0, count = 0;  ///< triangles; of an inner node all below it
+        std::uint32_t first = 0, count = 0;  ///< range in triangles_; an inner node has all below it
         std::uint32_t right = 0;             ///< the second child, the first is the next node; 0: a leaf
     };
     void build(std::uint32_t first, std::uint32_t count);

@@ -43,8 +43,9 @@ public:
     /// `construct_seconds`, `unsupported` (empty, or why it cannot run the scene) and `outpaced`
     /// (outpaced.h). Throws as ask().
     nlohmann::json introduce();
-    /// introduce() ahead of time, in two parts (begin and wait), so that several cases construct at once.
-    /// Each construction then takes longer. Errors are kept, and introduce() throws them later.
+    /// Lets several cases construct their backends at once, before introduce() is called: first begin each,
+    /// then await each. Each construction then takes longer. Errors are kept, and introduce() throws them
+    /// later.
     void begin_introduction();
     void await_introduction();
     /// The capabilities of the backend, after introduce().
@@ -53,8 +54,9 @@ public:
     /// not the one in the journal; and what Worker::ask() throws.
     nlohmann::json ask(const nlohmann::json& question, const std::string& doing,
                        const OnEvent& on_event = {});
-    /// What the journal has as `name`. If it has neither that nor a failure of the case, it gets what `make`
-    /// returns, or the failure, behind `at`. Null: the case failed or was interrupted.
+    /// Returns the measurement `name` of the journal. If the journal has neither it nor a failure of the
+    /// case, calls `make` and keeps the result. If `make` fails, keeps the reason as the case's failure, with
+    /// `at` before it. Returns null if the case failed or was interrupted.
     const nlohmann::json* kept(const std::string& name, const std::function<nlohmann::json()>& make,
                                const std::string& at = {});
     /// ask() in two parts, as Worker::begin() and finish().

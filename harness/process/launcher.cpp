@@ -198,7 +198,7 @@ Workers::Workers(std::filesystem::path program, const Scene* scene)
 }
 
 void Workers::turn_to(const Scene* scene) {
-    launcher_.reset();  // with its copy of the previous scene
+    launcher_.reset();  // This launcher has a copy of the previous scene.
     scene_ = scene;
 }
 

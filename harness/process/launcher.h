@@ -59,8 +59,8 @@ private:
     std::string lost_;  ///< how the launcher ended, if it has
 };
 
-/// What the workers of one scene after the other have in common. There is one launcher per scene, started
-/// with the first worker; if it is lost, the next worker gets a new launcher.
+/// The means to start workers for one scene at a time. Each scene has a launcher, which is started with its
+/// first worker. If a launcher is lost, the next worker gets a new one.
 class Workers {
 public:
     /// `program` is empty for this executable (worker_main.h). `scene` is null if the workers need none; it

@@ -63,11 +63,11 @@ private:
     void rest();
 
     Workers& workers_;
-    std::shared_ptr<Launcher> launcher_;  ///< that forked it
+    std::shared_ptr<Launcher> launcher_;  ///< the launcher that forked the worker
     int socket_ = -1;
     pid_t process_ = -1;
     std::chrono::duration<double> timeout_;
-    bool asked_ = false;  ///< a question, and not answered yet
+    bool asked_ = false;  ///< whether a question is still unanswered
     std::string lost_;    ///< how the process ended, if it has
 };
 

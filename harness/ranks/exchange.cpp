@@ -23,7 +23,8 @@ struct Mailbox::Head {
     alignas(Line) std::atomic<std::uint64_t> taken;
 };
 
-static_assert(std::atomic<std::uint64_t>::is_always_lock_free);  // others do not work between processes
+// Only lock-free atomics work between processes.
+static_assert(std::atomic<std::uint64_t>::is_always_lock_free);
 
 Mailbox::Mailbox(Line* memory, std::size_t capacity) : memory_(memory), slot_lines_(lines_of(capacity)) {}
 

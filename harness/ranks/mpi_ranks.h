@@ -33,7 +33,7 @@ struct RankTask {
     std::string backend;      ///< the argument of BackendSpec::parse()
     RankPlan plan = {};       ///< the first plan.ranks() take part
     Routes routes{1};         ///< routes between the ranks
-    int number = 0;           ///< of the task within the study
+    int number = 0;           ///< number of the task within the study
 };
 
 /// The program of a worker that is one rank of a task, on the rank's device. `shared`: room for its part of
@@ -65,9 +65,9 @@ public:
     void serve(const Means& means);
 
     /// For rank 0: makes all ranks of the task run it. `worker` is the process of rank 0's worker, which uses
-    /// `mailroom`. `ask` asks that worker: it returns the report, once the worker has put its part of the
-    /// state where the caller finds it. The parts of the other ranks go into `left`. Throws
-    /// std::runtime_error with the reason if any rank failed.
+    /// `mailroom`. `ask` asks that worker to run its part, and returns the worker's report; the caller knows
+    /// where the worker leaves its part of the state. The other ranks' parts of the state are copied to
+    /// `left`. Throws std::runtime_error with the reason if any rank failed.
     std::vector<RankReport> run(RankTask task, const Scene& scene, const SharedMemory& mailroom, pid_t worker,
                                 const std::function<nlohmann::json()>& ask, State& left);
 

@@ -33,7 +33,8 @@ struct RankPlan {
     /// How many subdomains the scene is cut into along each axis. Each rank has one.
     glm::ivec3 cut{1};
     int ranks() const { return cut.x * cut.y * cut.z; }
-    /// If not empty, the run leaves only the state of a Sample's particles in these bricks.
+    /// If not empty, only the state of the particles in these bricks of a Sample is kept at the end of the
+    /// run.
     std::vector<Decomposition::Brick> sampled = {};
 };
 nlohmann::json to_json(const RankPlan& plan);

@@ -18,8 +18,9 @@ Scene part_of(const Scene& scene, Subdomain& subdomain);
 std::vector<std::uint32_t> places_of(const std::vector<std::uint32_t>& some,
                                      const std::vector<std::uint32_t>& all);
 
-/// Layers of voxels across the longest axis, and the scene that verifies them. A force reaches one voxel per
-/// step, so after n steps the layers depend only on the n layers around them: float64 steps only these.
+/// A brick of layers of voxels across the longest axis, and a scene to verify it with. A force reaches one
+/// voxel further per step. So after n steps the brick depends only on the n layers around it, and the float64
+/// reference needs to step only these.
 struct Sample {
     /// One of `bricks()` and a layer of ghosts around it, which is verified as well.
     Scene judged;

@@ -38,8 +38,9 @@ void print_cells(const std::vector<T>& rows, const std::vector<ColumnOf<T>>& col
 std::vector<std::string> counter_names(const std::vector<const Row*>& rows);
 std::string counter_cell(const Row& row, const std::string& name);
 
-/// Prints one line per row: its scene and backend, `columns`, and the counters. The last counter is the first
-/// to go; `first_counter` is Column::expendable of the first one, which by default stays in any width.
+/// Prints one line per row: its scene and backend, `columns`, and the counters. If the table is too wide,
+/// counters are dropped from the last to the first. `first_counter` is Column::expendable of the first
+/// counter; with 0 that one is never dropped.
 template <std::derived_from<Row> T>
 void print_rows(const std::vector<T>& rows, const std::vector<ColumnOf<T>>& columns, TableWidth width,
                 std::ostream& out, int first_counter = 0) {
@@ -68,9 +69,9 @@ std::string time_text(const Row& row, double seconds, const StepTimes& repetitio
 /// relative_spread() of the repetitions of a case; 0 if there are fewer than three.
 double spread_of_case(const std::string& case_name, const StepTimes& repetitions);
 
-/// A ratio of two times with as many digits as it deserves: the last one stands for less than twice the
-/// `spread` of the ratio, or twice 1% if that is more, and there are at most `decimals`. 91.79 with a spread
-/// of 4% is "92".
+/// A ratio of two times, rounded to the digits that are certain. The last digit stands for at most twice the
+/// `spread` of the ratio, where a spread below 1% counts as 1%. There are at most `decimals` decimals. 91.79
+/// with a spread of 4% is "92".
 std::string ratio_text(double ratio, double spread, int decimals = 2);
 
 /// Prints one line per reason not to trust rows: how many rows, and which in a few words. The table marks
@@ -81,9 +82,9 @@ void print_noise(const std::vector<Row>& rows, std::ostream& out);
 using Verdicts = std::map<std::string, VerdictPart>;
 Verdicts verdicts_of(const Result& result);
 
-/// The bound on a row's error over its motion: "2.9e-04", with "*" if it is that of a strained start,
-/// "chaotic" if no displacement is judged, "not verified" if a backend without springs might pass, "-" if not
-/// known.
+/// The largest accepted error of a row as a fraction of the body's motion, "2.9e-04". A "*" after it says
+/// that it belongs to the run from a strained start. "chaotic" means that no displacement is judged, "not
+/// verified" that a backend without springs might pass, and "-" that nothing is known.
 std::string threshold_text(const Row& row, const Verdicts& verdicts);
 
 /// Says what the marks of threshold_text() mean, if a row has one, and whether only the last repetitions were

@@ -185,13 +185,17 @@ struct VerdictPart {
     // Not in older files, in which the last repetition alone was judged.
     std::optional<int> repetitions_judged = {};
     std::optional<double> error_mean = {}, tolerance_mean = {};
-    std::optional<double> strained_share = {};        ///< of the springs, by the scene's own start
-    std::optional<StrainedPart> strained_start = {};  ///< of a run whose own start strains too few springs
+    /// Fraction of the springs that the run from the scene's own start strains.
+    std::optional<double> strained_share = {};
+    /// A further run, from a strained start; only if that fraction is too small.
+    std::optional<StrainedPart> strained_start = {};
 
-    /// Whether a backend that computes the springs wrongly would have failed; empty if that is not known.
+    /// Whether the state passed, and enough springs were strained that wrong springs would have failed.
+    /// Empty: not known.
     std::optional<bool> verified() const;
-    /// The bound on the rms error, or else on the largest one, over the motion, in the run that strains the
-    /// springs. Empty: neither is judged.
+    /// The largest accepted rms error, or the largest accepted error if rms is not judged, as a fraction of
+    /// the body's motion. It is that of the run from the strained start if there is one. Empty: neither is
+    /// judged.
     std::optional<double> threshold() const;
 
     static void fields(auto& part, auto& of) {

@@ -43,16 +43,16 @@ struct Scene {
     /// The largest stable time step for small displacements (stability.h), springs that edits add included.
     /// Infinite if nothing oscillates.
     double stable_time_step = 0;
-    /// Present if the voxels come from a volume file or a mesh, of which only the placement is stated.
+    /// Present if the voxels come from a volume file or a mesh. A mesh has only the placement.
     std::optional<VolumeFacts> volume = {};
     std::shared_ptr<const MeshInGrid> mesh = {};  ///< null unless the voxels come from a mesh
     /// What the loader guessed, rounded or left out, for the user to know. Each note is a sentence that
     /// begins with a small letter and has no full stop.
     std::vector<std::string> notes = {};
-    std::optional<WorldUnits> world = {};  ///< present if the scene is in units of the world
+    std::optional<WorldUnits> world = {};  ///< present if the scene gives Young's modulus
 };
 
-/// Writes the notes to standard error, one per line. Every command that loads scenes calls it once for each.
+/// Writes the notes to standard error, one per line. Every command that loads scenes calls it once per scene.
 void say_notes(const Scene& scene);
 
 /// Whether a process that runs the scene on a device needs much memory and many processors. More than a few
@@ -63,16 +63,16 @@ inline bool is_heavy(const Scene& scene) {
 }
 
 /// `argument` is a built-in scene ("box"), a scene file (*.json), a volume file (volume_endings()) or a mesh
-/// (mesh_endings()). A volume or mesh is simulated with the parameters of the built-in scene `heart`. If it
-/// is one slice thick along the axis at whose side the heart is pinned, it is pinned at a side of its longest
-/// axis. "@N" or "@WxHxD" after a built-in name or a scene file gives its box or heart other dims: "box@64",
-/// "heart@120x102x92".
+/// (mesh_endings()). A volume or mesh is simulated with the parameters of the built-in scene `heart`. The
+/// heart is pinned at one side of an axis. A body that is only one slice thick along that axis is pinned at a
+/// side of its longest axis instead. "@N" or "@WxHxD" after a built-in name or a scene file gives its box or
+/// heart other dims: "box@64", "heart@120x102x92".
 ///
 /// Throws BadInput. Allocates memory in proportion to what was really read, and never beyond `limits`.
 Scene load_scene(const std::string& argument,
                  const SceneSizeLimits& limits = SceneSizeLimits::of_this_machine());
 
-/// Whether load_scene() takes a volume file or a mesh by this name, and so takes options for it.
+/// Whether `name` is that of a volume file or a mesh, for which load_scene() takes options.
 bool is_body_file(const std::string& name);
 
 /// Options for a volume file or a mesh without a scene file. Absent ones come from the file or from the scene
@@ -87,13 +87,14 @@ struct VolumeOptions {
     /// along its axis. The body then sags by the same number of voxels in any unit of length.
     std::optional<glm::dvec3> gravity;
     std::optional<PartsToKeep> parts;  ///< absent: all parts
-    std::optional<double>
-        pitch;  ///< edge of the voxels that are made; absent: a volume's own, default_pitch()
-    std::optional<double> fill;  ///< share of a voxel from which on it is active; needs a pitch or a mesh
-    /// In Pa and kg/m^3; both or neither. `gravity` is then in m/s^2, and if it is absent 9.81 m/s^2 in the
-    /// direction of gravity in the scene `heart`.
+    /// Edge length of the voxels. Absent: that of the volume's voxels, or default_pitch() for a mesh.
+    std::optional<double> pitch;
+    /// A voxel is active if at least this fraction of it is filled; needs a pitch or a mesh.
+    std::optional<double> fill;
+    /// In Pa and kg/m^3; both or neither are given. If they are, `gravity` is in m/s^2. If it is absent,
+    /// gravity is then 9.81 m/s^2 in the direction that it has in the scene `heart`.
     std::optional<double> young, density;
-    std::optional<std::string> unit;  ///< of lengths, a word of accepted_lengths(); absent: the file's
+    std::optional<std::string> unit;  ///< unit of length, one of accepted_lengths(); absent: the file's unit
     std::optional<double> damping;    ///< per second
     bool corners = false;             ///< particles are at the corners of voxels
 
@@ -112,10 +113,10 @@ Scene load_scene(const std::string& argument, const VolumeOptions& volume,
 /// its folder. The name of the file without its folder is the scene's name.
 Scene parse_scene(const std::string& text, const std::string& file, const SceneSizeLimits& limits);
 
-/// Makes a scene, without edits, of a problem that was built in memory. A list of `state` may be empty, which
-/// means zeros: for a body at rest both are. A time step of 0 is replaced by half of the stable one. Throws
-/// std::invalid_argument, whose message says what is wrong: a name that is empty or has a '/' or a blank, an
-/// array that does not have one element per particle and is not an allowed empty one, or a number or index
+/// Makes a scene, without edits, of a problem that was built in memory. An empty list in `state` stands for
+/// zeros; for a body at rest both lists may be empty. A time step of 0 is replaced by half of the stable one.
+/// Throws std::invalid_argument, whose message says what is wrong: the name is empty or has a '/' or a blank,
+/// an array does not have one element per particle (or none, where that is allowed), or a number or index is
 /// outside its range.
 Scene scene_of(const std::string& name, Problem problem, State state = {});
 

@@ -22,19 +22,20 @@ enum class DatasetType : std::uint8_t { box, heart, volume, mesh };
 
 struct DatasetSpec {
     DatasetType type = DatasetType::box;
-    glm::ivec3 dims{0};                    ///< of a box or heart
-    double missing = 0;                    ///< share of its voxels that are left out at random
-    std::uint64_t seed = 0;                ///< for that random choice
-    std::string file;                      ///< of a volume or mesh, relative to the scene file
-    std::optional<JsonValue> file_source;  ///< for messages; absent without a scene file
-    std::optional<double> pitch,
-        fill;                         ///< of a volume or mesh; fill is never given without pitch for a volume
-    std::optional<double> threshold;  ///< of a volume; never given together with labels
+    glm::ivec3 dims{0};      ///< number of voxels of a box or heart along each axis
+    double missing = 0;      ///< fraction of the box's or heart's voxels that are left out at random
+    std::uint64_t seed = 0;  ///< for the random choice of the voxels left out
+    std::string file;        ///< path of a volume or mesh, relative to the scene file
+    /// JSON value of `file`, for messages; absent without a scene file.
+    std::optional<JsonValue> file_source;
+    /// For a volume or mesh. A volume that has `fill` also has `pitch`.
+    std::optional<double> pitch, fill;
+    std::optional<double> threshold;  ///< for a volume; never given together with labels
     /// Labels of a volume: whole numbers or names of segments, without duplicates.
     std::optional<std::vector<std::string>> labels;
-    std::optional<std::int64_t> frame;      ///< of a volume with several values per voxel
+    std::optional<std::int64_t> frame;      ///< which value, for a volume with several values per voxel
     std::optional<PartsToKeep> parts;       ///< absent: all parts
-    std::optional<JsonValue> parts_source;  ///< for messages
+    std::optional<JsonValue> parts_source;  ///< JSON value of `parts`, for messages
 
     bool is_from_file() const { return type == DatasetType::volume || type == DatasetType::mesh; }
 };
@@ -44,12 +45,13 @@ struct DatasetSpec {
 struct Parameter {
     std::optional<double> everywhere;
     std::map<SpringGroup, double> by_group;
-    std::map<std::string, double> by_label;  ///< keys are any of a label's words
+    std::map<std::string, double> by_label;  ///< each key is one of the names of a label (Label::words)
     std::optional<JsonValue> source;         ///< for messages; absent for a default
 };
 
-/// Particles chosen by their location: those in the outermost slices on a side of the grid, counted from the
-/// first slice that has particles, or those in the box of voxels from `from` to `to`, both included.
+/// Particles chosen by location. If `at_side`, they are those in the outermost slices on a side of the grid,
+/// counted from the first slice that has particles. Otherwise they are those in the box of voxels from `from`
+/// to `to`, both included.
 struct Region {
     bool at_side = false;
     /// Side of the body, if one is given; loading replaces it by `axis` and `upper`.
@@ -57,7 +59,8 @@ struct Region {
     int axis = 0;        ///< axis of the side
     bool upper = false;  ///< whether it is the side with the larger coordinate
     int slices = 1;      ///< number of slices, counted from the side inward
-    /// If > 0, replaces `slices`: share of the extent of the active voxels, at least one slice.
+    /// If > 0, it replaces `slices`: the region covers this fraction of the active voxels' extent, at least
+    /// one slice.
     double fraction = 0;
     glm::ivec3 from{0};
     glm::ivec3 to{0};
@@ -89,7 +92,8 @@ struct InitialField {
 
 struct TimeStep {
     double fraction = 0.8;
-    bool of_limit = false;  ///< the fraction is of the true limit rather than of its bound (stability.h)
+    /// `fraction` refers to the true limit rather than to its bound (stability.h).
+    bool of_limit = false;
     std::optional<double> absolute;  ///< replaces the fraction
     std::optional<JsonValue> source;
 };
@@ -101,9 +105,9 @@ struct EditSpec {
     std::optional<Shape> shape{};                             ///< absent for a suture that names voxels
     std::vector<std::pair<glm::ivec3, glm::ivec3>> voxels{};  ///< pairs of voxels that the suture joins
     double within = 0;                  ///< for a suture by shape: the longest spring that it adds
-    std::optional<double> stiffness{};  ///< of a suture
-    int times = 1, every = 0;           ///< number of repetitions, and steps between them
-    glm::dvec3 move{0};                 ///< translation of the shape from one repetition to the next
+    std::optional<double> stiffness{};  ///< of the springs that a suture adds
+    int times = 1, every = 0;           ///< how often the edit is made, and the steps in between
+    glm::dvec3 move{0};                 ///< translation of the shape from one time to the next
     JsonValue source;                   ///< for messages
 };
 
@@ -122,17 +126,19 @@ struct SceneFile {
     DatasetSpec dataset;
     std::vector<SpringGroup> spring_groups{SpringGroup::face, SpringGroup::edge};
     std::optional<glm::dvec3> spacing;
-    Parameter mass;  ///< never by group
+    Parameter mass;  ///< never given per spring group
     Parameter stiffness;
     std::optional<Parameter> young, density;  ///< Pa, kg/m^3; both or neither; replace stiffness and mass
-    std::optional<std::string> unit;          ///< of lengths, with `young`; absent: that of the volume file
+    /// Unit of length if `young` is given; absent: that of the volume file.
+    std::optional<std::string> unit;
     std::optional<JsonValue> unit_source;
     bool corners = false;  ///< particles are at the corners of voxels rather than at their centres
     double damping = 0;
     std::optional<double> damping_per_second;       ///< replaces `damping`
-    glm::dvec3 gravity{0};                          ///< in m/s^2 with `young`
+    glm::dvec3 gravity{0};                          ///< in m/s^2 if `young` is given
     std::optional<GravityTowards> gravity_towards;  ///< replaces `gravity`
-    bool gravity_in_voxels = false;  ///< gravity is a default, to be multiplied by the spacing axis by axis
+    /// `gravity` is a default, whose components are to be multiplied by the spacing along their axes.
+    bool gravity_in_voxels = false;
     TimeStep time_step;
     std::vector<Region> pinned;
     InitialField displacement;

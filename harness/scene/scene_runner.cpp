@@ -48,7 +48,7 @@ std::string SceneRunner::unsupported(const Backend& backend) {
     for (const ScheduledEdit& scheduled : scene_.edits) {
         if (!reason.empty()) break;
         apply(*edited_, scheduled.edit);
-        // Edits within the lattice need nothing of the backend that the scene does not need at its start.
+        // A backend that supports the scene's start also supports edits that stay within the lattice.
         if (!scheduled.edit.leaves_lattice()) continue;
         reason = backend.unsupported(*edited_);
         if (!reason.empty()) reason += " (edit after step " + std::to_string(scheduled.step) + ")";

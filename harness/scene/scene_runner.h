@@ -15,9 +15,9 @@ namespace voxspring {
 
 /// Runs a scene on one backend at a time.
 ///
-/// The form in which a backend gets an edit takes tens of times the memory in which the scene keeps it. The
-/// constructor prepares the first edits, up to max_prepared_bytes, so that timed steps do not wait for that.
-/// Later edits are prepared when they are due.
+/// A backend receives an edit as a SpringEdit, which takes tens of times as much memory as the form that the
+/// scene keeps. The constructor makes the SpringEdits of the first edits, up to max_prepared_bytes, so that
+/// timed steps do not wait for that. Later edits are prepared when they are due.
 class SceneRunner {
 public:
     static constexpr std::size_t max_prepared_bytes = std::size_t(16) << 20;
@@ -40,7 +40,7 @@ public:
     /// then copy the state on the device, as long as the springs are those of the start. Returns whether the
     /// backend can do so. If it can and the scene has no edits, the state at the start is not read any more.
     bool keep_start(Backend& backend);
-    /// Runs `steps` further steps, with the edits that are due before them and the moves of the tool.
+    /// Runs `steps` further steps, makes the edits that are due before each of them, and moves the tool.
     /// Asynchronous, as Backend::step() is. `edit`, if given, is called instead of Backend::edit(), for
     /// callers that have to observe edits.
     using Edit = std::function<void(const Problem& edited, const SpringEdit& edit)>;
@@ -62,15 +62,16 @@ private:
 
     const Scene& scene_;
     std::optional<Problem> edited_;  ///< the problem as the edits have left it; empty if the scene has none
-    std::optional<SpringEditor> editor_;    ///< edits `edited_`
-    std::vector<SpringEdit> prepared_;      ///< the scene's first edits
-    std::optional<Problem> uploaded_;       ///< the problem at the start; empty if that is the scene's start
-    const State* start_ = nullptr;          ///< null: the scene's start
-    int first_ = 0;                         ///< step of the start
+    std::optional<SpringEditor> editor_;  ///< changes `edited_`
+    std::vector<SpringEdit> prepared_;    ///< the scene's first edits, as a backend receives them
+    /// The problem after the edits before step `first_`; empty: the scene's problem.
+    std::optional<Problem> uploaded_;
+    const State* start_ = nullptr;          ///< the state to start from; null: the scene's state
+    int first_ = 0;                         ///< number of steps before the start
     const Backend* keeps_start_ = nullptr;  ///< the backend that keeps the start; null: none
     std::size_t next_ = 0;                  ///< index of the next edit
     int step_ = 0;
-    int tick_ = -1;  ///< tick of the motion at which the tool is; -1: none yet
+    int tick_ = -1;  ///< number of the tool's latest move; -1: it has not moved yet
 };
 
 /// The scene's problem as the edits within the first `steps` steps leave it.

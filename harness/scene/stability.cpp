@@ -40,7 +40,7 @@ std::vector<Eigen::Matrix3d> beyond_lattice(const Problem& problem) {
     for (const Spring& spring : problem.springs) {
         const glm::dvec3 offset = problem.rest_position[spring.first] - problem.rest_position[spring.second];
         const double length = glm::length(offset);
-        Eigen::Matrix3d matrix = Eigen::Matrix3d::Identity();  // for a spring without a direction
+        Eigen::Matrix3d matrix = Eigen::Matrix3d::Identity();  // if the length is 0, no direction
         if (length > 0) {
             const Eigen::Matrix3d along = outer_product(offset / length);
             const double transverse = std::max(0.0, 1 - spring.rest_length / length);
@@ -147,7 +147,7 @@ std::vector<double> fast_start(const Problem& problem) {
 /// Lanczos' iteration ends at this relative residual, or gives up after this number of multiplications.
 constexpr double max_residual = 1e-6;
 constexpr int max_multiplications = 1000;
-/// For more particles the iteration takes minutes.
+/// The largest number of particles. For more, the iteration takes minutes.
 constexpr std::size_t max_oscillators = 300'000;
 
 /// The largest eigenvalue of the symmetric tridiagonal matrix that Lanczos' iteration has built so far, and
@@ -185,8 +185,8 @@ std::optional<double> largest_eigenvalue(const Oscillations& matrix, std::vector
             beside.back() == 0) {
             const auto [value, residual] = largest_ritz_value(diagonal, beside);
             if (residual <= max_residual * value || beside.back() == 0) return value;
-            // Solving the small matrix takes time proportional to the cube of its size, so it is done ever
-            // more rarely.
+            // Solving the small matrix takes time proportional to the cube of its size, so the intervals
+            // between solutions grow.
             next_solution += 1 + next_solution / 20;
         }
         before.swap(v);
@@ -207,12 +207,13 @@ double frequency_bound_squared(const Problem& problem) {
     // The index of a neighbour is needed only if materials differ.
     std::optional<LatticeSprings> springs;
     if (problem.has_materials()) springs.emplace(problem);
-    // Masks so far: if nothing else differs, the mask determines the matrix.
+    // The masks of the particles so far. If nothing else differs between particles, equal masks have equal
+    // matrices.
     std::unordered_set<std::uint32_t> seen;
     const bool by_mask = !problem.has_materials() && beyond.empty();
 
     double largest = 0;
-    std::optional<std::uint32_t> before;  // the mask of the particle before, which is mostly the same
+    std::optional<std::uint32_t> before;  // mask of the previous particle, usually the same
     for (std::size_t i = 0; i < problem.particle_count(); ++i) {
         const std::uint32_t mask = problem.lattice.mask.empty() ? 0 : problem.lattice.mask[i];
         if (by_mask && mask == before) continue;
@@ -230,7 +231,7 @@ double frequency_bound_squared(const Problem& problem) {
             visit_directions(mask, [&](const Direction& direction) { add(i, direction); });
         }
         sum /= problem.material_of(i).mass;
-        // No eigenvalue exceeds the largest row sum, so most particles need no solver.
+        // No eigenvalue exceeds the largest row sum of absolute values, so most particles need no solver.
         if (sum.cwiseAbs().rowwise().sum().maxCoeff() > largest)
             largest = std::max(largest, largest_eigenvalue(sum));
     }

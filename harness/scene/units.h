@@ -1,5 +1,5 @@
-// Units of the world. A scene may give Young's modulus and density; the stiffness of springs and the mass of
-// particles follow.
+// Physical units. A scene may give Young's modulus and density, from which the stiffness of springs and the
+// mass of particles follow.
 #pragma once
 
 #include <array>
@@ -24,7 +24,7 @@ struct Tissue {
 /// `length`. So forces are in kg times `length` per s^2, and stiffness is in N/m.
 struct WorldUnits {
     std::string length;  ///< "mm" for example
-    double metres = 1;   ///< in one unit of length
+    double metres = 1;   ///< metres per unit of length
     std::vector<Tissue> tissues;
     double damping = 0;  ///< per second; 0 also if the scene gives damping per step
 
@@ -35,8 +35,9 @@ struct WorldUnits {
 inline constexpr double poisson_ratio = 0.25;
 
 /// The stiffness of each spring group with which a cubic lattice of this spacing has Young's modulus `young`
-/// and is isotropic, for small strain. All three are linear in young * spacing. Empty if no positive
-/// stiffness of these groups, given as mask bits, makes it so, or if some motion would strain no spring.
+/// and is isotropic, for small strain. All three are linear in young * spacing. `group_bits` are the mask
+/// bits of the groups in use. Empty if no positive stiffness of these groups makes the lattice isotropic, or
+/// if some motion would strain no spring.
 ///
 /// A lattice has C_1111 = (k1 + 2 k2 + 4/3 k3) / h and C_1122 = C_1212 = (k2 + 4/3 k3) / h. It is isotropic
 /// if C_1111 = 3 C_1122, which means k1 = k2 + 8/3 k3; then E = 5/2 C_1122. Of the lattices with three groups
@@ -49,9 +50,10 @@ std::optional<std::array<double, 3>> isotropic_stiffness(double young, double sp
 std::optional<double> metres_in(const std::string& unit);
 std::string accepted_lengths();
 
-/// A number with a unit, "5 kPa", in Pa; also of a number alone. Empty if it is neither, or not positive.
+/// Converts a text such as "5 kPa" to Pa. A number without a unit is in Pa. Empty for any other text, and for
+/// a value that is not positive.
 std::optional<double> pascals_of(const std::string& text);
-/// "1.05 g/cm3" in kg/m^3.
+/// Converts a text such as "1.05 g/cm3" to kg/m^3 in the same way.
 std::optional<double> kilograms_per_cubic_metre_of(const std::string& text);
 inline constexpr const char* accepted_young =
     "a modulus in Pa, or with its unit: \"5 kPa\" (Pa, kPa, MPa, GPa)";

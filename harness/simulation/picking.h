@@ -14,9 +14,9 @@
 
 namespace voxspring {
 
-/// The places of a problem's particles in a state, which must be finite: rest position plus displacement. It
-/// refers to both arguments. All functions run on all cores, and their results do not depend on the number of
-/// cores.
+/// The places of a problem's particles in a state: rest position plus displacement. The state must be finite.
+/// The object keeps references to both. All functions run on all cores, and their results do not depend on
+/// the number of cores.
 class Places {
 public:
     Places(const Problem& problem, const State& state) : problem_(problem), state_(state) {}
@@ -38,7 +38,7 @@ public:
 
     /// Springs that `whole` has and the problem no longer has, if both ends are within `radius` of the line
     /// from `a` to `b`. `whole` has the same particles with other springs. Lattice springs come first, sorted
-    /// by first particle and direction, then the others in their order.
+    /// by first particle and direction, then the springs beyond the lattice, in the order of `whole.springs`.
     std::vector<ChangedSpring> lost_springs(const Problem& whole, const glm::dvec3& a, const glm::dvec3& b,
                                             double radius) const;
 

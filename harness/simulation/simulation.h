@@ -62,8 +62,8 @@ public:
     /// Takes hold of the particles within `radius` of `place`: at least the nearest one and at most the
     /// nearest max_held. Lets go of what was held before, the scene's tool included. `stiffness`, a force per
     /// length, is the sum over all springs of the hand. It is reduced if the time step would become unstable:
-    /// each particle gets at most two fifths of the room that the scene's time step leaves for further
-    /// springs.
+    /// the springs of the hand may take at most two fifths of the margin by which omega^2 may still grow at
+    /// the scene's time step.
     std::string take_hold(const glm::dvec3& place, double radius, double stiffness);
     static constexpr std::size_t max_held = 4096;
     bool holds() const { return holds_; }
@@ -72,7 +72,8 @@ public:
     /// The force on the hand in the latest step; 0 without a hold, or without a step since it took hold.
     /// Synchronizes.
     glm::dvec3 force();
-    /// Removes the tool, and the loads of zero that came with it if the scene has no loads.
+    /// Removes the hand's tool; does nothing without a hold. Also removes the loads of zero that take_hold()
+    /// added if the scene has no loads.
     void let_go();
 
     // --- Blade and needle -------------------------------------------------------------------------------
@@ -81,15 +82,16 @@ public:
         std::size_t springs = 0;  ///< number of springs cut or joined
         std::string refused;      ///< why none was changed; empty if there was none to change
     };
-    /// Cuts every spring that passes through the quad that a part of a stroke has swept. The blade's edge
-    /// lies from swept[0] to swept[1] at its beginning, and from swept[2] to swept[3] at its end. The quad
-    /// consists of the two triangles on either side of the line from swept[0] to swept[3].
+    /// Cuts every spring that passes through the quad that the blade has swept in part of a stroke. The
+    /// blade's edge lies from swept[0] to swept[1] at the beginning of that part, and from swept[2] to
+    /// swept[3] at its end. The quad consists of the two triangles on either side of the line from swept[0]
+    /// to swept[3].
     Change cut(const std::array<glm::dvec3, 4>& swept);
     /// Restores springs of the scene's start whose two particles are within `radius` of the line from `a` to
     /// `b` and have no spring now. If there is no such spring, a new spring (a stitch) joins the particles
     /// nearest to `a` and to `b`, unless they are the same or are joined already. A stitch is refused if the
     /// backend does not take springs beyond the lattice, or if all stitches together would take more than two
-    /// fifths of the room that the scene's time step leaves.
+    /// fifths of the margin that take_hold() describes.
     Change suture(const glm::dvec3& a, const glm::dvec3& b, double radius);
 
     // --- The whole --------------------------------------------------------------------------------------
@@ -108,13 +110,14 @@ public:
 
     // --- Beside float64 ---------------------------------------------------------------------------------
 
-    /// Turns a float64 simulation on the processor on or off. It starts from the present state and makes
-    /// every step, edit and move of the hand as well. Refuses bodies of more than max_compared particles and
+    /// Turns on or off a second simulation, in float64 on the processor. It starts from the present state and
+    /// repeats every step, edit and move of the hand. Refuses bodies of more than max_compared particles and
     /// states that are not finite.
     std::string compare(bool on);
     static constexpr std::size_t max_compared = 250'000;
     bool compares() const { return other_.backend != nullptr; }
-    /// Each particle's distance from its place in that simulation; empty without one. Downloads both states.
+    /// Each particle's distance from its place in the float64 simulation; empty if that is off. Downloads
+    /// both states.
     std::vector<double> errors();
 
 private:
@@ -160,32 +163,35 @@ private:
     void use_tool_of(const Problem& problem);
 
     Change stitch(const std::pair<std::uint32_t, std::uint32_t>& ends);
-    /// Makes the edit that `find` returns for an editor, unless the backend does not support the result.
+    /// Makes the edit that `find(editor)` returns, unless the backend does not support the resulting problem.
     template <class Find>
     Change change_if_supported(Find find);
     template <class Find>
     Change by_hand(Find find);
-    /// Passes to the backends an edit that `problem_` has already.
+    /// Passes `edit`, which has been applied to `problem_`, to the backends.
     void tell_of(const SpringEdit& edit);
 
     const Scene scene_;
     BackendSpec spec_;
-    Problem problem_;  ///< backends refer to it after an edit
+    Problem problem_;  ///< after an edit the backends keep a reference to it
     Running main_;
     Running other_;                       ///< the float64 simulation, if compare() has turned it on
     std::optional<std::string> failure_;  ///< the DeviceError of the main backend
     std::int64_t steps_ = 0;
     std::size_t next_edit_ = 0;
     bool edits_as_scheduled_ = true;  ///< only the scene's edits have changed springs so far
-    std::int64_t tick_ = -1;  ///< tick of the motion at which the scene's tool is; -1: where it took hold
+    /// Number of the latest move of the scene's tool; -1: it is where it took hold.
+    std::int64_t tick_ = -1;
     bool follows_motion_ = false;  ///< the scene's tool still follows its motion
     std::uint64_t springs_version_ = 0;
     bool holds_ = false;
     glm::dvec3 moved_{0};           ///< how far the hand has moved since it took hold
     std::vector<Spring> stitches_;  ///< all springs that the needle has ever added
     Kept kept_;
-    std::optional<State> broken_;  ///< the state if it is not finite; such a state is not kept
-    bool is_latest_ = false;       ///< `broken_`, or else the kept state, is the present one
+    /// The latest downloaded state if it is not finite; `kept_` is then an earlier one.
+    std::optional<State> broken_;
+    /// `broken_`, or `kept_` if that is empty, is the state after `steps_`.
+    bool is_latest_ = false;
 };
 
 }  // namespace voxspring

@@ -22,9 +22,9 @@
 namespace voxspring {
 namespace {
 
-/// A row whose times come from one half of its repetitions, with the median of the other half, by which it is
-/// chosen. The least of many medians is partly luck, and the times reported from the other half are free of
-/// that bias.
+/// A row whose repetitions are split into two halves. The fastest row is chosen by the median of one half,
+/// and reports times from the other half. The least of many medians is partly luck; the reported times are
+/// free of that bias.
 struct SplitCase {
     Row row;
     double chosen_by = 0;  ///< us per step
@@ -72,7 +72,7 @@ bool of_the_paper(const Row& row) {
 /// not known), and whether a target is an upper bound.
 struct QuantityName {
     const char *name, *unit;
-    std::optional<double> (*of)(const Row&);  ///< null: follows from two rows
+    std::optional<double> (*of)(const Row&);  ///< null for a quantity that needs two rows
     bool at_most = false;
 };
 constexpr std::array quantities = {

@@ -13,8 +13,8 @@
 
 namespace voxspring {
 
-/// The backends that reimplement the paper's seven strategies: OpenGL fragment shaders, with implicit
-/// addressing and with lists, and six in CUDA. Rows of these backends count with any tuning.
+/// The eight backends that reimplement the paper's seven strategies: two with OpenGL fragment shaders, by
+/// implicit addressing and by lists, and six in CUDA. Rows of these backends count with any tuning.
 const std::vector<std::string>& paper_backends();
 
 /// What a target limits. Seconds must be at most the target's value, all other quantities at least.
@@ -31,8 +31,8 @@ std::string to_string(Quantity quantity);
 /// A target of a study on one dataset.
 struct Target {
     std::string scene, formulation, precision;
-    std::string backends = "*";  ///< a glob of names; the fastest match counts
-    std::string over;            ///< a glob of names as well, for speed_ratio
+    std::string backends = "*";  ///< glob of backend names; the fastest match counts
+    std::string over;            ///< glob of the backends to compare with, for speed_ratio
     Quantity quantity = Quantity::seconds_per_step;
     double value = 0;
 };

@@ -1,4 +1,4 @@
-// Verifies and times a kernel that is no backend, a function of a user's own program, by the rules of a
+// Verifies and times a kernel that is not a backend but a function of a user's program, by the rules of a
 // study.
 #pragma once
 
@@ -26,15 +26,15 @@ struct Kernel {
     Formulation formulation = Formulation::position;
     Precision precision = Precision::float32;
     Capabilities capabilities = {};  ///< `api` names the system with its version, "torch 2.11.0"
-    Counters counters = {};          ///< of its row
+    Counters counters = {};          ///< counters of its row
 };
 
 /// One kernel on one scene. The caller makes a warm-up and then the repetitions, each from start(), in this
 /// process; trials of several kernels may take turns. All states are judged.
 class KernelTrial {
 public:
-    /// Computes the references, which takes all cores. `on_progress` as for References. Throws BadInput for a
-    /// name that no row can have, and for a scene with edits or a tool, of which a kernel is told nothing.
+    /// Computes the references, which takes all cores. `on_progress` as for References. Throws BadInput for
+    /// an invalid name, and for a scene with edits or a tool, since a kernel is not told of these.
     KernelTrial(std::shared_ptr<const Scene> scene, int steps, int repetitions, Kernel kernel,
                 References::OnProgress on_progress = {});
     KernelTrial(const KernelTrial&) = delete;
@@ -62,13 +62,13 @@ private:
     ReferenceSolution solve(const Scene& scene);
 
     const std::shared_ptr<const Scene> scene_;
-    const int steps_, asked_;  ///< of a repetition; repetitions
+    const int steps_, asked_;  ///< steps per repetition; number of repetitions
     const Kernel kernel_;
     BackendEntry entry_;
     BackendSpec spec_;
     References references_;
     ReferenceSolution solution_;
-    double own_share_;  ///< of the springs, strained by the scene's own start
+    double own_share_;  ///< share of the springs that the scene's own start strains
     std::optional<Scene> strained_scene_;
     std::optional<ReferenceSolution> strained_solution_;
 

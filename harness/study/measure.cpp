@@ -49,8 +49,8 @@ struct MeasurementContext {
     const Batch& batch;
     const ReferenceSolution& solution;
     SharedState& state;
-    State& left;  ///< room for what a case leaves
-    int edits;    ///< within a batch
+    State& left;  ///< receives the state that a case left
+    int edits;    ///< number of edits within a batch
     const StrainedRun& strained;
     const Card* card;                ///< null: no card is watched
     const std::vector<Case>& cases;  ///< all cases, whether they have a process yet or not
@@ -103,8 +103,8 @@ public:
     }
 
     /// Starts a compilation in the case's process, if that pays, and returns whether it did. It does not pay
-    /// for a large scene, where compiling takes less time than the upload that it requires, nor for APIs
-    /// other than CUDA, which compile faster than they make a second backend.
+    /// for a large scene: it requires an upload, which then takes longer than compiling. Nor does it pay for
+    /// APIs other than CUDA, which compile in less time than it takes to construct a second backend.
     bool begin_compiling() {
         const bool compiles = !capabilities_of(case_.capabilities()).kernel_compiler.empty();
         if (!compiles || known("warm") || is_heavy(context_.scene)) return false;
@@ -131,15 +131,15 @@ public:
         if (!std::exchange(counting_, false)) return;
         attempt([&] { case_.scope().keep("step work", case_.finish("counting its work")); });
     }
-    /// Measures a launch in the case's process, if a launch limits its steps. This is done before the
-    /// repetitions and after them: other activity of the processor may last for seconds, and must not raise
-    /// the limit.
+    /// Measures the time of a kernel launch in the case's process, if launches limit the speed of its steps.
+    /// This is done before the repetitions and after them: other activity of the processor may last for
+    /// seconds, and must not raise the limit.
     void measure_launch(const char* when) {
         if (!failure_.empty() || !case_.process() || known(when)) return;
         if (bound(launch_seconds(), {}).longest.limited_by != "launch") return;
         attempt([&] { case_.scope().keep(when, case_.ask({{"do", "launch"}}, "measuring a launch")); });
     }
-    /// The shortest launch of the case's process; empty if none was measured there.
+    /// The shortest time of a launch that the case's process measured; empty if it measured none.
     std::optional<double> launch_seconds() const {
         std::optional<double> least;
         for (const char* when : {launch_before, launch_after}) {
@@ -182,8 +182,9 @@ public:
         });
     }
 
-    /// Makes the next repetition, unless the case has failed. They are finished together, when the state that
-    /// the last one left has been judged: hashes of a device's states can be compared only within a process.
+    /// Makes the next repetition, unless the case has failed. The journal gets all repetitions of a case
+    /// together, once the state after the last one has been judged: a device's hashes of states can be
+    /// compared only within a process.
     void repeat() {
         attempt([&] {
             if (done() > 0 && process_of(done()) != process_of(done() - 1)) {
@@ -269,9 +270,9 @@ public:
     /// Judges the state that finish_reading() took.
     void judge_strained_start();
 
-    /// Adds the rows of the case, which has this number in its scene.
+    /// Adds the rows of the case. `number` is its index among the cases of the scene.
     void add_rows(StudyBench& bench, int number);
-    /// Tells the bench of the shortest launch of its process.
+    /// Reports launch_seconds() to the bench.
     void tell_launch(StudyBench& bench) const {
         if (const auto seconds = launch_seconds())
             bench.improve_launch(capabilities_of(case_.capabilities()), *seconds);
@@ -294,8 +295,8 @@ private:
         seconds_ += repetition.at("host_seconds").get<double>();
         repetitions_.push_back(std::move(repetition));
     }
-    /// The number of the process that makes a repetition, from 0: where a process's memory and threads lie
-    /// decides the time of a backend that steps on the host.
+    /// The index of the process that makes a repetition. A backend that steps on the host is timed in several
+    /// processes, since its time depends on where a process's memory and threads lie.
     int process_of(int repetition) const {
         const int processes = on_host() && context_.batch.rewind ? host_processes : 1;
         return repetition * processes / std::max(processes, context_.batch.repetitions);
@@ -317,10 +318,10 @@ private:
 
     Case& case_;
     const MeasurementContext& context_;
-    const double own_share_;  ///< of the springs that the scene's own start strains
+    const double own_share_;  ///< share of the springs that the scene's own start strains
     std::string failure_;     ///< empty: no failure so far
     std::vector<nlohmann::json> repetitions_;
-    double seconds_ = 0;  ///< sum of their times
+    double seconds_ = 0;  ///< time of all repetitions together
     bool compiling_ = false, counting_ = false, warming_up_ = false, reading_ = false, read_ = false;
     bool unjudged_ = false;  ///< the last repetition has been made and not been judged
 };
@@ -343,9 +344,9 @@ void TimedCase::judge_strained_start() {
     });
 }
 
-/// Notes about the state that a repetition left what is known only until the next one begins. All repetitions
-/// begin at the same state, so their last states have the same bits, and it is enough to judge one of them.
-/// Where bits depend on the order of a sum, each state is judged.
+/// Adds to `answer` facts about the state that a repetition left. The next repetition overwrites that state.
+/// All repetitions begin at the same state. So the states of a deterministic backend have the same bits: a
+/// hash is enough, and one of the states is judged later. Of other backends each state is judged here.
 void TimedCase::look_at_state(nlohmann::json& answer) {
     const std::string doing = "reading the state that it left";
     if (capabilities_of(case_.capabilities()).deterministic) {
@@ -356,8 +357,8 @@ void TimedCase::look_at_state(nlohmann::json& answer) {
     }
 }
 
-/// Why a repetition before the last one is wrong; empty if none is. It is empty, too, if each batch continues
-/// from the one before: then the last state depends on all batches, and is judged for all of them.
+/// Why a repetition before the last one is wrong; empty if none is. Also empty if each batch continues from
+/// the previous one: the last state then depends on all batches, so that judging it is enough.
 std::string TimedCase::other_repetition() const {
     if (!context_.batch.rewind) return {};
     for (int n = 1; n < done(); ++n) {
@@ -392,7 +393,7 @@ EditPart TimedCase::edit_part() const {
             .seconds_per_step_without = median(plain)};
 }
 
-/// The medians of the starts. The counters say by how much these differ.
+/// The median times of the starts. Adds counters that say by how much the starts differ.
 StartPart TimedCase::start_part(Counters& counters) const {
     std::vector<double> construct, compile, upload, warm, cold;
     const auto add = [&](double constructed, const nlohmann::json& of) {
@@ -427,8 +428,8 @@ bool TimedCase::leaves_out_tiles() const {
     return work.contains("tiles_stepped") && work.at("tiles_stepped") < work.at("tiles");
 }
 
-/// The shortest time of a step of the whole body. A launch takes `launch` seconds, or what the device's
-/// limits say if that is less. `limited_by` is empty if the time is not known.
+/// The shortest possible time of a step of the whole body. A launch takes `launch` seconds, or what the
+/// device's limits say if that is less. `limited_by` is empty if the time is not known.
 StepBound TimedCase::bound(std::optional<double> launch, const std::vector<DeviceLimits>& of_card) const {
     if (!case_.limits || kept("step work").is_null()) return {};
     DeviceLimits own = *case_.limits;
@@ -436,8 +437,8 @@ StepBound TimedCase::bound(std::optional<double> launch, const std::vector<Devic
     return bound_of(step_work_of(kept("step work")), case_.spec().options.precision, own, of_card);
 }
 
-/// Empty if the backend does not tell the work of a step, or if steps leave out tiles at rest: the limit
-/// would be that of the whole body.
+/// Empty if the backend does not tell the work of a step, or if steps leave out tiles at rest: only the limit
+/// for the whole body is known.
 LimitPart TimedCase::limit_part(const StudyBench& bench, Counters& counters) const {
     if (kept("step work").is_null() || leaves_out_tiles()) return {};
     const StepWork work = step_work_of(kept("step work"));
@@ -673,7 +674,7 @@ void check_batch(const Study& study, const Scene& scene, const Batch& batch) {
                            counted(std::uint64_t(batch.repetitions), "repetition") + " together");
 }
 
-/// Computes what runs of these cases from the strained start are compared with, for those that need it.
+/// Computes the reference for runs from the strained start, for those of `cases` that need such a run.
 void solve_strained_start(StudyBench& bench, const ReferenceSolution& own, const Batch& batch,
                           const std::vector<TimedCase>& cases, StrainedRun& run) {
     std::vector<BackendSpec> specs;
@@ -700,7 +701,7 @@ struct TimedGroup {
 };
 
 /// Makes the fastest case of each formulation and precision step without a pause. A case on the host counts
-/// where no device was measured: beside a device it is not the row that a reader looks for.
+/// only if no device was measured: beside a device, readers do not look for the host's row.
 void sustain_fastest(StudyBench& bench, std::deque<TimedGroup>& groups) {
     std::map<std::pair<Formulation, Precision>, TimedCase*> fastest;
     for (TimedGroup& group : groups) {
@@ -730,7 +731,8 @@ void measure(StudyBench& bench, const Batch& batch) {
     StrainedRun strained;
     State left;
     std::deque<TimedGroup> groups;
-    // A row's limit is that of its card, which APIs of later groups may raise.
+    // Rows are added after all groups, since a row's limit is that of its card, which measurements of a later
+    // group may change.
     const auto add_rows = [&] {
         int number = 0;
         for (TimedGroup& group : groups) {

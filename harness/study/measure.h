@@ -12,24 +12,25 @@ namespace voxspring {
 void check_batch(const Study& study, const Scene& scene, const Batch& batch);
 constexpr int max_steps_in_all = 1000000000;
 
-/// The reference for the states of these backends after all steps, when the problem is `last`. To be computed
-/// before anything is timed, since it takes all cores.
+/// The reference for the states of these backends after all steps. `last` is the problem then, after all
+/// edits. Must be called before anything is timed, since it takes all cores.
 ReferenceSolution solution_of(StudyBench& bench, const Problem& last, const Batch& batch,
                               const std::vector<BackendSpec>& specs);
 
-/// Adds to `solution`, of `scene`, the spreads that more backends need, if they round in other ways.
+/// Adds to `solution`, the reference for `scene`, the spreads that `specs` need and that it does not have
+/// yet.
 void add_spreads(StudyBench& bench, const Scene& scene, const std::vector<BackendSpec>& specs,
                  ReferenceSolution& solution);
 
 /// Runs every backend of the bench `repetitions` times for `steps` steps, from the same state each time,
-/// interleaved in random order after one warm-up batch each, and then compares the state that its last timed
-/// batch left with float64 (errors.h). The other batches must have left the same bits; of a backend that is
-/// not deterministic each state is compared. Where the scene's own start strains too few springs, a further
-/// batch from a start in which every spring is strained is compared as well. A DeviceError fails that case
-/// only, and so does the end of its process, or a run that diverges. What the journal has is not run again.
-/// If there are more backends than StudyOptions::together, they are measured group by group, and interleaved
-/// within each group. The rows give reasons not to trust their times (noise.h). After an interruption, cases
-/// that are not finished are left out.
+/// interleaved in random order after one warm-up batch each, and then compares the state after the backend's
+/// last timed batch with float64 (errors.h). The other batches must have left the same bits. If the backend
+/// is not deterministic, the state after every batch is compared instead. Where the scene's own start strains
+/// too few springs, a further batch from a start in which every spring is strained is compared as well. A
+/// DeviceError fails that case only, and so does the end of its process, or a run that diverges. What the
+/// journal has is not run again. If there are more backends than StudyOptions::together, they are measured
+/// group by group, and interleaved within each group. The rows give reasons not to trust their times
+/// (noise.h). After an interruption, cases that are not finished are left out.
 ///
 /// Lists: `benchmarks`, Google Benchmark's rows of the cases that passed; `verification`, one row per case
 /// that reached the last step; `failed`, cases that failed, each with a `reason`.

@@ -15,10 +15,10 @@ State strained_start(const Problem& problem);
 /// The largest movement of a particle in the last step; infinite if any value is not finite.
 double farthest(const State& state);
 
-/// The amplitude of a start for which theory holds, in spacings, and the largest movement of a bounded run,
-/// in amplitudes of its start. A float32 position at 16 spacings resolves a thousandth of 0.001, so a mode's
-/// share of the start is not rounded away. 30 times 0.001 is still less than 0.07 to 0.2, where nonlinear
-/// springs stop the growth of a damped mode.
+/// `small_amplitude`, in spacings, is that of a start for which theory holds. `max_growth` is the largest
+/// movement per step of a bounded run, in amplitudes of its start. A float32 position at 16 spacings resolves
+/// a thousandth of 0.001, so a mode's share of the start is not rounded away. 30 times 0.001 is still less
+/// than the 0.07 to 0.2 at which nonlinear springs stop the growth of a damped mode.
 constexpr double small_amplitude = 1e-3;
 constexpr double max_growth = 30;
 
@@ -30,8 +30,9 @@ int steps_to_grow(const Problem& problem, double excess);
 /// The state `steps` steps after `start`.
 State run_from(const State& start, const Problem& problem, Backend& backend, int steps);
 
-/// The total energy before the next step, which this function makes. The velocity is the mean of those half a
-/// step before and half a step after; otherwise the energy of a fast mode would be wrong by up to a third.
+/// Makes a step, and returns the total energy before it. The velocity used is the mean of the velocities half
+/// a step before and half a step after that time; otherwise the energy of a fast mode would be wrong by up to
+/// a third.
 double energy_before_step(const Problem& problem, Backend& backend);
 
 }  // namespace voxspring

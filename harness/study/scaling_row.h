@@ -14,15 +14,17 @@ namespace voxspring {
 
 /// The times of one or several ranks.
 struct ScalingRow : Row {
-    std::string family = {};   ///< whose rows are compared: a scene, or scenes that grow with the ranks
+    /// Rows of one family are compared: those of one scene, or of scenes that grow with the ranks.
+    std::string family = {};
     std::string scaling = {};  ///< "strong", "weak"
     int ranks = 1;
     std::string cut = {};  ///< how many parts along x, y and z: "1x1x2"
     std::string way = {};  ///< how borders are exchanged: "none", or one of known_ways
     double seconds_per_step = 0;
-    double compute_seconds = 0, exchange_seconds = 0, waiting_seconds = 0;  ///< of a step
-    std::uint64_t largest_part = 0;                                         ///< particles, ghosts included
-    std::uint64_t ghosts = 0;                                               ///< sum over all parts
+    /// Per step, of the rank with the most work.
+    double compute_seconds = 0, exchange_seconds = 0, waiting_seconds = 0;
+    std::uint64_t largest_part = 0;  ///< particles of the largest part, ghosts included
+    std::uint64_t ghosts = 0;        ///< number of ghosts of all parts together
     std::uint64_t border_bytes = 0;  ///< per step, of the rank that sends most
     std::optional<double> latency_seconds = {}, seconds_per_byte = {};
     std::optional<bool> same_bits = {};
@@ -57,7 +59,7 @@ struct ScalingRow : Row {
 /// largest part takes as long as in `one`; then follows an exchange of the largest number of bytes. If the
 /// two overlap, a step takes the longer of both times. The borders of a body of the same shape grow with the
 /// square of its length. At `pays_from_particles` this number of ranks is as fast as one rank, by the model.
-/// It stays empty if an exchange has no time that was measured separately.
+/// It stays empty if the time of an exchange was not measured separately.
 void compare(ScalingRow& row, const ScalingRow& one);
 
 /// The rows of `scene` in the result of a scaling study. Throws BadInput if the result has no list `scaling`,

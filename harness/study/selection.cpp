@@ -164,7 +164,7 @@ std::vector<std::string> select_backends(Study& study, const std::vector<std::st
         return std::any_of(specs.begin(), specs.end(),
                            [&](const BackendSpec& spec) { return matches(glob, spec); });
     };
-    std::vector<std::vector<bool>> asked;  // by glob, by scene
+    std::vector<std::vector<bool>> asked;  // indexed by glob, then by scene
     for (const std::string& glob : globs) {
         const std::string named = leaves_out(glob) ? glob.substr(1) : glob;
         std::vector<bool>& by_scene = asked.emplace_back();

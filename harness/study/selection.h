@@ -33,7 +33,7 @@ std::vector<BackendSpec> select(std::vector<BackendSpec> specs, const std::vecto
 
 /// The patterns of an item's backends: its own, or else those of the study.
 const std::vector<std::string>& patterns_of(const Study& study, const StudyScene& item);
-/// The backends that are known before the scene is loaded, without the choices of the rules.
+/// The backends that are known before the scene is loaded: all except those that rules choose for `auto`.
 std::vector<BackendSpec> known_specs(const Study& study, const StudyScene& item);
 /// Whether there are known_specs(), or the rules choose a backend for the scene.
 bool has_backends(const Study& study, const StudyScene& item);

@@ -19,16 +19,17 @@ class MpiRanks;
 
 /// One scene of a study.
 struct StudyScene {
-    std::string scene;                   ///< argument of load_scene(), or a name that the kind interprets
-    int steps = 0;                       ///< per batch; errors are measured after it, unless the kind differs
-    std::vector<std::string> backends;   ///< backend patterns; empty: those of the study
-    std::vector<std::string> only = {};  ///< globs of --backend for this scene (select_backends())
-    std::shared_ptr<const Scene> built = nullptr;        ///< a scene in memory, instead of load_scene(scene)
+    std::string scene;  ///< argument of load_scene(), or a name that the kind interprets
+    /// Number of steps per batch. Errors are measured after it, unless the kind says otherwise.
+    int steps = 0;
+    std::vector<std::string> backends;             ///< backend patterns; empty: those of the study
+    std::vector<std::string> only = {};            ///< globs of --backend for this scene (select_backends())
+    std::shared_ptr<const Scene> built = nullptr;  ///< a scene in memory, instead of load_scene(scene)
     nlohmann::json settings = nlohmann::json::object();  ///< the kind's keys of a study file
 };
 
-/// A study file (results/study.schema.json). A backend pattern is `GLOB[:key=value,...]`: it stands for every
-/// registered backend whose name matches and that takes these options, with them. `formulation=*` and
+/// A study file (results/study.schema.json). A backend pattern is `GLOB[:key=value,...]`: it stands, with
+/// these options, for every registered backend whose name matches and that takes them. `formulation=*` and
 /// `precision=*` stand for each one that the backend has. `auto[:key=value,...]` is what `--backend auto`
 /// chooses for the scene (auto_choice.h).
 struct Study {
@@ -36,7 +37,7 @@ struct Study {
     std::string description;
     std::string kind = "timing";  ///< a registered kind (study_kind.h)
     int repetitions = 9;
-    int steps = 0;                                       ///< of scenes that the command line adds
+    int steps = 0;  ///< number of steps of scenes that the command line adds
     nlohmann::json settings = nlohmann::json::object();  ///< the kind's keys of a study file
     std::vector<std::string> backends;
     std::vector<StudyScene> scenes;
@@ -47,7 +48,7 @@ Study load_study(const std::string& argument);
 
 std::vector<Named> builtin_studies();
 
-/// More ranks than any machine or study has.
+/// The largest number of ranks that a study file may ask for.
 constexpr int max_ranks = 1024;
 
 /// What the command line changes about a study.
@@ -57,7 +58,7 @@ struct StudyOptions {
     /// to each scene. "!GLOB" leaves out the backends that match.
     std::vector<std::string> backends;
     std::vector<std::string> scenes;
-    VolumeOptions volume;  ///< of each scene that is a volume file
+    VolumeOptions volume;  ///< options for each scene that is a volume file or a mesh
     std::optional<int> repetitions;
     /// For a scaling study: the largest number of ranks; larger numbers are left out. Empty: one per device
     /// in `devices`, or one per processor, or as many as mpirun started.
@@ -68,8 +69,8 @@ struct StudyOptions {
     /// For a scaling study: the processes that mpirun started, of which this one is rank 0. Null without
     /// mpirun.
     MpiRanks* mpi = nullptr;
-    /// The largest number of processes that measure in turns. If all have a context on a GPU, each one makes
-    /// the start of the next slower.
+    /// The largest number of processes that exist together and measure in turns. If all have a context on a
+    /// GPU, each one makes the next one start more slowly.
     int together = 32;
     /// The largest number of cases that do at once what is not timed: construct, compile, go through a suite.
     /// Empty: one per two cores.

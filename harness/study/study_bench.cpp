@@ -176,7 +176,8 @@ void StudyBench::introduce_at_once(std::vector<Case>& cases) const {
 std::vector<Case> StudyBench::enter_all(std::span<const BackendSpec> specs, const CaseProgram& program,
                                         EnterOptions how) {
     CaseProgram with_its_share = program;
-    // Counts the processors that this process may use, which under taskset or in a container are not all.
+    // omp_get_num_procs() counts only the processors that this process may use, for example under taskset or
+    // in a container.
     with_its_share.threads = std::max(1, omp_get_num_procs() / int(uploads_side_by_side()));
     std::vector<Case> made, cases;
     for (const BackendSpec& spec : specs)
@@ -246,7 +247,8 @@ std::vector<std::string> StudyBench::with_choices(std::vector<std::string> patte
     return patterns;
 }
 
-/// Introduces a case. Returns why it cannot run the scene; empty if it can.
+/// Makes the case construct and describe its backend. Returns why the backend cannot run the scene; empty if
+/// it can.
 std::string StudyBench::refusal_of(Case& benchmark_case) {
     const nlohmann::json introduction = benchmark_case.introduce();
     const nlohmann::json& described = introduction.at("capabilities");
@@ -273,7 +275,7 @@ std::mt19937& StudyBench::order() {
     return *order_;
 }
 
-/// Watches the first card. All backends that use a card use the same one.
+/// Begins to watch the first card that a backend uses. All backends on a card use the same card.
 void StudyBench::watch_card(const std::string& uuid) {
     if (uuid.empty() || context().contains("card_watched")) return;
     try {

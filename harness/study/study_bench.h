@@ -70,7 +70,7 @@ public:
     const StudyOptions& options() const { return options_; }
     const StudyScene& item() const { return *item_; }
     const Scene& scene() const { return *scene_; }
-    /// The backends that the study asks for on this scene, including the choices of the rules.
+    /// The backends that the study asks for on this scene, including those that rules chose for `auto`.
     const std::vector<BackendSpec>& specs() const { return specs_; }
     /// The specs() in as few groups of at most StudyOptions::together as possible, whose sizes differ by at
     /// most one. Backends that step on the host are in further groups, after all others.
@@ -83,7 +83,7 @@ public:
     /// processors from then on, except for backends that step on the processor.
     std::vector<Case> enter_all(std::span<const BackendSpec> specs, const CaseProgram& program,
                                 EnterOptions how);
-    /// How many cases do at once what is not timed.
+    /// How many cases do at the same time what is not timed.
     std::size_t side_by_side() const;
     /// How many cases upload at once. For a heavy scene there are just enough that one computes while others
     /// compile or wait for their device.
@@ -95,13 +95,13 @@ public:
         result_.rows<T>(list).push_back(std::move(row));
     }
     void add(const std::string& list, const nlohmann::json& row) { result_.add(list, row); }
-    /// Gives a row its identity, that of a backend on the scene, and its workpiece of `steps` steps.
+    /// Sets the row's identity (the scene and the backend) and its workpiece (the scene's size and `steps`).
     void identify(Row& row, const BackendSpec& spec, int steps) const;
     /// How many of specs() run the scene, as far as is known by now.
     int expected_cases() const;
 
-    /// Both add a row to `skipped`. refuse(): the backend does not run the scene. skip(): there is something
-    /// that it cannot do there.
+    /// Both add a row to `skipped`. refuse(): the backend does not run the scene at all. skip(): it does, but
+    /// cannot do something that the study asks for.
     void refuse(const BackendSpec& spec, const std::string& reason);
     void skip(const BackendSpec& spec, const std::string& reason);
     /// Adds a row to `failed`.
@@ -116,7 +116,7 @@ public:
     std::vector<DeviceLimits> limits_on_card_of(const Capabilities& capabilities) const {
         return limits_.on_card_of(capabilities);
     }
-    /// Takes a launch of a backend's API that was shorter than the one known.
+    /// Records the time of a launch through a backend's API, if it is shorter than the known one.
     void improve_launch(const Capabilities& capabilities, double seconds) {
         limits_.improve_launch(capabilities, seconds);
     }
@@ -158,7 +158,7 @@ private:
     MeasuredLimits limits_;
     std::unique_ptr<Card> card_;
     std::optional<std::mt19937> order_;
-    References references_;  ///< report their progress, and throw Interrupted
+    References references_;  ///< its computations report progress, and throw Interrupted
 };
 
 }  // namespace voxspring

@@ -28,10 +28,11 @@ public:
     StudyKind& operator=(const StudyKind&) = delete;
     virtual ~StudyKind() = default;
 
-    /// Reads the kind's keys of a study file. Keys that it does not ask for are refused.
+    /// Reads those keys of a study file that belong to the kind. Keys that it does not ask for are refused.
     virtual void read(JsonObject&) {}
     /// The key of the list of scenes, usually "scenes". read_scene() returns the scene that an item of the
-    /// list names, and checks the kind's keys of the item, which are later in the item's settings.
+    /// list names, and checks the keys of the item that belong to the kind. These are later in
+    /// StudyScene::settings.
     virtual std::string scenes_key() const { return "scenes"; }
     virtual std::string read_scene(JsonObject& item) const { return item.require("scene").string(); }
     /// The scene of an item, if the kind makes it; null if load_scene() does. A kind that makes scenes takes

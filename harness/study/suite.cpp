@@ -77,9 +77,9 @@ private:
     StudyBench& bench_;
     Case case_;
     const OnEvent& on_event_;
-    const int& done_;                 ///< number of cases before this one
-    std::set<std::string> finished_;  ///< names of measurements finished before it began
-    std::size_t kept_ = 0;            ///< measurements in the journal
+    const int& done_;                 ///< number of cases finished so far
+    std::set<std::string> finished_;  ///< names of the measurements that the journal already had
+    std::size_t kept_ = 0;            ///< number of measurements in the journal
     std::string at_ = "before its first measurement";
     bool working_ = false;
 };

@@ -46,8 +46,9 @@ struct SuiteHooks {
 /// Rows are added to the bench in the order of its backends. If a suite fails as a whole, for example because
 /// its process ends, it has a row in `failed`. After an interruption the rows so far are kept.
 ///
-/// A suite is not timed, so StudyOptions::side_by_side of them run at once. Exceptions are the first one,
-/// whose findings the others need, and those on the processor, which take all of its cores.
+/// A suite is not timed, so StudyOptions::side_by_side of them run at once. Two kinds of suites run alone:
+/// the first one, whose findings the others need, and those of backends on the processor, which take all
+/// cores.
 void measure_suites(StudyBench& bench, const SuiteHooks& suites);
 
 }  // namespace voxspring

@@ -50,8 +50,8 @@ void spread_threads() {
     }
 }
 
-/// While this object lives, each OpenMP thread runs on a processor that no other of them has. The system
-/// would otherwise move threads, or let two share a core, in some batches and not in others.
+/// While this object lives, each OpenMP thread is pinned to a processor that no other OpenMP thread uses. The
+/// system would otherwise move threads, or let two share a core, in some batches and not in others.
 class PinnedThreads {
 public:
     PinnedThreads() {
@@ -188,8 +188,8 @@ private:
         return answer;
     }
 
-    /// For a scene with edits: the time of a batch without them, then rewinds. It is measured right before
-    /// the batch with edits, so that both meet the same clocks.
+    /// For a scene with edits: times a batch without them, and rewinds. This is done right before the batch
+    /// with edits, so that both run at the same clocks.
     std::optional<double> plain(Backend& backend) {
         if (runner_.edits_within(batch_.steps) == 0) return std::nullopt;
         const Timing timing = backend.timed([&] { backend.step(batch_.steps); });
@@ -227,9 +227,9 @@ private:
         return answer;
     }
 
-    /// Batches without a pause, for a third of `seconds` until clocks settle and then for `seconds`: the mean
-    /// time of a step by the backend's clock, and what the device's meter says, if it has one. They must
-    /// leave the state of the first one.
+    /// Runs batches without a pause: for a third of `seconds` until clocks settle, and then for `seconds`.
+    /// Returns, for the latter, the mean time of a step by the backend's clock, and what the device's meter
+    /// says, if it has one. The last batch must leave the same state as the first one.
     nlohmann::json sustain(Backend& backend, double seconds) {
         std::optional<PinnedThreads> pinned;
         if (backend.capabilities().steps_on_host()) pinned.emplace();

@@ -32,8 +32,9 @@ int steps_in_all(const Batch& batch);
 /// Answers "warm up" with the times of the first upload, "repeat" with a timed batch, "state" with the state
 /// that the last batch left, through `shared`, "fingerprint" with that of this state, "edits" with their
 /// latencies, "sustain" with the time of a step while batches follow each other for so long, "strained" with
-/// the state after a batch from strained_start(), through `shared`, and "step work" with the least work of a
-/// step (limits.h).
+/// the state after a batch from strained_start(), through `shared`, "compile" once a second backend has
+/// compiled kernels for the process, "launch" with the time of a launch, and "step work" with the least work
+/// of a step (limits.h).
 CaseProgram timing_program(const Batch& batch, SharedState& shared);
 
 }  // namespace voxspring

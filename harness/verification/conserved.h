@@ -13,7 +13,7 @@ namespace voxspring {
 
 /// Momentum of the particles that can move.
 struct Momentum {
-    glm::dvec3 sum{0};  ///< m v, v = increment / time step: the velocity half a step ago
+    glm::dvec3 sum{0};  ///< sum of m v; v = increment / time step is the velocity half a step ago
     double size = 0;    ///< sum of |m v|
     Momentum& operator+=(const Momentum& other);
 };
@@ -51,7 +51,7 @@ Drift drift(const Conserved& run, const Conserved& reference);
 struct Statistic {
     enum Kind : std::size_t { centre_of_mass, kinetic_energy, spring_energy, spectrum, count };
     double difference = 0;
-    double size = 0;  ///< the size with which the difference is compared
+    double size = 0;  ///< what the difference is compared with
 };
 using Statistics = std::array<Statistic, Statistic::count>;
 std::string to_string(Statistic::Kind kind);
@@ -61,14 +61,14 @@ struct StateSummary {
     double moved = 0;  ///< root mean square of the distances that particles moved
     glm::dvec3 centre_of_mass{0};
     Energy energy;
-    /// Spectrum of the displacement in octaves. The number of a band is the root mean square of the
-    /// difference between particles 1, 2, 4 ... voxels apart along each axis. Empty without a lattice.
+    /// Spectrum of the displacement in octaves. Element n is the root mean square difference of the
+    /// displacements of particles 2^n voxels apart along an axis. Empty without a lattice.
     std::vector<double> spectrum;
 };
 /// Summarises `state`, which the problem's particles reached from `start`. The order of summation does not
 /// depend on the number of threads.
 StateSummary summary_of(const Problem& problem, const State& start, const State& state);
-/// Takes the energy of `state`, which is known already.
+/// As above, for a state whose energy is known already.
 StateSummary summary_of(const Problem& problem, const State& start, const State& state, const Energy& known);
 
 /// Compares a run with the reference, both after the same steps from the same start:

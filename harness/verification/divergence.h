@@ -18,10 +18,10 @@ namespace voxspring {
 /// start, s the largest strain of a spring at rest (a length), and d the farthest that a tool moves, whose
 /// springs accelerate by at most omega^2 d. n is `steps`, or 1 / lambda if that is less: within so many steps
 /// damping balances a constant force. It is an energy bound. Below the stability limit, omega dt < 2, a mode
-/// of amplitude A moves by at most 2 A per step, where A is that of the start or half the strain. A constant
-/// force adds n dt^2 times the acceleration to the increment in n steps. One rest length per step is a margin
-/// for springs whose ends meet. A diverging run grows by a factor per step, so that the margin delays its
-/// detection by few steps only.
+/// of amplitude A moves by at most 2 A per step, where A is the amplitude of the start or half the strain. A
+/// constant force adds n dt^2 times the acceleration to the increment in n steps. One rest length per step is
+/// a margin for springs whose ends meet. A diverging run grows by a factor per step, so that the margin
+/// delays its detection by few steps only.
 double largest_increment(const Scene& scene, int steps, const State& start);
 inline double largest_increment(const Scene& scene, int steps) {
     return largest_increment(scene, steps, scene.state);
@@ -33,11 +33,11 @@ inline DivergenceMonitor divergence_monitor(const Scene& scene, int steps) {
     return divergence_monitor(scene, steps, scene.state);
 }
 
-/// Finds where the run of `steps` steps since the last rewind(), whose final state is `last`, left its
-/// bounds, if it did: as the backend reported it, or between its last check and `last`. To find the step, the
-/// scene runs once more and is checked after every step, unless that takes more than a million steps. If
-/// `last` is not finite and the second run does not confirm that, the case is left to compare(). `monitor`
-/// stays set on the backend.
+/// Finds where a run left its bounds; empty if it did not. The run made `steps` steps since the last rewind()
+/// and ended in the state `last`. It left its bounds between two checks of the backend, or between the last
+/// check and `last`. To find the step, the scene runs once more and is checked after every step, unless that
+/// takes more than a million steps. If `last` is not finite and the second run does not leave its bounds, the
+/// result is empty, and compare() judges the case. `monitor` stays set on the backend.
 std::optional<Divergence> find_divergence(Backend& backend, SceneRunner& runner,
                                           const DivergenceMonitor& monitor, const State& last, int steps);
 

@@ -24,7 +24,7 @@ int random_runs(std::size_t particles) {
 }
 
 double gate(double spread, double motion, double admitted) {
-    // Without motion standing still is right, so only the spread decides.
+    // If the reference does not move, only the spread decides: a backend that does nothing is then right.
     if (motion == 0) return gate_in_spreads * spread + admitted;
     const double most = max_share_of_motion * motion;
     if (!(most >= min_gate_in_spreads * spread)) return std::numeric_limits<double>::infinity();

@@ -1,5 +1,6 @@
 // The spread: how far rounding carries a scene, measured by runs of the reference with random rounding added.
-// The gate: the bound above which an error is too large, in spreads and shares of the motion.
+// The gate: the bound above which an error is too large, in multiples of the spread and fractions of the
+// motion.
 #pragma once
 
 #include <array>
@@ -28,20 +29,20 @@ std::string to_string(const RoundingModel& model);
 /// (backends/cpu/perturbed_reference.h). One run rounds to nearest, the others at random. Lengths are in the
 /// scene's unit.
 struct Spread {
-    double max = 0;  ///< of any particle
-    double rms = 0;  ///< over all particles
-    /// How far a particle of the reference ends from its start, of which `max` is a share.
+    double max = 0;  ///< largest distance of a particle
+    double rms = 0;  ///< root mean square over all particles
+    /// The farthest that a particle of the reference ends from its start. `max` is compared with it.
     double motion_max = 0;
     double motion_rms = 0;
-    double mean = 0;         ///< of the particles' mean positions (Comparison::mean)
+    double mean = 0;         ///< distance of the mean positions (Comparison::mean)
     double motion_mean = 0;  ///< how far the reference's mean position ends from its start
     std::array<double, Statistic::count> statistic{};  ///< differences of statistics(), for a chaotic scene
     int runs = 0;
 };
 
-/// The number of random runs beside the one that rounds to nearest. It is a few in general, and one for a
-/// body whose many particles are statistics enough. It is more for a body of few particles: the largest of
-/// three runs would be a matter of luck, and further runs take no time.
+/// The number of random runs beside the one that rounds to nearest. It is three in general, and one for a
+/// very large body, whose many particles are statistics enough. A small body has fifteen: the largest of
+/// three runs would be a matter of luck, and further runs take little time.
 int random_runs(std::size_t particles);
 
 /// No bound exceeds this share of the motion. A larger bound would pass a backend that computes something

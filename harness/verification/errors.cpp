@@ -74,7 +74,8 @@ double strained_share(const ReferenceSolution& solution, const BackendSpec& spec
     const Spread* const spread = spread_of(solution, rounding_model_of(spec));
     if (spread == nullptr || is_chaotic(*spread)) return 0;
     const double admitted = admitted_error(problem, spec, solution.steps);
-    // Where rounding carries single particles too far, the root mean square alone has a bound.
+    // If rounding carries single particles too far, the first bound is infinite, and only the second one
+    // counts.
     const double bound = std::min(gate(spread->max, spread->motion_max, admitted),
                                   gate(spread->rms, spread->motion_rms, admitted));
     if (const auto known = solution.strained_shares.find(bound); known != solution.strained_shares.end())

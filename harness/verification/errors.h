@@ -19,7 +19,7 @@ namespace voxspring {
 
 /// The reference with which runs of a scene are compared after a number of steps.
 struct ReferenceSolution {
-    const Problem& problem;  ///< the problem as the edits until then leave it
+    const Problem& problem;  ///< the problem after the edits within `steps` steps
     int steps = 0;
     State same_step;     ///< float64 at the same time step; the difference from it is the rounding error
     Refined refined;     ///< float64 in the limit of time step 0; the difference from it is the total error
@@ -30,14 +30,14 @@ struct ReferenceSolution {
     // demand.
     mutable std::optional<Conserved> conserved = {};
     mutable std::optional<StateSummary> summary = {};
-    mutable std::map<double, double> strained_shares = {};  ///< of strained_share(), by the bound
+    mutable std::map<double, double> strained_shares = {};  ///< results of strained_share(), by its bound
 };
 /// The spread of `model`, or null if `solution` has none.
 const Spread* spread_of(const ReferenceSolution& solution, const RoundingModel& model);
 
 /// What judge() finds.
 struct JudgedState : Comparison {
-    std::optional<Energy> energy;  ///< of the state, if judging it needed that
+    std::optional<Energy> energy;  ///< energy of the state, if judge() needed it
 };
 
 /// Compares a state with the reference. The largest difference and the root mean square are each judged by
@@ -48,14 +48,15 @@ JudgedState judge(const ReferenceSolution& solution, const State& state, const B
 
 /// The least share of springs whose effect a run must show, so that it verifies a backend.
 constexpr double min_strained_share = 0.5;
-/// The share of the springs that the reference has strained at the end by more than a backend may err: by
-/// more than the smaller of the bounds on its largest error and on their root mean square. A backend without
-/// these springs would fail. A share of 0 means that no displacement is judged, 1 that there is no spring.
+/// The share of the springs whose length has changed, at the end of the reference run, by more than the error
+/// that a backend may have. A backend without these springs would fail. That error is the smaller of the
+/// bounds on the largest error and on the root mean square error. A share of 0 means that no displacement is
+/// judged, 1 that there is no spring.
 double strained_share(const ReferenceSolution& solution, const BackendSpec& spec);
 
 /// The accuracy that a row reports. Unknown values are absent. results/schema.json defines each field.
 struct Errors {
-    std::optional<double> relative_l2, max;       ///< rounding
+    std::optional<double> relative_l2, max;       ///< rounding error
     std::optional<std::uint64_t> worst_particle;  ///< the particle whose rounding error is `max`
     std::optional<double> total_relative_l2, total_max,
         total_uncertainty;                    ///< against the converged solution

@@ -42,19 +42,20 @@ struct Span {
     double time_step = 0;
     int steps = 0;
 };
-/// `scene` with the time step that covers the span in `steps` steps. All callers get the same bits; for
-/// span.steps steps it is the time step of the span.
+/// `scene` with the time step that covers the span in `steps` steps. All callers get the same bits for it,
+/// and exactly span.time_step if `steps` is span.steps.
 Scene in_steps(const Scene& scene, const Span& span, int steps);
 
 /// The limit of float64 runs as their time step goes to zero.
 struct Refined {
     std::vector<glm::dvec3> displacement;  ///< empty if it did not converge
-    double uncertainty = 0;  ///< relative L2 difference of the last but one extrapolation from `displacement`
+    double uncertainty = 0;  ///< relative L2 difference between the previous extrapolation and `displacement`
     int finest = 0;          ///< number of steps of the finest run
     std::string reason;      ///< why `displacement` is empty
 };
 
-/// Computes references, each only once. The latest are kept in memory, up to 1 GiB, and all on disk.
+/// Computes references, each only once: the latest ones are kept in memory, up to 1 GiB, and all are kept on
+/// disk.
 ///
 /// Short runs of small bodies use cpu_reference: one thread and a plain loop over a list of springs. It
 /// shares only the functions of spring.h with the backends under test. Other runs use perturbed_reference.h
@@ -79,9 +80,10 @@ public:
 
     /// The displacement at the end of `span` in the limit dt = 0: the reference for total errors. It is
     /// Richardson's extrapolation, by a polynomial in dt^2 through runs of `counts` steps (ascending) and of
-    /// repeatedly doubled numbers of steps. It has converged if the extrapolations with and without the
-    /// finest run differ by less than a hundredth of the error of the run of counts.back() steps, and of 1,
-    /// or by less than 1e-11. It gives up after four doublings.
+    /// repeatedly doubled numbers of steps. Let d be the relative difference between the extrapolations with
+    /// and without the finest run. The extrapolation has converged if d is less than both 0.01 and a
+    /// hundredth of the error of the run of counts.back() steps, or less than 1e-11. It gives up after four
+    /// doublings.
     Refined refined(const Scene& scene, const Span& span, std::vector<int> counts);
 
     /// The spread of each rounding model: how far its rounding carries the scene in `steps` steps from
@@ -92,10 +94,10 @@ public:
         return spreads(scene, steps, reference, {model}).front();
     }
 
-    /// The number of trajectories that were computed so far, rather than found in memory or on disk.
+    /// The number of trajectories computed so far; those found in memory or on disk do not count.
     int computed() const { return computed_; }
 
-    /// The backend that computes a reference of `steps` steps, and its name in result rows.
+    /// The backend that computes the reference for `steps` steps of the scene, and its name in result rows.
     static std::unique_ptr<Backend> backend_of(const Scene& scene, int steps);
     static std::string name_of_backend(const Scene& scene, int steps);
 

@@ -31,8 +31,8 @@ struct Largest {
 
 constexpr std::size_t no_index = std::numeric_limits<std::size_t>::max();
 
-/// Differences of particles from the reference, the first particle with the largest one, and the first that
-/// is not finite.
+/// Sums over the differences of particles from the reference. worst: the first particle with the largest
+/// difference. infinite: the first particle whose state is not finite.
 struct Apart {
     double squared_error = 0, squared_reference = 0;
     glm::dvec3 error{0};
@@ -126,7 +126,7 @@ double rounding_tolerance(const Problem& problem, const State& reference, Precis
 Comparison differences(const State& state, const State& reference) {
     constexpr double infinity = std::numeric_limits<double>::infinity();
     Comparison result;
-    // Replaced once every component has been compared.
+    // The errors stay infinite if not every component can be compared.
     result.relative_l2 = result.max = result.rms = result.mean = infinity;
     const bool fits =
         reference.displacement.empty() || state.displacement.size() == reference.displacement.size();

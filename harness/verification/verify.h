@@ -1,4 +1,4 @@
-// Compares a backend's state with the oracle's, and bounds the difference.
+// Compares a backend's state with the reference's, and bounds the difference.
 #pragma once
 
 #include <cstddef>
@@ -22,7 +22,7 @@ struct Comparison {
     double tolerance = 0;    ///< bound on `max`; infinite: `max` is not judged
     /// Bound on `rms`; infinite: `rms` is not judged.
     double tolerance_rms = std::numeric_limits<double>::infinity();
-    double tolerance_mean = std::numeric_limits<double>::infinity();  ///< likewise on `mean`
+    double tolerance_mean = std::numeric_limits<double>::infinity();  ///< likewise for `mean`
     std::string reason;  ///< why the state failed; empty: it passed
     bool passed() const { return reason.empty(); }
 };
@@ -72,13 +72,13 @@ double forced_acceleration(const Problem& problem);
 ///
 /// A tool's springs behave like others as long as the tool moves no farther than the longest spring.
 ///
-/// The reference is rounded too, in float64 and at worst in `position`: d is at least as large as for that.
+/// The reference is rounded too, at worst in float64 and `position`: d is at least that of such a run.
 ///
-/// `root_error` is the relative error of approximate roots and divisions (BackendEntry::root_error). It
-/// causes an error of that share of the force if the force is computed from the strain, and of that share of
-/// k l if it is a difference of lengths: the error times w or l. The sign is always the same, because the
-/// same length has the same error. Such a force drives a mode of frequency o, o dt < 2, in resonance, and the
-/// amplitude grows by no more than that error per step.
+/// `root_error` is the relative error of approximate roots and divisions (BackendEntry::root_error). If a
+/// force is computed from the strain, its error is root_error times the force, at most root_error k w. If it
+/// is a difference of lengths, its error is root_error k l. k is the stiffness. The sign is always the same,
+/// because the same length has the same error. Such an error drives a mode of frequency o, o dt < 2, in
+/// resonance, and the amplitude grows per step by no more than root_error times w or l.
 double rounding_tolerance(const Problem& problem, const State& reference, Precision precision, int steps,
                           Formulation formulation = Formulation::position, double root_error = 0);
 
@@ -89,7 +89,7 @@ std::string fingerprint_of(const State& state);
 /// displacements is at rest.
 Comparison differences(const State& state, const State& reference);
 
-/// Sets the reason why `comparison`, which has passed so far, exceeds one of its tolerances, if it does.
+/// Sets comparison.reason, which is still empty, if one of its errors exceeds its tolerance.
 void judge(Comparison& comparison);
 
 /// Compares as differences() does, and judges the result by rounding_tolerance().

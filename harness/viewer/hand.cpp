@@ -57,13 +57,13 @@ std::string Hand::press(const Controls& controls, glm::ivec2 size) {
 
 std::string Hand::cut(const Controls& controls, glm::ivec2 size) {
     const glm::dvec2 to = before_.pixel;
-    // Outside the body the blade keeps its distance from the eye.
+    // If the pointer is not over the body, the blade keeps its previous distance from the eye.
     const auto place = painter_.place_at(to);
     const double distance = place ? orbit_.distance_to(*place) : cut_distance_;
     if (distance <= 0 || glm::distance(*cut_from_, to) < stretch) return {};
     // The blade sweeps a quadrilateral. It begins in front of the surface, which may rise towards the eye. It
-    // spans the distances from the eye at this place of the pointer and at the one before, so that no gap
-    // remains where the surface has just fallen or risen.
+    // covers the surface's distances from the eye at the pointer's present and previous positions, so that no
+    // gap remains where the surface has just fallen or risen.
     const double before = cut_distance_ > 0 ? cut_distance_ : distance;
     const double depth = double(controls.depth);
     const double nearest = std::min(before, distance) - depth / 2,

@@ -27,7 +27,7 @@ public:
 
     /// Handles the input of one frame on a picture of `size`. Returns a message for the user; may be empty.
     std::string follow(const Pointer& pointer, const Controls& controls, glm::ivec2 size);
-    /// To be called when the simulation has let go by itself.
+    /// Forgets the grip; to be called when the simulation has let go of the body by itself.
     void forget() { grip_.reset(); }
 
     /// How far the hand has moved since it took hold; nullopt if it holds nothing.
@@ -47,9 +47,9 @@ private:
     glm::dvec3 place_through(glm::dvec2 pixel, double distance, glm::ivec2 size) const;
 
     struct Grip {
-        glm::dvec3 place{0};  ///< where it took hold
+        glm::dvec3 place{0};  ///< where the hand took hold
         glm::dvec3 moved{0};
-        double distance = 0;  ///< of that place from the eye, along the viewing direction
+        double distance = 0;  ///< distance of `place` from the eye, along the viewing direction
     };
 
     Simulation& simulation_;
@@ -58,7 +58,7 @@ private:
     Pointer before_;
     std::optional<Grip> grip_;
     std::optional<glm::dvec2> cut_from_;  ///< pixel up to which the stroke has cut so far
-    double cut_distance_ = 0;      ///< distance of the surface there; 0: the stroke has not met the body yet
+    double cut_distance_ = 0;      ///< distance of the surface from the eye there; 0: no surface met yet
     std::size_t cut_springs_ = 0;  ///< number of springs that the stroke has cut
     std::optional<glm::dvec3> stitch_from_;
 };

@@ -38,7 +38,7 @@ struct Controls {
     Shown shown = Shown::displacement;
     /// Radius and stiffness of the hand, depth of the blade, in the scene's units.
     float radius = 2, stiffness = 1, depth = 8;
-    std::array<float, 3> largest{};  ///< maximum of the sliders of these three
+    std::array<float, 3> largest{};  ///< largest values of the sliders of radius, stiffness and depth
 };
 
 /// The user's requests in one frame.
@@ -54,7 +54,7 @@ struct Figures {
     bool is_bad = false;  ///< whether the message tells of a failure
     std::int64_t steps = 0;
     double time = 0;                ///< in the scene's unit
-    std::array<double, 2> range{};  ///< values at the two ends of the colours
+    std::array<double, 2> range{};  ///< values at the two ends of the colour bar
     bool from_device = false;       ///< whether the picture is drawn from data on the device
     History steps_per_second, frame_milliseconds, tick_microseconds, force;
 };

@@ -39,15 +39,15 @@ double seconds_since(Clock::time_point begin) {
 }
 
 constexpr double frame_seconds = 1.0 / 60;
-/// The share of a frame's time for steps if as many are made as fit.
+/// The share of a frame's time that steps may take if the user wants as many steps as fit.
 constexpr double stepping_share = 0.6;
 constexpr int max_steps_per_frame = 10'000;
-/// The number of moves in which the hand goes from its place in one frame to that in the next.
+/// The number of equal moves by which the hand goes from its position in one frame to that in the next.
 constexpr int moves_per_frame = 8;
-/// Intervals between two readings of values on the body, and between two kept states.
+/// Intervals between updates of the colours' range, and between states kept for going on after a failure.
 constexpr double range_seconds = 0.5, keep_seconds = 1, keep_seconds_of_large = 20;
 constexpr std::size_t large = 1'000'000;
-/// The largest number of vertices of a mesh that moves with its body, some milliseconds per frame.
+/// A mesh with more vertices is not moved with its body: this many take some milliseconds per frame.
 constexpr std::size_t max_carried_vertices = 200'000;
 
 /// Chooses a backend by the rules of `auto`, among those that support a tool.
@@ -87,7 +87,7 @@ public:
 
     Viewer(const Viewer&) = delete;
     Viewer& operator=(const Viewer&) = delete;
-    ~Viewer() { feed_.reset(); }  // while the window's context, which drew last, is still current
+    ~Viewer() { feed_.reset(); }  // the window's context must still be current
 
     int run() {
         const CaughtInterruptions caught;
@@ -122,7 +122,8 @@ private:
 
     void say(std::string message, bool is_bad = false) {
         if (message.empty()) return;
-        out_ << "step " << simulation_->steps() << ": " << message << std::endl;  // flushed: it may be a pipe
+        // We flush the message, since a pipe would hold it back.
+        out_ << "step " << simulation_->steps() << ": " << message << std::endl;
         figures_.message = std::move(message);
         figures_.is_bad = is_bad;
     }
@@ -173,7 +174,7 @@ private:
             painter_.put_displacements(displacement);
     }
 
-    /// One value per particle.
+    /// Colours the body by `values`, one value per particle; by displacement if there are none.
     void put_values(const std::vector<double>& values) {
         if (bound_ && !values.empty())
             painter_.put_values(bound_->at_vertices<double>(values));
@@ -221,7 +222,7 @@ private:
         say(refused);
     }
 
-    /// Sets the lengths and stiffnesses of the controls to values that suit the scene.
+    /// Sets radius, stiffness and depth in the controls, and their largest values, to what suits the scene.
     void scale_controls() {
         const Problem& problem = simulation_->problem();
         const glm::dvec3 extent = painter_.mesh().high - painter_.mesh().low;
@@ -332,8 +333,8 @@ private:
     void advance(bool one) {
         const int steps = steps_of_frame(one);
         if (steps == 0) return;
-        // We wait for the previous picture. If the processor draws it, it would take threads from the steps;
-        // if a card does, the steps would wait for it.
+        // We wait for the previous picture before we time the steps. If the processor still drew it, it would
+        // take threads from the steps; if a card did, the steps would wait for it.
         window_.context().make_current();
         glFinish();
         const auto begin = Clock::now();
@@ -343,7 +344,7 @@ private:
         for (int move = 1; move <= moves; ++move) {
             if (simulation_->holds())
                 simulation_->drag(hand_before_ + (to - hand_before_) * (double(move) / moves));
-            // The last step is left to tick(), which times it.
+            // tick() makes the frame's last step, and times it.
             const int end = move < moves ? int(std::int64_t(steps) * move / moves) : steps - 1;
             if (end > done) simulation_->step(end - done);
             done = end;
@@ -357,7 +358,7 @@ private:
         figures_.steps_per_second.add(steps / std::max(seconds, frame_wall_));
     }
 
-    /// Makes and times one step: from the tool's position leaving the host to the force arriving there.
+    /// Makes one step and times it, from sending the tool's position until its force is back on the host.
     void tick() {
         simulation_->backend().synchronize();
         const auto begin = Clock::now();
@@ -429,7 +430,7 @@ private:
     Controls controls_;
     Figures figures_;
     std::vector<std::string> backends_;
-    std::unique_ptr<Feed> feed_;  ///< null: displacements go through the host
+    std::unique_ptr<Feed> feed_;  ///< null: displacements are copied through the host
     std::uint64_t springs_version_ = 0, uploads_ = 0;
     bool carries_mesh_ = false;
     std::optional<BoundMesh> bound_;  ///< the mesh on screen, if it is the one that the body was made of

@@ -15,7 +15,7 @@ namespace voxspring {
 /// The character that Window::typed() holds for the escape key.
 inline constexpr char32_t escape_key = 0x1B;
 
-/// There is at most one per process, on the process's first thread.
+/// A process may have one window at a time, on its first thread.
 class Window {
 public:
     /// `size` is in the window system's units. Throws Unavailable if there is no display, or no OpenGL 4.5 on

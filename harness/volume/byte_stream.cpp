@@ -13,7 +13,7 @@
 
 namespace voxspring {
 
-/// zlib's or bzip2's decoder of one member.
+/// The decoder of one member of a compressed file, by zlib or bzip2.
 class ByteStream::Decoder {
 public:
     /// `encoding` is not raw.
@@ -90,7 +90,7 @@ void ByteStream::refill() {
 /// Returns whether another member begins here. If not, skips the remaining bytes, which are no data.
 bool ByteStream::next_member() {
     if (at_end_) return false;
-    // zlib's format has one member.
+    // The bytes with which a member begins; none for zlib's format, which has a single member.
     const std::string_view magic = encoding_ == Encoding::gzip    ? "\x1f\x8b"
                                    : encoding_ == Encoding::bzip2 ? "BZh"
                                                                   : "";
@@ -190,7 +190,7 @@ void read_rest(ByteStream& stream, const std::string& file, std::uint64_t count,
         throw BadInput(file, key, "more than " + std::to_string(count) + " bytes of data", accepted);
 }
 
-/// The number of decoded bytes before the last `count` ones.
+/// The number of decoded bytes that come before the last `count` ones, which are the data.
 std::uint64_t before_last(std::istream& stream, Encoding encoding, const std::string& file,
                           std::uint64_t count, std::string_view key, const std::string& accepted) {
     const auto first = stream.tellg();

@@ -33,7 +33,7 @@ public:
     /// Skips up to `count` bytes and returns their number, which is smaller only at the end of the data.
     std::uint64_t skip(std::uint64_t count);
 
-    /// After the end of the data: the number of bytes behind it that are not compressed data.
+    /// The number of bytes behind the compressed data; valid once the end of the data was read.
     std::uint64_t ignored() const { return ignored_; }
 
 private:
@@ -49,7 +49,7 @@ private:
     std::unique_ptr<Decoder> decoder_;  ///< null if the bytes are not compressed
     std::array<char, 1 << 16> buffer_;
     std::span<char> encoded_;     ///< the part of the buffer that is still to be decoded
-    bool at_member_end_ = false;  ///< a compressed file consists of one or more members
+    bool at_member_end_ = false;  ///< whether a member ended; a compressed file has one or more members
     bool at_end_ = false;
     std::uint64_t ignored_ = 0;
 };
@@ -71,7 +71,7 @@ struct DataPlace {
     static constexpr std::int64_t at_end = -1;
 };
 
-/// Selects from each `period` bytes the `length` bytes from `first` on.
+/// Selects bytes: in every `period` bytes, the `length` bytes from number `first` on.
 struct KeptBytes {
     std::uint64_t period = 1, first = 0, length = 1;
 };

@@ -39,7 +39,7 @@ struct AxisClaim {
     AxisKind kind = AxisKind::unknown;
     std::string name{};                           ///< name in messages: "dim[4]", "axis 4 (time)"
     std::optional<double> distance{};             ///< distance between voxels: of any sign, 0 or NaN
-    std::string distance_key{}, distance_text{};  ///< the header's field for it, and its text
+    std::string distance_key{}, distance_text{};  ///< the header's field for `distance`, and its text
     std::optional<glm::dvec3> direction{};        ///< a vector of any length
     std::string unit{};
 };
@@ -53,14 +53,14 @@ struct VolumeClaims {
     /// Whether lengths of directions are distances too (NRRD's space directions, NIfTI's sform). The sign of
     /// a distance then does not affect directions.
     bool directions_have_lengths = false;
-    std::string space{};  ///< as Placement::space
+    std::string space{};  ///< sides towards which coordinates grow, as in Placement::space
     std::optional<glm::dvec3> origin{};
     ScalarType type = ScalarType::uint8;
     std::string type_text{};  ///< the header's text, in messages: "type uint16"
     bool big_endian = false;
     double slope = 1, intercept = 0;
     DataPlace place{};
-    std::string data_key{"data"};  ///< in messages
+    std::string data_key{"data"};  ///< name of the data in messages
     std::vector<Segment> segments{};
     std::vector<std::string> notes{};
 };
@@ -69,7 +69,7 @@ struct VolumeClaims {
 /// its folder. Throw BadInput.
 VolumeClaims read_nrrd(std::istream& stream, const std::string& file);
 VolumeClaims read_metaimage(std::istream& stream, const std::string& file);
-/// `image` is the file with the voxels of a pair; empty: the one that belongs to the header's name.
+/// If the header is one of a pair, `image` is the file with the voxels; empty: found by the header's name.
 VolumeClaims read_nifti(std::istream& stream, const std::string& file,
                         const std::filesystem::path& image = {});
 
@@ -82,7 +82,8 @@ std::filesystem::path partner_of(const std::filesystem::path& file);
 struct DecidedVolume {
     Volume volume;
     std::uint64_t scalars = 0;  ///< number of scalars in the whole file
-    /// From each `period` scalars, the `length` scalars from `first` on belong to the volume.
+    /// The scalars of the file that belong to the volume: in every `period` scalars, the `length` scalars
+    /// from number `first` on.
     std::uint64_t period = 1, first = 0, length = 1;
 };
 

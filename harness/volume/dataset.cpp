@@ -13,12 +13,13 @@
 namespace voxspring {
 namespace {
 
-// Dimensions of the phantom in its design box; x runs from the atria to the apex.
+// The sides of the box in which the phantom is designed, and dimensions in it. x runs from the atria to the
+// apex.
 constexpr glm::dvec3 design{60, 51, 46};
 constexpr double wall = 1.1285;
 constexpr double size = 0.9121;
 constexpr double valve_plane = 20.13;
-constexpr double septum = 2 * wall;  // between atria and ventricles
+constexpr double septum = 2 * wall;  // thickness of the wall between atria and ventricles
 
 double square(double x) { return x * x; }
 

@@ -12,10 +12,10 @@
 
 namespace voxspring {
 
-/// The size of the largest grid that is loaded. Checked before memory is allocated.
+/// Limits of the size of a grid, checked before memory is allocated.
 struct SceneSizeLimits {
-    std::uint64_t voxels = 0;     ///< of the grid; at most 2^32 - 1, so that an index fits into 32 bits
-    std::uint64_t particles = 0;  ///< active voxels
+    std::uint64_t voxels = 0;     ///< at most 2^32 - 1, so that an index fits into 32 bits
+    std::uint64_t particles = 0;  ///< number of active voxels
     /// Largest number of voxels times triangles that all edits together may examine: about an hour on a slow
     /// machine.
     double edit_work = 1e11;

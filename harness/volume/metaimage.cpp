@@ -19,7 +19,7 @@
 namespace voxspring {
 namespace {
 
-constexpr int max_dimensions = 10;  // as in the reference implementation
+constexpr int max_dimensions = 10;  // the limit of the reference implementation
 
 const std::string data_file = "ElementDataFile";
 const std::string accepted_files = "LOCAL, the name of a file, or LIST with names of files below it";
@@ -117,8 +117,8 @@ std::optional<glm::dvec3> direction_from(char letter) {
     return found == directions.end() ? std::nullopt : std::optional(found->second);
 }
 
-/// Sets directions. The matrix has a row for each axis of the file, in LPS, as ITK reads it. Without a matrix
-/// AnatomicalOrientation is used.
+/// Sets the directions of the axes. The header's matrix has a row for each axis of the file, in LPS, as ITK
+/// reads it. Without a matrix the field AnatomicalOrientation is used.
 void place_axes(const TextHeader& header, VolumeClaims& claims) {
     const std::size_t count = claims.axes.size();
     claims.directions_key = first_of(header, {"TransformMatrix", "Rotation", "Orientation"});
@@ -170,7 +170,7 @@ VolumeClaims read_metaimage(std::istream& stream, const std::string& file) {
         for (AxisClaim& axis : claims.axes) axis.unit = *unit;
     }
     place_axes(header, claims);
-    // Values of one voxel follow each other, as if along an axis before the others.
+    // The values of one voxel follow each other, so they form an axis that is faster than all others.
     const std::string channels = "ElementNumberOfChannels";
     if (const std::int64_t count = header.whole_number(channels, 1); count > 1)
         claims.axes.insert(claims.axes.begin(), {count, AxisKind::other, channels});

@@ -149,16 +149,16 @@ private:
         claims_.type_text = "datatype " + std::to_string(code);
         claims_.data_key = "voxels";
         const double slope = double(raw_.scl_slope), intercept = double(raw_.scl_inter);
-        if (slope == 0 || !std::isfinite(slope)) return;  // the file holds the values themselves
+        if (slope == 0 || !std::isfinite(slope)) return;  // the file holds unscaled values
         claims_.slope = slope;
         claims_.intercept = std::isfinite(intercept) ? intercept : 0;
     }
 
     /// The offset of the voxels in their file.
     std::int64_t data_offset() {
-        // In one file, four bytes after the header say whether there are extensions.
+        // If header and voxels are in one file, four bytes after the header say whether extensions follow.
         const std::uint64_t min = is_pair_ ? 0 : sizeof raw_ + 4;
-        constexpr std::uint64_t max = 1 << 24;  // beyond it NIfTI-1's float skips whole numbers
+        constexpr std::uint64_t max = 1 << 24;  // NIfTI-1's float cannot hold every larger whole number
         const double offset = double(raw_.vox_offset);
         if (offset == 0 && !is_pair_) {
             std::array<std::byte, 4> extensions{};

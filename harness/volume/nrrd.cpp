@@ -20,7 +20,7 @@
 namespace voxspring {
 namespace {
 
-constexpr int max_dimensions = 16;  // as in the reference implementation
+constexpr int max_dimensions = 16;  // the limit of the reference implementation
 const std::string directions_key = "space directions";
 
 struct Header : TextHeader {
@@ -145,7 +145,7 @@ std::vector<std::string> quoted_texts(const std::string& text) {
     return list;
 }
 
-/// Reads directions. Axes with a vector are of space, those without are not.
+/// Reads the directions of axes. An axis with a direction is one of space, any other axis is not.
 void read_directions(const TextHeader& header, std::vector<AxisClaim>& axes) {
     const std::string& text = header.require(directions_key);
     const auto directions = vectors_of(text);

@@ -14,14 +14,14 @@
 namespace voxspring {
 namespace {
 
-/// The old voxels along one axis that a new voxel overlaps, with the share of the new one that each covers.
+/// The old voxels that a new voxel overlaps along one axis. share: how much of the new voxel each one covers.
 struct Overlap {
     int first = 0;
     std::vector<double> share;
 };
 
-/// One for each of `count` new voxels. The old grid reaches from 0 to `old_count`, in old voxels, and a new
-/// voxel has the length `ratio`.
+/// The overlaps of `count` new voxels along one axis. The old grid reaches from 0 to `old_count`, in old
+/// voxels, and a new voxel has the length `ratio`.
 std::vector<Overlap> overlaps(int count, int old_count, double ratio) {
     std::vector<Overlap> all(static_cast<std::size_t>(count));
     const double begin = (old_count - count * ratio) / 2;
@@ -36,7 +36,7 @@ std::vector<Overlap> overlaps(int count, int old_count, double ratio) {
     return all;
 }
 
-constexpr double rounding = 1e-9;  // of a sum of shares
+constexpr double rounding = 1e-9;  // rounding error of a sum of shares
 
 }  // namespace
 
@@ -61,7 +61,7 @@ glm::dvec3 resample(LabelledGrid& labelled, double pitch, double fill, const std
         axes[std::size_t(a)] = overlaps(grid.dims[a], old.dims[a], pitch / old.spacing[a]);
 #pragma omp parallel for schedule(dynamic)
     for (int z = 0; z < grid.dims.z; ++z) {
-        std::array<double, 256> share{};  // by label
+        std::array<double, 256> share{};  // share of the new voxel, by label
         std::size_t voxel = std::size_t(z) * std::size_t(grid.dims.y) * std::size_t(grid.dims.x);
         const Overlap& in_z = axes[2][std::size_t(z)];
         for (const Overlap& in_y : axes[1]) {
@@ -116,7 +116,7 @@ glm::dvec3 resample(LabelledGrid& labelled, double pitch, double fill, const std
             labelled.notes.push_back("label " + labelled.labels[m].name + " fills no voxel any more");
     }
     labelled.grid = std::move(grid);
-    // Both grids have the same middle.
+    // Follows from both grids having the same middle.
     return (extent - glm::dvec3(labelled.grid.dims - 1) * pitch - old.spacing) / 2.0;
 }
 

@@ -1,4 +1,4 @@
-// Gives a grid of labels another distance of voxels.
+// Resamples a grid of labels to another distance between voxels.
 #pragma once
 
 #include <glm/vec3.hpp>
@@ -9,11 +9,11 @@
 
 namespace voxspring {
 
-/// Replaces the grid by one of cubes of edge `pitch`, whose middle is that of the old grid. A voxel is active
-/// if at least `fill` of it, in (0, 1], lies in active voxels of the old grid, and has the label that fills
-/// most of it, the smaller one of two that fill as much. Adds a note. Returns the centre of the new voxel
-/// (0, 0, 0), seen from that of the old one. Throws BadInput, which names `file` and --pitch, if the grid is
-/// too large for `limits` or no voxel is active.
+/// Replaces the grid by one of cubes of edge `pitch`, whose middle is that of the old grid. A new voxel is
+/// active if at least the share `fill` of it, in (0, 1], lies in active voxels of the old grid. Its label is
+/// the one that fills most of it; if two fill the same share, the smaller one. Adds a note. Returns the
+/// offset from the centre of the old voxel (0, 0, 0) to that of the new one. Throws BadInput, which names
+/// `file` and --pitch, if the grid is too large for `limits` or no voxel is active.
 glm::dvec3 resample(LabelledGrid& labelled, double pitch, double fill, const std::string& file,
                     const SceneSizeLimits& limits);
 

@@ -69,8 +69,8 @@ private:
 /// `count` numbers between blanks; nullopt if `text` is anything else.
 std::optional<std::vector<double>> numbers_of(const std::string& text, std::size_t count);
 
-/// The fields of a header by name. Case and blanks in names do not matter. Refusals are BadInput and name the
-/// file. A field may occur repeatedly, but when it is looked up its values must be equal.
+/// The fields of a header by name. Case and blanks in names do not matter. Members throw BadInput, which
+/// names the file. A field may occur repeatedly if its values are equal; unequal ones are refused on look-up.
 class TextHeader {
 public:
     explicit TextHeader(std::string file) : file_(std::move(file)) {}
@@ -92,9 +92,9 @@ public:
         return found->second;
     }
 
-    /// Axes of the sizes in one field, whose number, from 3 to `max`, is in another field.
+    /// The axes: their number, from 3 to `max`, is in the field `count`, and their sizes are in `sizes`.
     std::vector<AxisClaim> axes(const std::string& count, int max, const std::string& sizes) const;
-    /// Takes the distances between voxels from the field, if there is one: one for each axis.
+    /// Sets the distance between voxels of each axis from the field, if there is one.
     void set_distances(const std::string& name, std::vector<AxisClaim>& axes) const;
     /// Whether the field says that names of data files stand below the header.
     bool is_list(const std::string& name) const;
@@ -105,7 +105,7 @@ public:
 private:
     std::string file_;
     std::map<std::string, std::string> fields_;
-    std::set<std::string> ambiguous_;  ///< fields with different values
+    std::set<std::string> ambiguous_;  ///< fields that occur with different values
 };
 
 }  // namespace voxspring

@@ -2,7 +2,7 @@
 //
 // Headers are not trusted. No memory is allocated because of a header alone: data is read piece by piece, and
 // there must be exactly as much of it as the header claims. The readers report claims (claims.h). decide.cpp
-// interprets them by the rules of docs/volumes.md, one for each question.
+// interprets them by the rules of docs/volumes.md.
 #pragma once
 
 #include <array>
@@ -34,7 +34,7 @@ enum class ScalarType : std::uint8_t {
 };
 std::size_t bytes_of(ScalarType type);
 
-/// Directions in a body, each next to its opposite.
+/// Directions in a patient's body, each next to its opposite.
 enum class AnatomicalSide : std::uint8_t { right, left, anterior, posterior, superior, inferior };
 /// Names of the sides, in the order of the enumeration.
 inline constexpr std::array<const char*, 6> anatomical_sides = {"right",     "left",     "anterior",
@@ -68,7 +68,7 @@ GridSide nearest_grid_side(const Placement& placement, AnatomicalSide side);
 /// The user's choices that replace what the file says or that the file leaves open.
 struct VolumeChoice {
     std::optional<glm::dvec3> spacing{};
-    std::optional<std::int64_t> frame{};  ///< which of several values per voxel, counted from 0
+    std::optional<std::int64_t> frame{};  ///< index of the value to use of several values per voxel
 };
 
 /// A segment in a file of 3D Slicer: the voxels that have `value` in `layer`.
@@ -81,9 +81,9 @@ struct Segment {
 /// The facts that were read from a file besides its voxels.
 struct VolumeFacts {
     std::string unit{};  ///< unit of the spacing; empty if the file names none or the user chose the spacing
-    bool spacing_chosen = false;  ///< whether the user chose it
+    bool spacing_chosen = false;  ///< whether the user chose the spacing
     std::optional<Placement> placement{};
-    std::int64_t frame = 0, frames = 1;  ///< index and number of the values per voxel
+    std::int64_t frame = 0, frames = 1;  ///< index of the value used, and number of values per voxel
     /// Name and number of voxels of each segment of the file, or of each label that was asked for.
     std::vector<std::pair<std::string, std::uint64_t>> labels{};
 };
@@ -97,8 +97,8 @@ struct Volume {
     std::vector<std::byte> data{};  ///< x fastest, in this machine's byte order
     double slope = 1;               ///< a voxel's value is slope * scalar + intercept
     double intercept = 0;
-    /// Values per voxel. `inner` voxels of a layer follow each other, then as many of the next layer. Only
-    /// segmentations have more than one layer.
+    /// The number of values per voxel, and their order: `inner` voxels of the first layer are followed by the
+    /// same voxels of the next layer, and so on. Only segmentations have more than one layer.
     std::size_t layers = 1, inner = 1;
     std::vector<Segment> segments{};
     VolumeFacts facts{};
@@ -120,7 +120,7 @@ std::string volume_endings();
 
 /// The label that the voxels of one material share.
 struct Label {
-    std::string name;                ///< a segment's, or the digits of a whole number
+    std::string name;                ///< name of a segment, or the digits of a whole number
     std::vector<std::string> words;  ///< names that a scene may use for it; `name` is among them
 };
 
@@ -136,15 +136,15 @@ struct LabelledGrid {
 /// A label whose only word is its number.
 Label numbered_label(std::int64_t number);
 
-/// Voxels are active if their value exceeds `threshold` (NaN does not). All have label 1. Throws BadInput if
-/// no voxel is active, and for a segmentation with several layers.
+/// Makes the voxels active whose value exceeds `threshold` (NaN does not). All of them have label 1. Throws
+/// BadInput if no voxel is active, and for a segmentation with several layers.
 LabelledGrid above_threshold(const Volume& volume, double threshold);
 
-/// Voxels are active if their value is one of `labels` or, without `labels`, neither zero nor NaN. Each label
-/// is a material, in ascending order of the numbers. In a segmentation a label is a segment, given by its
-/// name, ID or value, and without `labels` all segments are used. A voxel in several segments belongs to the
-/// one that comes last. Throws BadInput if no voxel is active, if one of `labels` does not occur, if there
-/// are more than 255 labels and, without `labels`, if a value is not a whole number.
+/// Makes the voxels active whose value is one of `labels` or, without `labels`, neither zero nor NaN. Each
+/// label is a material, in ascending order of the numbers. In a segmentation a label is a segment, given by
+/// its name, ID or value, and without `labels` all segments are used. A voxel in several segments belongs to
+/// the one that comes last. Throws BadInput if no voxel is active, if one of `labels` does not occur, if
+/// there are more than 255 labels and, without `labels`, if a value is not a whole number.
 LabelledGrid with_labels(const Volume& volume, const std::optional<std::vector<std::string>>& labels);
 
 }  // namespace voxspring

@@ -37,8 +37,9 @@ constexpr double approximation_error =
     0x1p-9;
 #endif
 
-/// As many scalars as a register of this target holds. Nothing is contracted, so with Root::exact a lane has
-/// the same bits on every target, which are also those of a scalar. The other roots are for float32 only.
+/// A SIMD register of scalars, as wide as this target's registers are. No multiplication and addition are
+/// fused, so with Root::exact a lane has the same bits on every target as a scalar computation has. The other
+/// roots are for float32 only.
 template <class Scalar, Root root>
 struct Lanes {
     using T = Scalar;
@@ -103,7 +104,7 @@ HWY_INLINE Lanes<T, root> larger(Lanes<T, root> a, Lanes<T, root> b) {
 #endif
 }
 
-/// Three registers L: x, y and z of as many particles.
+/// The vectors of several particles, one per lane: a register L each for x, y and z.
 template <class L>
 struct Lanes3 {
     L x, y, z;

@@ -8,29 +8,31 @@
 namespace voxspring::layout {
 
 /// A block has wx x wy x wz threads, and each thread has one tile of tx x ty x tz particles. X, Y, Z are
-/// coordinates in the brick; i, j, k are coordinates in a tile. -1 and the number after the last one are in
-/// the frame around them.
+/// coordinates in the brick; i, j, k are coordinates in a tile. A coordinate of -1, or one more than the
+/// largest, lies in the frame of neighbouring points around the brick or tile.
 struct BrickShape {
     int tx, ty, tz;
     int wx, wy, wz;
-    bool both;               ///< bricks have neighbours on either side along x, not only where X ends
-    int row_pad, plane_pad;  ///< words that keep lanes in different banks
+    /// Bricks have neighbours on both sides along x. If false, they have them only on the side where X ends.
+    bool both;
+    int row_pad, plane_pad;  ///< padding words that put lanes into different banks
 
     VOXSPRING_HOST_DEVICE constexpr int tile() const { return tx * ty * tz; }
     VOXSPRING_HOST_DEVICE constexpr int threads() const { return wx * wy * wz; }
-    /// Threads in whole warps: the last ones may have no tile.
+    /// The threads, rounded up to whole warps. The last lanes may have no tile.
     VOXSPRING_HOST_DEVICE constexpr int lanes() const { return (threads() + 31) / 32 * 32; }
     VOXSPRING_HOST_DEVICE constexpr int nx() const { return tx * wx; }
     VOXSPRING_HOST_DEVICE constexpr int ny() const { return ty * wy; }
     VOXSPRING_HOST_DEVICE constexpr int nz() const { return tz * wz; }
 
-    // A row holds its particles by i: the i-th particles of all tiles are neighbours, so that lanes with
-    // tiles in one row are in different banks. The frame's point at X = nx follows the first particles; the
-    // one at X = -1, if there is one, comes before the last ones.
+    // In shared memory a row of particles is ordered by i: the i-th particles of all tiles lie side by side,
+    // so that lanes whose tiles are in one row use different banks. The frame's point at X = nx is stored
+    // after the particles with i = 0. The frame's point at X = -1, if there is one, is stored before those
+    // with i = tx - 1.
     VOXSPRING_HOST_DEVICE constexpr int column(int i) const {
         const int of = i < 0     ? tx - 1
                        : i == tx ? 0
-                                 : i;  // the column that holds it, of a tile beside this one
+                                 : i;  // the particle's i in its tile, which may be the tile beside this one
         const int begin = both ? of * (wx + 1) + (of == tx - 1 ? 1 : 0) : of * wx + (of > 0 ? 1 : 0);
         return begin + (i < 0 ? -1 : i == tx ? 1 : 0);
     }
@@ -62,7 +64,7 @@ struct BrickShape {
     VOXSPRING_HOST_DEVICE constexpr std::uint32_t crossed(int i, int j, int k) const {
         return (i < 0 ? 1U : 0U) | (i == tx ? 2U : 0U) | (j == ty ? 4U : 0U) | (k == tz ? 8U : 0U);
     }
-    static constexpr std::uint32_t sides = 4;  ///< number of those sides
+    static constexpr std::uint32_t sides = 4;  ///< number of sides that crossed() tells apart
 
     /// The number of a particle in its tile.
     VOXSPRING_HOST_DEVICE constexpr int number(int i, int j, int k) const { return (k * ty + j) * tx + i; }
@@ -74,23 +76,24 @@ inline constexpr std::uint32_t brick_low_x = 1, brick_high_x = 2, brick_low_y = 
                                brick_low_z = 16, brick_high_z = 32;
 
 struct BrickBlock {
-    int x, y, z;          ///< voxel of (0, 0, 0)
-    int direction;        ///< of X along x, 1 or -1
-    std::uint32_t sides;  ///< in the brick's coordinates
+    int x, y, z;          ///< voxel of the brick's particle (0, 0, 0)
+    int direction;        ///< 1 if X runs along the lattice's x, -1 if against it
+    std::uint32_t sides;  ///< brick_low_x etc., in the brick's coordinates
     bool operator==(const BrickBlock&) const = default;
 };
 
-/// Where a thread's tile lies. Tiles are mirrored along y and z if that brings the border of a brick to the
-/// tile's end. What comes from other blocks is then always there, and is used late in a step.
+/// Where a thread's tile lies. A tile is mirrored along y or z if that puts the border of the brick at the
+/// tile's far end. Points of other blocks are then always needed at that end, and are used late in a step.
 struct TilePlace {
-    int slot;                 ///< of its particle (0, 0, 0), in the first half and axis
-    int sy, sz;               ///< slots from one j or k to the next
+    int slot;                 ///< slot of the tile's particle (0, 0, 0), in the first half and axis
+    int sy, sz;               ///< slots from one j to the next, and from one k to the next
     int dx, dy, dz;           ///< 1, or -1 where i, j or k runs against the lattice
-    int x, y, z;              ///< voxel of its particle (0, 0, 0)
+    int x, y, z;              ///< voxel of the tile's particle (0, 0, 0)
     std::uint32_t published;  ///< one bit for each particle at the border of the brick
 
     VOXSPRING_HOST_DEVICE TilePlace(BrickShape shape, const BrickBlock& block, int thread) {
-        // Rows of tiles follow each other along z. A few more words per plane keep their banks apart.
+        // Rows of tiles that follow each other along z belong to successive threads. plane_pad keeps their
+        // banks apart.
         const int tile_x = thread % shape.wx, tile_z = thread / shape.wx % shape.wz,
                   tile_y = thread / (shape.wx * shape.wz);
         const bool turned_y = is_mirrored(tile_y, shape.wy, (block.sides & brick_low_y) != 0),
@@ -148,7 +151,7 @@ inline constexpr int kept_polls = 10, polls_in_turn = 6;
 /// A point that a block needs from another block.
 struct alignas(8) BrickPoll {
     std::uint32_t from;  ///< element of the lattice; resident_none: no poll
-    std::uint32_t slot;  ///< in the first half and axis
+    std::uint32_t slot;  ///< where the block stores the point, in the first half and axis
     bool operator==(const BrickPoll&) const = default;
 };
 
@@ -164,8 +167,8 @@ struct BrickMask {
 };
 
 /// A summary of the masks of a thread whose tile is full and has all springs, except those across some of its
-/// sides. Bit number BrickShape::crossed() says whether there are springs across these sides. `plain`: the
-/// thread is of this kind; otherwise no bit is set.
+/// sides. `plain`: the thread is of this kind; otherwise no bit is set. Bit number n: the tile has the
+/// springs for which BrickShape::crossed() is n.
 struct TileSides {
     static constexpr std::uint32_t plain = 1U << 31U;
     std::uint32_t bits;
@@ -179,26 +182,30 @@ struct TileSides {
 /// Everything that a launch needs besides where the particles are. `items` of the base class is not used.
 struct BrickStep : MarchStep<float> {
     const BrickBlock* blocks;
-    const std::uint32_t* masks;     ///< BrickMask::words_in_all() per lane, `lane_count` apart
-    std::uint32_t lane_count;       ///< of all blocks
-    const BrickPoll* polls;         ///< rounds x blocks x pollers
-    TaggedPoint* exchange;          ///< 2 x `axis`, by element
-    float* increments;              ///< BrickTile::increment_words per block, if they are not in registers
-    std::uint32_t* started_blocks;  ///< blocks that have read their start, over all launches
+    const std::uint32_t* masks;  ///< BrickMask::words_in_all() per lane, `lane_count` apart
+    std::uint32_t lane_count;    ///< number of lanes of all blocks together
+    const BrickPoll* polls;      ///< rounds x blocks x pollers
+    /// 2 x `axis` points: two halves, between which steps alternate, each indexed by lattice element.
+    TaggedPoint* exchange;
+    float* increments;  ///< BrickTile::increment_words per block, if they are not in registers
+    /// How many blocks have read the state with which their launch starts, counted over all launches.
+    std::uint32_t* started_blocks;
     WaitLimit wait;
     bool operator==(const BrickStep&) const = default;
 };
 
-/// Whether a spring leads along (x, y, z), each of which is at most 1: those of faces and edges do.
+/// Whether a neighbour at offset (x, y, z), each -1, 0 or 1, shares a face or an edge. Bricks have no other
+/// springs.
 VOXSPRING_HOST_DEVICE constexpr bool is_face_or_edge(int x, int y, int z) {
     const int squared = x * x + y * y + z * z;
     return squared == 1 || squared == 2;
 }
 
-/// Visits every spring that a thread evaluates before (`late` = false) or after late points have come, each
-/// with its bit; bits begin at `bit`. visit.both(bit, i, j, k, i2, j2, k2) is a spring between two particles
-/// of the tile. visit.half(...) is a spring from a particle of the tile to a point of another tile, whose
-/// thread evaluates it too. Returns the bit after the last one.
+/// Visits every spring that a thread evaluates, each with its bit; bits begin at `bit`. Springs to points
+/// beyond a side where another block may begin are visited only if `late` is true, all others only if it is
+/// false. visit.both(bit, i, j, k, i2, j2, k2) is a spring between two particles of the tile. visit.half(...)
+/// is a spring from a particle of the tile to a point of another tile, whose thread evaluates it too. Returns
+/// the bit after the last one.
 template <int tx, int ty, int tz, bool both_x, bool late, class Visit>
 VOXSPRING_HOST_DEVICE constexpr int visit_brick_springs(Visit& visit, int bit) {
     UNROLLED

@@ -9,7 +9,8 @@ namespace voxspring::layout {
 /// Particles per slice: those that a warp steps.
 inline constexpr int slice_particles = 32;
 
-/// The rows around a particle's own row, by (dy, dz); those of its faces come first.
+/// The eight rows of particles around a particle's own row, by (dy, dz). The four rows that share a face with
+/// it come first.
 inline constexpr int row_count = 8;
 // clang-format off
 #define NEIGHBOUR_ROWS(X) \
@@ -28,10 +29,13 @@ VOXSPRING_HOST_DEVICE constexpr int row_number(int dy, int dz) {
 
 /// What the particles of a slice share (delta.h).
 struct alignas(16) Slice {
-    std::int32_t list;     ///< of the particle before the slice; -1: there is none
+    std::int32_t list;     ///< index of the list of the particle before the slice; -1: there is none
     std::uint32_t starts;  ///< bit l: the list of particle l is the one after that of the particle before it
-    std::uint32_t off_lattice_begin;  ///< where its springs beyond the lattice begin, in slots of a slice
-    std::uint32_t off_lattice_slots;  ///< slots per particle; 0: no particle of the slice has such a spring
+    /// Where the slice's springs beyond the lattice begin, counted in slots. A slot has slice_particles
+    /// elements.
+    std::uint32_t off_lattice_begin;
+    /// Slots per particle for springs beyond the lattice; 0: no particle of the slice has such a spring.
+    std::uint32_t off_lattice_slots;
     bool operator==(const Slice&) const = default;
 };
 
@@ -41,18 +45,18 @@ struct alignas(16) FourDeltas {
     bool operator==(const FourDeltas&) const = default;
 };
 
-/// What to add to the index of a particle of a run to get that of its neighbour in the middle of each row.
-/// The neighbours before and after that one have indices one less and one more.
+/// What to add to a particle's index to get the index of its neighbour at dx = 0 in each row. All particles
+/// of a run share these numbers. The neighbours at dx = -1 and dx = 1 have indices one less and one more.
 struct alignas(16) RowDeltas {
     FourDeltas rows[2];
-    /// Bit r: row r has no particle in the middle but one on either side, so the one after it has the index
-    /// of the middle.
+    /// Bit r: row r has neighbours at dx = -1 and dx = 1 but none at dx = 0. The neighbour at dx = 1 then has
+    /// the index that the one at dx = 0 would have.
     std::uint32_t gaps;
     std::uint32_t unused[3];
     bool operator==(const RowDeltas&) const = default;
 };
 
-/// Everything a step needs besides positions: what an implicit step has except for the grid, and the lists.
+/// Everything a step needs besides positions: an ImplicitStep, whose grid is not used, and the lists.
 template <class Real>
 struct DeltaStep : ImplicitStep<Real> {
     int particles;  ///< particle i is word first + i

@@ -32,8 +32,8 @@ struct alignas(16) EditedSlice {
 template <class Real>
 struct EditedSpring {
     SpringEnds ends;
-    /// Its slot. If begin < end, this is the range in which it is the one with this `first`: springs of a
-    /// direction ascend by it.
+    /// If begin == end, the slot of the spring. If begin < end, the range in which a kernel searches for the
+    /// slot: there springs ascend by `first`, and each particle is `first` in at most one of them.
     std::size_t begin, end;
     SpringConstants<Real> constants;
     SpringRest<Real> off_lattice_rest;

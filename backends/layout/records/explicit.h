@@ -26,12 +26,16 @@ struct ExplicitStep {
     int particles;
     std::uint32_t group_bits;
     ListShape shape;
-    const std::uint32_t* neighbour;            ///< with a direction code on displacements (neighbours.h)
-    const SpringConstants<Real>* constants;    ///< the secondary list; null if groups suffice
-    std::uint32_t first_slot[3];               ///< without that list: where each group begins in a list,
-    Real stiffness[3], rest_length[3];         ///< and the constants of its springs
-    SpringRest<Real> rest[direction_codes];    ///< by direction code
-    const SpringRest<Real>* off_lattice_rest;  ///< by slot, for OWN_DIRECTION; null: there are none
+    /// Indices of neighbours. In formulations on displacements each has a direction code (neighbours.h).
+    const std::uint32_t* neighbour;
+    const SpringConstants<Real>* constants;  ///< the secondary list; null if groups suffice
+    /// Without a secondary list: the slot at which each group begins in a particle's list, and the constants
+    /// of the group's springs.
+    std::uint32_t first_slot[3];
+    Real stiffness[3], rest_length[3];
+    SpringRest<Real> rest[direction_codes];  ///< how springs lie at rest, by direction code
+    /// How springs whose code is OWN_DIRECTION lie at rest, by slot; null: there are none.
+    const SpringRest<Real>* off_lattice_rest;
     Motion<Real> motion;
     bool operator==(const ExplicitStep&) const = default;
 };
@@ -39,7 +43,7 @@ struct ExplicitStep {
 /// With a secondary list a particle's bits count its springs.
 inline constexpr std::uint32_t list_count_bits = NEIGHBOUR_BITS;
 
-/// Without a secondary list they count the springs of each group.
+/// Without a secondary list a particle's bits count its springs in each group.
 struct GroupCounters {
     static VOXSPRING_HOST_DEVICE std::uint32_t shift(int group) {
         return group == 0 ? 0 : group == 1 ? 3 : 7;
@@ -49,14 +53,14 @@ struct GroupCounters {
     }
 };
 
-/// Slots that are read at a time; lists by springs have whole chunks.
+/// Slots that a thread reads at a time. Lists by springs have a multiple of this many slots per particle.
 inline constexpr int list_chunk = 6;
 
 /// The paper's rows, which may stand ahead of the lists. A row has one element per particle and begins on a
-/// cache line. The first row says where a particle's list begins; the others say how many entries it has, in
-/// all with the secondary list and else of each group.
+/// cache line. The first row says where each particle's list begins. The others say how many entries the list
+/// has: with the secondary list one row for all entries, without it one row per spring group.
 struct ListRows {
-    static constexpr std::uint32_t cache_line = 32;  ///< elements
+    static constexpr std::uint32_t cache_line = 32;  ///< elements of 4 bytes
     static VOXSPRING_HOST_DEVICE std::uint32_t count(bool secondary) { return secondary ? 2 : 4; }
     static VOXSPRING_HOST_DEVICE std::uint32_t stride(std::uint32_t particles) {
         return (particles + cache_line - 1) / cache_line * cache_line;

@@ -5,7 +5,7 @@
 
 namespace voxspring::layout {
 
-/// In GLSL: vec3, uint.
+/// A particle of the picture. In GLSL: vec3, uint.
 template <class Real>
 struct alignas(4 * sizeof(Real)) FedWord {
     Vector<Real>

@@ -8,24 +8,27 @@ namespace voxspring::layout {
 /// Where a block of an implicit kernel starts, in voxels.
 struct alignas(16) BlockOrigin {
     int x, y, z;
-    int place;  ///< of the block (BlockGrid of backends/layout/blocks.h)
+    /// Number of the block in the grid of blocks (BlockGrid of backends/layout/blocks.h).
+    int place;
     bool operator==(const BlockOrigin&) const = default;
 };
 
-/// The active blocks: those that this step takes, and those that the next step will take. Marks have a frame
-/// of places around those of the lattice, so each block has 26 neighbours. A place without particles stays
-/// marked.
+/// The active blocks: this step takes the blocks in the list `now`, and fills the list `next` for the next
+/// step. A block's place is its number in the grid of blocks. The grid has a frame around the lattice, so
+/// that each block has 26 neighbouring places. A place without particles stays marked.
 struct ActiveBlocks {
-    int row, slice;            ///< from a block's place to the next one's along y and z
-    const BlockOrigin* now;    ///< origins of the blocks to step, in any order
-    BlockOrigin* next;         ///< room for all blocks
-    unsigned* now_count;       ///< zero after the step, whose list becomes that of the step after the next
-    unsigned* next_count;      ///< zero before the step
-    std::uint32_t* now_marks;  ///< for each place whether it is listed or has no particles
+    int row, slice;          ///< places from a block to the next one along y, and along z
+    const BlockOrigin* now;  ///< origins of the blocks to step, in any order
+    BlockOrigin* next;       ///< room for all blocks
+    /// Length of `now`. The step sets it to zero afterwards, since the next step fills this list anew.
+    unsigned* now_count;
+    unsigned* next_count;      ///< length of `next`; zero before the step
+    std::uint32_t* now_marks;  ///< not 0 for each place that is listed in `now` or has no particles
     std::uint32_t* next_marks;
-    unsigned* readers;  ///< blocks of threads that have read now_count; zero before and after
-    unsigned* taken;    ///< blocks that the latest step took
-    bool only_checks;   ///< the step stores only the next list, and nothing of the particles
+    /// How many thread blocks have read now_count; zero before and after a step.
+    unsigned* readers;
+    unsigned* taken;   ///< how many blocks the latest step took
+    bool only_checks;  ///< the step fills `next` but stores no particle
     bool operator==(const ActiveBlocks&) const = default;
 };
 
@@ -36,11 +39,12 @@ template <class Real>
 struct ImplicitStep {
     int nx, ny, nz;
     int first;
-    const BlockOrigin* origins;  ///< of the blocks with an active voxel; null: blocks cover the lattice
+    /// Origins of the blocks that have an active voxel; null: blocks cover the whole lattice.
+    const BlockOrigin* origins;
     std::uint32_t group_bits;
     Vector<Real> spacing;
-    Real rest_length[13];    ///< of mask bits 2 b and 2 b + 1, as unit_pull() takes it
-    Real deficit[13];        ///< likewise: RestSpring::deficit
+    Real rest_length[13];    ///< for each pair of mask bits 2 b and 2 b + 1, as unit_pull() takes it
+    Real deficit[13];        ///< RestSpring::deficit of each such pair
     Real stiffness[3];       ///< of each spring group, if there is one material
     const Real* compliance;  ///< 1 / stiffness of each voxel's material, if there are several
     Motion<Real> motion;

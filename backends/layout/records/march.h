@@ -9,8 +9,9 @@
 namespace voxspring::layout {
 
 /// How a block covers a tile. A warp has `lanes` threads along x and 32 / lanes along y, and a block has
-/// `wide` x `high` warps. Windows lie in shared memory in two rings: `planes` windows of positions, and
-/// `previous_windows` windows of what the step overwrites.
+/// `wide` x `high` warps. A thread has `rows` rows of two particles in each plane. A window is one plane of
+/// the tile in shared memory. There are two rings: `planes` windows of positions, and `previous_windows`
+/// windows of what the step overwrites.
 struct MarchShape {
     int rows, lanes, wide, high, planes, previous_windows;
 
@@ -19,7 +20,7 @@ struct MarchShape {
     /// Columns of particles per tile.
     VOXSPRING_HOST_DEVICE constexpr int width() const { return 2 * lanes * wide; }
     VOXSPRING_HOST_DEVICE constexpr int height() const { return rows * (32 / lanes) * high; }
-    /// Where thread `number` begins in the tile.
+    /// Column and row in the tile of the first particle of thread `number`.
     VOXSPRING_HOST_DEVICE constexpr int column(int number) const {
         return (number / 32 % wide) * 2 * lanes + 2 * (number % lanes);
     }
@@ -27,13 +28,13 @@ struct MarchShape {
         return ((number / 32 / wide) * (32 / lanes) + number % 32 / lanes) * rows;
     }
 
-    // A window of positions holds the tile with a frame of one particle in front and behind. A copy begins on
-    // 16 bytes, so to the left and right the frame has as many particles as 16 bytes hold. One axis follows
-    // the other. In elements of `real` bytes:
+    // A window of positions holds the tile and a frame. In front and behind, the frame is one particle wide.
+    // To the left and right it has as many particles as 16 bytes hold, because a copy begins at a multiple of
+    // 16 bytes. The axes follow one another. These functions count elements; `real` is the bytes of one.
     static VOXSPRING_HOST_DEVICE constexpr int margin(int real) { return 16 / real; }
     VOXSPRING_HOST_DEVICE constexpr int pitch(int real) const { return width() + 2 * margin(real); }
     VOXSPRING_HOST_DEVICE constexpr int axis(int real) const { return pitch(real) * (height() + 2); }
-    /// The element of the particle at which a thread begins.
+    /// The element in a window of the first particle of thread `number`.
     VOXSPRING_HOST_DEVICE constexpr int own(int number, int real) const {
         return (row(number) + 1) * pitch(real) + column(number) + margin(real);
     }
@@ -43,7 +44,7 @@ struct MarchShape {
         return row(number) * width() + column(number);
     }
 
-    /// Bytes from one window to the next: a copy goes to a multiple of 128.
+    /// Bytes from one window to the next: a multiple of 128, as the destination of a copy has to be.
     VOXSPRING_HOST_DEVICE constexpr int window_bytes(int real) const {
         return (3 * axis(real) * real + 127) / 128 * 128;
     }
@@ -58,14 +59,16 @@ struct MarchShape {
     bool operator==(const MarchShape&) const = default;
 };
 
-/// Planes `begin` to `end` (exclusive) of the tile whose first particle is that of column (x, y).
+/// The work of one block: planes `begin` to `end` (exclusive) of the tile whose first particle is in column
+/// (x, y).
 struct alignas(16) MarchItem {
     int x, y, begin, end;
-    /// Where its words begin, which are used unless all its warps have full stencils: for each plane from
-    /// `begin` to `end` (inclusive) one word per thread, as PlaneMask has it.
+    /// Index in MarchStep::words of the item's first mask word. For each plane from `begin` to `end`
+    /// (inclusive) there is one word per thread (PlaneMask). If all warps have full stencils, there are no
+    /// words.
     std::size_t words;
-    /// One bit for each warp whose particles all exist, move and have every spring, except springs to beyond
-    /// the first and last column and plane of the lattice.
+    /// One bit per warp: all its particles exist, move and have every spring, except springs that would leave
+    /// the lattice at its first or last column or plane.
     std::size_t full_stencils;
     bool operator==(const MarchItem&) const = default;
 };
@@ -83,22 +86,24 @@ VOXSPRING_HOST_DEVICE constexpr std::uint32_t bits_of_class(int k) { return k < 
 template <class Real>
 struct MarchStep {
     int nx, ny, nz;
-    std::size_t row, plane, axis;  ///< elements from one to the next
+    std::size_t row, plane, axis;  ///< elements from one row, plane or axis to the next
     const MarchItem* items;
     const std::uint64_t* words;
     Vector<Real> spacing;
-    Real rest_length[spring_classes];  ///< by increments; otherwise 1 / rest length, by inverse_root()
-    Real deficit[spring_classes];      ///< RestSpring::deficit
-    /// Stiffness of each class. If all edge springs are alike (EQUAL_EDGES), it is in units of theirs.
+    /// By increments the rest length, otherwise 1 / rest length as inverse_root() computes it.
+    Real rest_length[spring_classes];
+    Real deficit[spring_classes];  ///< RestSpring::deficit
+    /// By increments the stiffness of each class, otherwise stiffness times rest length. If this is the same
+    /// for all edge springs (EQUAL_EDGES), all classes are in units of it.
     Real stiffness[spring_classes];
-    Real scale;            ///< that unit times dt^2 / mass
+    Real scale;            ///< that unit, or 1, times dt^2 / mass
     Vector<Real> gravity;  ///< times dt^2
     Real damping, retained;
     Real shortest_squared;
     bool operator==(const MarchStep&) const = default;
 };
 
-/// If L2 is told what to keep, then some of every `kept_of` successive planes.
+/// L2 may be told to keep some planes of every `kept_of` successive ones (MarchPlan::kept_planes).
 inline constexpr int kept_of = 8;
 
 /// A CUtensorMap: x, y, z of a lattice and the three axes of its vectors as one tensor.
@@ -107,7 +112,8 @@ struct alignas(128) TensorMap {
     bool operator==(const TensorMap&) const = default;
 };
 
-/// What a step reads, where no engine copies: x or u at t, and what it overwrites.
+/// What a step reads where the threads fill the windows themselves: x or u at t, and what the step
+/// overwrites.
 template <class Real>
 struct MarchArrays {
     const Real* positions;
@@ -123,8 +129,8 @@ struct MarchOutput {
     Real* increment;
 };
 
-/// The bits of a word: one for each spring of visit_springs(); one for each particle of the previous plane
-/// that moves; one for each row of that plane that has a particle.
+/// The bits of a thread's mask word when a plane arrives: one for each spring of visit_springs(); one for
+/// each particle of the previous plane that moves; one for each row of that plane that has a particle.
 template <int rows>
 struct PlaneMask {
     static constexpr int springs = 23 * rows + 8;
@@ -136,8 +142,8 @@ struct PlaneMask {
 /// Visits every spring that a thread evaluates when a plane arrives, each with its bit. Particles are named
 /// by plane (1: the one that arrived, 0: the one before), row and column; a thread's particles are in rows 0
 /// to rows - 1 of columns 0 and 1. visit.both(bit, ...) is a spring between two of them. visit.half(bit, ...)
-/// is a spring to a neighbour, whose thread evaluates it too. With two rows that makes 13.5 springs per
-/// particle; one by one it would be 18.
+/// is a spring to a neighbour, whose thread evaluates it too. If there are two rows, a thread evaluates 13.5
+/// springs per particle. If each particle evaluated all of its springs, it would be 18.
 template <int rows, class Visit>
 VOXSPRING_HOST_DEVICE void visit_springs(Visit& visit) {
     int bit = 0;

@@ -5,12 +5,12 @@
 
 namespace voxspring::layout {
 
-/// What moves every particle.
+/// What moves every particle besides springs.
 template <class Real>
 struct Motion {
     Vector<Real> gravity;
-    Real inverse_mass;           ///< of all particles,
-    const Real* inverse_masses;  ///< or one per word; null: all the same
+    Real inverse_mass;           ///< the same for all particles; used if inverse_masses is null
+    const Real* inverse_masses;  ///< one per word
     const Vector<Real>* load;    ///< constant force, one per word; null: none
     Real damping;                ///< lambda
     Real retained;               ///< 1 - lambda
@@ -23,8 +23,9 @@ struct Motion {
 /// What a step writes.
 template <class Real>
 struct Output {
-    ParticleRecord<Real>* next;      ///< at t + dt; before, t - dt for `position` and `displacement`
-    ParticleRecord<Real>* next_low;  ///< their low parts (`compensated`)
+    /// x or u at t + dt. Before the step it holds x or u at t - dt (`position` and `displacement`).
+    ParticleRecord<Real>* next;
+    ParticleRecord<Real>* next_low;  ///< low parts of `next` (`compensated`)
     /// v, by increments: x of all words, then y, then z, `pitch` apart. A step overwrites it in place.
     Real* increment;
     Real* increment_low;

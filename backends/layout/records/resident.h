@@ -13,18 +13,20 @@ struct alignas(16) TaggedPoint {
     std::uint32_t tag;
 };
 
-/// How a warp's springs are split: 2 y + z of Across, or mixed, where all springs wait for the border.
+/// Kinds of border of a warp. Kind 2 y + z is Across<y, z>: only springs in its directions wait for points of
+/// other blocks. mixed_border: all springs of the warp wait.
 inline constexpr int mixed_border = 4;
 inline constexpr int border_kinds = 5;
 /// Across has borders at dy = 1 and dz = 1 only. A warp with a border at dy = -1 is mirrored along y: in its
 /// tables dy has the opposite sign. A border at dz = -1 is mirrored along z in the same way. So the warps of
-/// a block share the code of few kinds, which the instruction cache holds. ResidentStep::border has the kind
-/// in the bits `border_kind_bits`, and the other two constants for the axes along which the warp is mirrored.
+/// a block share the code of few kinds, which the instruction cache holds. An element of ResidentStep::border
+/// has the kind in the bits `border_kind_bits`, plus mirrored_y and mirrored_z if the warp is mirrored along
+/// these axes.
 inline constexpr int border_kind_bits = 7;
 inline constexpr int mirrored_y = 8;
 inline constexpr int mirrored_z = 16;
 
-/// Mask bits of neighbours.
+/// How many mask bits stand for neighbours.
 inline constexpr int neighbour_bits = 26;
 
 /// A thread with one particle keeps that particle's slots in registers. A thread with several reads them anew
@@ -33,17 +35,18 @@ inline constexpr int slots_together = 4;
 struct alignas(slots_together * sizeof(std::uint16_t)) SlotsTogether {
     std::uint16_t of[slots_together];
 };
-/// The index in ResidentStep::slot of a mask bit of lane `at`. `together`: threads have several particles.
+/// The index in ResidentStep::slot for mask bit `bit` of lane `at`. `together`: threads have several
+/// particles, so slots_together successive bits of a lane lie side by side.
 VOXSPRING_HOST_DEVICE constexpr std::size_t slot_index(int bit, std::size_t at, std::size_t lane_count,
                                                        bool together) {
     if (!together) return std::size_t(bit) * lane_count + at;
     return (std::size_t(bit / slots_together) * lane_count + at) * slots_together +
            std::size_t(bit % slots_together);
 }
-/// Set in ResidentStep::own_slot if threads have several particles and this one is pinned.
+/// Set in ResidentStep::own_slot of a pinned particle, if threads have several particles.
 inline constexpr std::uint16_t pinned_slot = 1U << 15;
 
-/// A lane or poll without work.
+/// Marks a lane without a particle, or a poll without a point.
 inline constexpr std::uint32_t resident_none = 0xFFFFFFFFu;
 
 /// Set in ResidentStep::polled_word if the poll is of a ghost that this poller stores in memory at the end of
@@ -51,11 +54,11 @@ inline constexpr std::uint32_t resident_none = 0xFFFFFFFFu;
 inline constexpr std::uint32_t keeps_ghost = 1U << 31;
 inline constexpr std::uint32_t resident_word_bits = keeps_ghost - 1;
 
-/// Set in ResidentLinks::sent for the second neighbour.
+/// Set in ResidentLinks::sent if the point goes to the second of the two neighbours.
 inline constexpr std::uint32_t second_neighbour = 1U << 31;
 
-/// Which block waited in vain for which step, counted from the first step that the tables were made for. It
-/// is one word, so that it is written whole.
+/// The block that waited in vain, and the step that it waited for, counted from the first step that the
+/// tables were made for. Both are packed into one word of 64 bits, so that they are written together.
 struct ResidentStall {
     std::uint32_t block, step;
     static constexpr std::uint64_t set = std::uint64_t(1) << 63;
@@ -67,8 +70,8 @@ struct ResidentStall {
 
 /// How long a wait in a launch may last (cuda/kernels/wait.h).
 struct WaitLimit {
-    std::uint64_t* stall;       ///< on the host: a ResidentStall, or 0
-    std::uint64_t nanoseconds;  ///< for one wait
+    std::uint64_t* stall;       ///< in the host's memory: a packed ResidentStall, or 0
+    std::uint64_t nanoseconds;  ///< limit of one wait
     bool operator==(const WaitLimit&) const = default;
 };
 /// The limit is long: a step takes microseconds, but another process may have the card for some time slices.
@@ -76,34 +79,40 @@ inline constexpr std::uint64_t max_wait_nanoseconds = 10'000'000'000;
 
 /// Everything a resident launch needs. The lattice of the base class is not used.
 struct ResidentStep : ImplicitStep<float> {
-    // One per lane. A lane is a thread's place for a particle; each thread of a block has as many:
-    const std::uint32_t* particle;   ///< index of the particle's word
-    const std::uint32_t* published;  ///< index in `exchange`, for particles that other blocks reach
+    // Arrays with one element per lane. A lane is a thread's place for one particle; all threads have the
+    // same number of lanes.
+    const std::uint32_t* particle;  ///< index of the particle's word
+    /// Index in `exchange`, if other blocks need the particle; otherwise resident_none.
+    const std::uint32_t* published;
     const std::uint16_t* own_slot;
-    const std::uint16_t* slot;   ///< per mask bit: the neighbour's slot (slot_index()); if absent, the own
-    const std::uint8_t* border;  ///< kind of border and how it is mirrored, one per warp
-    // One per poll, poller_rounds x blocks x pollers:
+    /// Per mask bit (slot_index()): the slot of the neighbour, or the lane's own slot if there is no
+    /// neighbour.
+    const std::uint16_t* slot;
+    const std::uint8_t* border;  ///< one per warp: kind of border and how it is mirrored
+    // Arrays with one element per poll, in all poller_rounds x blocks x pollers:
     const std::uint32_t* polled;       ///< index in `exchange`
-    const std::uint32_t* polled_word;  ///< index of that particle's word
+    const std::uint32_t* polled_word;  ///< index of the polled particle's word
     const std::uint16_t* polled_slot;
-    std::uint32_t lane_count;       ///< of all blocks
-    std::uint32_t published_count;  ///< points in each half of `exchange`; steps alternate
-    TaggedPoint* exchange;          ///< 2 x published_count
-    std::uint32_t* started_blocks;  ///< blocks that have read their start, over all launches
+    std::uint32_t lane_count;  ///< number of lanes of all blocks together
+    /// Points in each half of `exchange`; steps alternate between the halves.
+    std::uint32_t published_count;
+    TaggedPoint* exchange;  ///< 2 x published_count points
+    /// How many blocks have read the state with which their launch starts, counted over all launches.
+    std::uint32_t* started_blocks;
     WaitLimit wait;
     bool operator==(const ResidentStep&) const = default;
 };
 
-/// Which tool a resident kernel is compiled for: none; one that stands still during a launch; one that the
-/// host moves while the launch goes on, between the ticks that it orders.
+/// The tool that a resident kernel is compiled for: none; one that stands still during a launch; or one that
+/// the host moves from tick to tick while the launch goes on.
 enum class ToolMode : std::uint8_t { none, launch, ticks };
 
 /// A ResidentStep with a tool that holds particles.
 struct HeldResidentStep : ResidentStep {
-    const std::uint32_t* held_by_lane;  ///< each lane's particle in `held`, or resident_none
+    const std::uint32_t* held_by_lane;  ///< per lane: index of its particle in `held`, or resident_none
     const HeldWord<float>* held;
     ToolState<float> tool;     ///< where the tool is, in ToolMode::launch
-    HeldForce<float>* forces;  ///< from the last step of a launch
+    HeldForce<float>* forces;  ///< the tool's forces in the last step of a launch
     TickLine line;             ///< for ToolMode::ticks
 };
 
@@ -114,8 +123,8 @@ struct ResidentNeighbour {
 };
 /// Where a part of a body sends its points to the parts beside it.
 struct ResidentLinks {
-    /// One per lane: the word of a neighbour's exchange to which its point goes, with second_neighbour set if
-    /// it is the second neighbour's; or resident_none.
+    /// One per lane: the index in a neighbour's exchange at which the lane's point is stored, with
+    /// second_neighbour set if it is the second neighbour's exchange; resident_none: the point is not sent.
     const std::uint32_t* sent;
     ResidentNeighbour neighbour[2];
 };

@@ -11,13 +11,16 @@ template <class Real>
 struct ScatterStep {
     int particles;
     std::uint32_t group_bits;
-    std::size_t springs;     ///< slots of all arrays; a stiffness of 0 marks an empty slot
-    const SpringEnds* ends;  ///< on displacements `second` has a direction code, as seen from `first`
+    /// Slots of each array; a slot whose stiffness is 0 is empty.
+    std::size_t springs;
+    /// In formulations on displacements `second` has a direction code, as seen from `first` (neighbours.h).
+    const SpringEnds* ends;
     const SpringConstants<Real>* constants;
-    SpringRest<Real> rest[direction_codes];    ///< by direction code
-    const SpringRest<Real>* off_lattice_rest;  ///< by slot, for OWN_DIRECTION; null: there are none
-    /// x of all particles, then y, then z, `pitch` apart, so that neighbouring threads add to neighbouring
-    /// addresses. It is zero between steps.
+    SpringRest<Real> rest[direction_codes];  ///< how springs lie at rest, by direction code
+    /// How springs whose code is OWN_DIRECTION lie at rest, by slot; null: there are none.
+    const SpringRest<Real>* off_lattice_rest;
+    /// The sum of the spring forces on each particle: x of all particles, then y, then z, `pitch` apart, so
+    /// that neighbouring threads add to neighbouring addresses. It is zero between steps.
     Real* force;
     std::size_t pitch;
     Motion<Real> motion;

@@ -5,12 +5,12 @@
 
 namespace voxspring::layout {
 
-/// One spring of a list.
+/// The constants of one spring of a list.
 template <class Real>
 struct alignas(2 * sizeof(Real)) SpringConstants {
     Real stiffness;
-    /// The rest length as unit_pull() takes it. If the device has to measure it with measured_length(), it is
-    /// the square until then (calibrate_rest_lengths).
+    /// The rest length as unit_pull() takes it. If the device has to measure it with measured_length(), the
+    /// square of the rest length stands here until then (calibrate_rest_lengths).
     Real rest_length;
 };
 

@@ -7,7 +7,7 @@
 
 namespace voxspring::layout {
 
-/// A value with the number of its tick.
+/// A word: the number of the tick in the upper half, the value in the lower half.
 VOXSPRING_HOST_DEVICE constexpr std::uint64_t tick_word(std::uint32_t value, std::uint32_t tick) {
     return std::uint64_t(tick) << 32 | value;
 }
@@ -29,28 +29,29 @@ struct TickOrder {
     std::uint32_t tick;
 };
 
-/// The order of a tick: x, y and z of `moved`, and `steps`.
+/// A TickOrder as words (tick_word()): x, y and z of `moved`, and `steps`.
 struct alignas(32) OrderWords {
     std::uint64_t word[4];
 };
 
-/// The force of the tool on a held particle in the last step of a tick: x, y and z.
+/// The force of the tool on a held particle in the last step of a tick, as words: x, y and z.
 struct alignas(32) AnswerWords {
     std::uint64_t word[3];
 };
 
-/// A kernel ends by itself if the host orders nothing for this long. Other blocks wait longer for the block
-/// that looks for the host's orders (max_wait_nanoseconds).
+/// A kernel ends by itself if the host orders nothing for this long. Only block 0 looks for the host's
+/// orders. The other blocks wait longer for block 0 (max_wait_nanoseconds).
 inline constexpr std::uint64_t max_idle_nanoseconds = 1'000'000'000;
 
 /// Where orders and answers lie.
 struct TickLine {
-    const OrderWords* asked;      ///< on the host, which writes it
-    OrderWords* handed_on;        ///< on the device: from block 0 to all others
-    std::uint32_t* taken_blocks;  ///< blocks that have read their order, over all ticks of this launch
-    AnswerWords* answers;         ///< on the host: one for each particle that the tool holds
-    std::uint32_t first_tick;     ///< of this launch; ticks are numbered one after another
-    std::uint64_t max_idle;       ///< nanoseconds
+    const OrderWords* asked;  ///< in the host's memory; the host writes it
+    OrderWords* handed_on;    ///< in device memory; block 0 writes it for all other blocks
+    /// How many blocks have read their order, counted over all ticks of this launch.
+    std::uint32_t* taken_blocks;
+    AnswerWords* answers;      ///< in the host's memory: one for each particle that the tool holds
+    std::uint32_t first_tick;  ///< number of this launch's first tick; the next ticks count up from it
+    std::uint64_t max_idle;    ///< in nanoseconds
 };
 
 }  // namespace voxspring::layout

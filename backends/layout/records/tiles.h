@@ -9,7 +9,8 @@ namespace voxspring::layout {
 inline constexpr int tile_particles = 8;
 /// Memory holds tiles in groups. Each warp steps one group.
 inline constexpr std::uint32_t group_tiles = 32;
-/// Elements from x to y and from y to z of a particle: all particles of a group lie between.
+/// Elements from a particle's x to its y, and from its y to its z. A group stores the x of all its particles,
+/// then all y, then all z.
 inline constexpr std::size_t tile_axis = std::size_t(tile_particles) * group_tiles;
 /// The element of x of particle `n` of a tile. The n-th particles of a group's tiles lie side by side, so
 /// that the lanes of a warp read consecutive elements.
@@ -17,20 +18,20 @@ VOXSPRING_HOST_DEVICE constexpr std::size_t tile_element(std::uint32_t tile, int
     return std::size_t(tile / group_tiles) * (3 * tile_axis) + std::size_t(n) * group_tiles +
            tile % group_tiles;
 }
-/// Coordinates in its tile of particle `n`, each 0 or 1.
+/// Coordinates of particle `n` in its tile, each 0 or 1.
 VOXSPRING_HOST_DEVICE constexpr int tile_x(int n) { return n & 1; }
 VOXSPRING_HOST_DEVICE constexpr int tile_y(int n) { return n >> 1 & 1; }
 VOXSPRING_HOST_DEVICE constexpr int tile_z(int n) { return n >> 2; }
 
-/// Number of the rows of tiles around a tile's own row, and the number of the row (dy, dz) among them.
+/// How many rows of tiles lie around a tile's own row, and the number of the row at (dy, dz) among them.
 inline constexpr std::uint32_t tile_rows = 8;
 VOXSPRING_HOST_DEVICE constexpr std::uint32_t tile_row(int dy, int dz) {
     const int row = 3 * (dz + 1) + dy + 1;
     return std::uint32_t(row < 4 ? row : row - 1);
 }
-/// Where a row passes a tile: the first active tile of the row that is not to the left of the tile, and
-/// whether this one lies straight beside the tile. Tiles of a row have consecutive numbers, so that the three
-/// neighbours in the row follow.
+/// What a tile knows of one row of tiles beside it: the number of the row's first active tile at dx >= 0, and
+/// whether that tile is at dx = 0. The active tiles of a row have consecutive numbers, so the numbers of the
+/// three neighbours at dx = -1, 0 and 1 follow.
 struct TileRow {
     std::uint32_t entry;
 
@@ -62,15 +63,16 @@ struct alignas(16) TileMask {
 /// are not used.
 template <class Real>
 struct TileStep : MarchStep<Real> {
-    const TileRow* rows;  ///< tile_rows per tile, `group_tiles` apart within a group
+    /// tile_rows per tile. The entries of one tile are `group_tiles` apart.
+    const TileRow* rows;
     const TileMask* masks;
     bool operator==(const TileStep&) const = default;
 };
 
 /// Visits every spring that a thread evaluates, each with its bit. visit.both(bit, n, m) is a spring between
-/// particles n and m of the tile. visit.point(i, j, k) announces the point with these coordinates in the
-/// tile, each -1, 0, 1 or 2, of another tile. Springs to that point follow: visit.half(bit, n, i, j, k) is
-/// the one of particle n, which the other tile's thread evaluates too. Returns the number of springs.
+/// particles n and m of the tile. visit.point(i, j, k) announces a point of another tile, at coordinates from
+/// -1 to 2 counted from this tile's first particle. Springs to that point follow: visit.half(bit, n, i, j, k)
+/// is its spring to particle n, which the other tile's thread evaluates too. Returns the number of springs.
 template <class Visit>
 VOXSPRING_HOST_DEVICE constexpr int visit_tile_springs(Visit& visit) {
     int bit = 0;

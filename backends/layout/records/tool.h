@@ -10,7 +10,7 @@ template <class Real>
 struct alignas(4 * sizeof(Real)) HeldWord {
     Vector<Real> anchor;  ///< where the tool took hold of it: a position or a displacement (formulation.h)
     std::uint32_t word;
-    alignas(4 * sizeof(Real)) Vector<Real> load;  ///< Problem::load
+    alignas(4 * sizeof(Real)) Vector<Real> load;  ///< the particle's Problem::load
     bool operator==(const HeldWord&) const = default;
 };
 

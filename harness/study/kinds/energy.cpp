@@ -21,7 +21,7 @@
 namespace voxspring {
 namespace {
 
-/// Within this time clocks settle, and samples of power no longer include what was before.
+/// Time before a measurement: clocks settle, and samples of power stop including earlier activity.
 constexpr double lead_seconds = 2;
 /// How long an idle card is watched.
 constexpr double idle_seconds = 3;
@@ -168,7 +168,7 @@ public:
     }
 
 private:
-    // The counter leaps at least every tenth of a second, which is 1% of ten seconds.
+    // The energy counter is updated at least every tenth of a second, which is 1% of ten seconds.
     static constexpr double min_seconds = 10;
     double seconds_ = min_seconds;  ///< how long each case is measured
 };

@@ -46,7 +46,7 @@ public:
         const bool at_once = question.at("handed_over") == "at once";
         OverheadRow row;
         row.handed_over = question.at("handed_over");
-        // From the first call to the end of the last step.
+        // The time from the first call to the end of the last step.
         row.counters.add("seconds_per_step", shortest(backend, steps_, at_once).second, Unit::second,
                          Better::less);
         const int unhindered = at_once ? unhindered_at_once : unhindered_one_by_one;
@@ -61,8 +61,8 @@ private:
         return std::chrono::duration<double>(Clock::now() - begin).count();
     }
 
-    /// Seconds per step, for the calls alone and until the last step is done. The shortest repetition counts;
-    /// the first one is left out, since it includes work that only a first run does.
+    /// Seconds per step: first for the calls alone, then until the last step is done. Each is the least of
+    /// the repetitions after the first one, which includes work that only a first run does.
     std::pair<double, double> shortest(Backend& backend, int steps, bool at_once) {
         std::pair most(std::numeric_limits<double>::infinity(), std::numeric_limits<double>::infinity());
         for (int repetition = 0; repetition <= repetitions_; ++repetition) {
@@ -85,7 +85,7 @@ private:
 
     const int steps_, repetitions_;
     SceneRunner runner_;
-    bool keeps_start_ = false;  // whether the backend has been asked to
+    bool keeps_start_ = false;  // whether keep_start() has been called
 };
 
 const RegisteredCaseRunner overhead_runner("overhead", [](const BackendSpec&, const Scene& scene,

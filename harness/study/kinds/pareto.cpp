@@ -32,7 +32,7 @@
 namespace voxspring {
 namespace {
 
-/// The sort key of a row that has both: time, then error.
+/// The sort key of a row: time, then error against the converged solution. The row must have both.
 std::pair<double, double> key_of(const ParetoRow& row) {
     return {*row.seconds, *row.errors->total_relative_l2};
 }
@@ -76,8 +76,8 @@ void mark_fronts(std::vector<ParetoRow>& rows) {
 
 namespace {
 
-/// Prints the front of each scene and device, fastest first, then the runs that diverged and those without
-/// such an error.
+/// Prints the front of each scene and device, fastest first, then the scenes without an error against the
+/// converged solution, and the runs that diverged.
 void print_fronts(const Result& result, std::ostream& out, TableWidth width) {
     std::vector<std::string> order, diverged;
     std::map<std::string, std::vector<ParetoRow>> fronts;
@@ -115,16 +115,16 @@ constexpr double long_run_seconds = 0.25;
 
 /// The time steps with which a scene is run.
 struct TimeSteps {
-    std::vector<double> fractions;  ///< of the stable time step, descending
-    int steps = 0;                  ///< at the first fraction; sets the end time of all
-    int repetitions = 0;            ///< timed runs at each; fewer if together they exceed a second
+    std::vector<double> fractions;  ///< time steps as fractions of the stable one, descending
+    int steps = 0;                  ///< number at the first fraction; sets the end time of all runs
+    int repetitions = 0;            ///< timed runs per time step; fewer if together they exceed a second
 
     double steps_at(double fraction) const { return std::round(steps * (fractions.front() / fraction)); }
     /// The span to the end time, which all time steps reach.
     Span span(const Scene& scene) const { return {fractions.front() * scene.stable_time_step, steps}; }
 };
 
-/// The device's name in rows: a card has one name for all APIs.
+/// The device's name in rows. APIs may name a card differently; the first name is used for all of them.
 std::string device_of(const Capabilities& capabilities, std::map<std::string, std::string>& by_uuid) {
     const std::string& device = capabilities.device;
     return capabilities.uuid.empty() ? device : by_uuid.emplace(capabilities.uuid, device).first->second;
@@ -284,9 +284,9 @@ std::optional<ParetoRow> row_of_case(const StudyBench& bench, Case& benchmark_ca
     return row != nullptr ? std::optional(row_of_json<ParetoRow>(*row)) : std::nullopt;
 }
 
-/// Computes the spreads that a backend is judged by, which happens at the largest time step only. At smaller
-/// ones the effect of rounding is what the study measures, spreads would take as long as all the rest, and
-/// the code is the same.
+/// Computes the spreads by which backends are judged (error_threshold.h). They are judged at the largest time
+/// step only. At smaller ones the effect of rounding is what the study measures, spreads would take as long
+/// as all the rest of it, and the backends run the same code.
 void measure_spreads(StudyBench& bench, const Scene& stepped, const std::vector<Case>& cases,
                      ReferenceSolution& solution) {
     for (const Case& one : cases) {
@@ -316,7 +316,7 @@ public:
     }
 
 private:
-    using RowsOfSteps = std::map<int, std::vector<ParetoRow>>;  ///< by number of steps
+    using RowsOfSteps = std::map<int, std::vector<ParetoRow>>;  ///< key: number of steps
 
     /// Adds rows to `rows_of`. Throws Interrupted; the rows added before that are valid.
     void measure(StudyBench& bench, const std::vector<int>& counts, RowsOfSteps& rows_of) const;
@@ -324,7 +324,7 @@ private:
         return {fractions_, item.steps, study.repetitions};
     }
 
-    std::vector<double> fractions_;  ///< of the stable time step, descending
+    std::vector<double> fractions_;  ///< time steps as fractions of the stable one, descending
 };
 
 void ParetoStudy::read(JsonObject& study) {

@@ -50,9 +50,10 @@ struct StabilityRow : Row {
 
 constexpr std::array dampings = {0.0, 0.1, 1.0};
 constexpr std::array large_amplitudes = {0.01, 0.1, 0.3};
-constexpr double stretch = 1;  ///< added to the size: the body is stretched to twice its size
+constexpr double stretch = 1;  ///< displacement over position: the body is stretched to twice its size
 
-constexpr double seen_excess = 1e-3;  ///< a time step above the limit by this share of it must show growth
+/// A time step that exceeds the limit by this fraction must show growth.
+constexpr double seen_excess = 1e-3;
 /// For small amplitudes, the measured limit of the time step may differ from the theory's by this share of
 /// it: by `seen_excess`, and by as much again since springs are not linear.
 constexpr double tolerance = 2e-3;
@@ -80,8 +81,9 @@ void pin_surface(Problem& problem) {
     pin(problem, std::move(pinned));
 }
 
-/// Sets loads that keep the particles in equilibrium at `displacement`; none if they are so without loads.
-/// Between springs of different stiffness, or with sutures, a stretched body would leave that state at once.
+/// Sets loads that keep the particles in equilibrium at `displacement`. Sets none if the particles are in
+/// equilibrium without loads. Between springs of different stiffness, or with sutures, a stretched body would
+/// leave that state at once.
 void balance(Problem& problem, const std::vector<glm::dvec3>& displacement) {
     const std::vector<Spring> springs = list_springs(problem);
     const std::vector<RestSpring> rest = list_rest_springs(problem);
@@ -95,7 +97,7 @@ void balance(Problem& problem, const std::vector<glm::dvec3>& displacement) {
         load[springs[s].second] += force;
         strongest = std::max(strongest, glm::length(force));
     }
-    constexpr double rounding = 1e-12;  // relative, of a sum of about 26 forces
+    constexpr double rounding = 1e-12;  // relative rounding error of a sum of about 26 forces
     bool balanced = true;
     for (std::size_t i = 0; i < load.size(); ++i) {
         if (problem.is_pinned(i)) load[i] = glm::dvec3(0);
@@ -137,11 +139,11 @@ nlohmann::json map_of(Backend& backend, Problem problem) {
 struct StabilityStudy::Search {
     Problem problem;
     double damping = 0;
-    double relative_amplitude = 0;  ///< of the start, in spacings
-    double stretch = 0;             ///< of the start; 0: not stretched
+    double relative_amplitude = 0;  ///< amplitude of the start, in spacings
+    double stretch = 0;             ///< stretch of the start; 0: not stretched
     bool exact = false;             ///< whether theory holds within the tolerance
     double theory = 0;              ///< the largest stable time step
-    double amplitude = 0;           ///< in units of length
+    double amplitude = 0;           ///< amplitude of the start, in units of length
     int steps = 0;
     State state = {};
 
@@ -355,7 +357,7 @@ public:
         for (const auto& limit : limits) listed.push_back(limit ? nlohmann::json(*limit) : nlohmann::json());
         const bool empty =
             std::none_of(limits.begin(), limits.end(), [](const auto& l) { return l.has_value(); });
-        bool map = bench.item().settings.value("map", false);  // made by the first case only
+        bool map = bench.item().settings.value("map", false);  // only the first case makes the map
         const auto enter = [&](const BackendSpec& spec) {
             std::optional<Case> entered =
                 bench.enter(spec, {"stability", {{"limits", listed}, {"map", map}}}, {.at_once = true});

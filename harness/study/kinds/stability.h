@@ -21,14 +21,14 @@ namespace voxspring {
 /// | twice the size of rest, and +-0.001 | 0 | theory about the stretched state; the surface is pinned |
 ///
 /// If the stretched body is not in equilibrium, between materials for example, constant loads hold it there:
-/// theory requires a state of equilibrium. A backend without loads skips that start.
+/// theory requires a state of equilibrium. A backend that does not support loads skips that start.
 ///
 /// A time step counts as stable if, after a number of steps, no particle moves 30 times the start's amplitude
-/// per step. The number is what a mode needs to grow 30-fold from its share of a random start, if the time
+/// per step. In this number of steps a mode grows from its share of a random start to that size, if the time
 /// step exceeds theory by 0.1%. With `map` there is also a map of damping against time step.
 ///
-/// Lists: `stability`, one row per start and damping; `stability_map`; and `failed`, what differs from theory
-/// by more than 0.2%. Rows are as in results/schema.json.
+/// Lists: `stability`, one row per start and damping; `stability_map`; and `failed`, the starts and dampings
+/// whose result differs from theory by more than 0.2%. Rows are as in results/schema.json.
 class StabilityStudy {
 public:
     /// Largest stable time steps in theory, one per search. Empty if nothing oscillates, or if the frequency

@@ -130,8 +130,8 @@ private:
         return {};
     }
 
-    /// The threshold of a comparison of bits. It is none if atomics add in any order, since two equal runs
-    /// then differ.
+    /// The threshold of a bitwise comparison: no difference. There is no threshold if atomics add in any
+    /// order, since equal runs then differ.
     Threshold same_bits_threshold() const {
         return backend_.capabilities().deterministic ? at_most(0) : Threshold{};
     }
@@ -223,7 +223,7 @@ private:
         return largest;
     }
 
-    /// The number of particles whose displacements or increments differ, without particle `except`.
+    /// The number of particles whose displacements or increments differ. Particle `except` does not count.
     static double different(const State& a, const State& b, std::size_t except = no_particle) {
         double count = 0;
         for (std::size_t i = 0; i < a.displacement.size(); ++i) {
@@ -351,7 +351,7 @@ private:
     void rope() {
         const int side = by_length(64, 64, 16), steps = by_length(10000, 2000, 500);
         Problem problem = make_lattice_problem(make_box({1, 1, side}), FACE_BITS);
-        problem.time_step = 0.5;  // the limit is 1
+        problem.time_step = 0.5;  // the stable time step is 1
         problem.damping = 0.01;
         problem.gravity = {8e-4, 0, -2e-3};
         pin_lowest_slice(problem);
@@ -383,7 +383,7 @@ private:
             grid.label[voxel] = 2;
         Problem problem = lattice(grid, 0.5);
         problem.materials = {{1, 1}, {1, 1e6}};
-        problem.time_step *= 1e-3;  // for the stiff half
+        problem.time_step *= 1e-3;  // so that the stiff half is stable
         pin_lowest_slice(problem);
         problem.gravity = {8e-4, 0, -2e-3};
         const int steps = by_length(50000, 5000, 500);
@@ -392,8 +392,8 @@ private:
                [&] { return error(name, problem, steps); });
     }
 
-    /// Compares runs with and without the shortcuts of a backend: it skips terms that a scene does not need,
-    /// and tiles at rest.
+    /// Compares runs with and without each shortcut of a backend, such as skipping terms that a scene does
+    /// not need, or tiles at rest.
     void skipping() {
         const int side = by_length(24, 24, 12), steps = by_length(200, 100, 50);
         Problem problem = cube(side, 0.5);
@@ -447,8 +447,8 @@ private:
                refined, [&] { return error(name, refined, refined_steps); });
     }
 
-    /// The error of the static state, which does not depend on the time step. The damping is the same per
-    /// unit of time for all time steps.
+    /// Measures the error of the static state. The exact one does not depend on the time step. The damping
+    /// per unit of time is the same for all time steps.
     void equilibrium() {
         const int side = by_length(32, 16, 8);
         const double rate = 2.2 / side;  // damping rate near the critical one of the slowest mode

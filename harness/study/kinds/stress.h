@@ -27,7 +27,7 @@ public:
     /// keeps the state here.
     void report_to(const OnEvent& on_event) { on_event_ = on_event; }
     void take(const nlohmann::json& event);
-    /// All references as JSON, and the reverse, for the next process to start with.
+    /// known() returns all references as JSON, for take_all() in the next process.
     nlohmann::json known() const;
     void take_all(const nlohmann::json& known);
 
@@ -45,11 +45,11 @@ private:
 /// | 3 | random start of +-0.3 spacings, undamped, 0.577 of the limit | least, largest energy over start |
 /// | 4 | random start of +-1 spacing, damping 0.01 | energy over that of the start |
 /// | 5 | two coincident, two swapped particles, damping 0.05 | displacement in the end |
-/// | 6 | NaN in a particle that no spring joins | others that are not the same to the bit |
+/// | 6 | NaN in a particle that no spring joins | other particles whose bits change |
 /// | 7 | a rope, a free particle far from the origin, stiffnesses 1 and 1e6 | error against float64 |
-/// | 8 | skipping of terms and of tiles at rest | particles not the same to the bit without it |
+/// | 8 | skipping of terms and of tiles at rest | particles whose bits differ without it |
 /// | 9 | box, damped beam and heart; static box; small time steps | error against float64 |
-/// | 9 | momentum of a long run | sum over sum of sizes |
+/// | 9 | momentum of a long run | size of the sum over the sum of sizes |
 ///
 /// A threshold that the model itself demands holds for every formulation. A threshold for rounding holds for
 /// `increment` and `compensated`; for the others the figure is only recorded. Lists by name: `stress`, one

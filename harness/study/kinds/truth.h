@@ -13,16 +13,19 @@
 
 namespace voxspring {
 
-/// A body that is clamped at its lowest side and loaded, and how far its highest side moves. Lengths are in
-/// widths of the body, stresses in Young's moduli. results/continuum.py solves the same cases by finite
-/// elements.
+/// A body that is clamped at its lowest side and loaded, and how far its highest side moves. The unit of
+/// length is the width of the body, the unit of stress its Young's modulus. results/continuum.py solves the
+/// same cases by finite elements.
 struct TruthCase {
-    std::string name;           ///< "tension", "torsion", "cantilever", "cube", "ball"
-    double height = 1;          ///< the body is a square bar of width 1, or a ball between two planes
-    bool is_ball = false;       ///< of diameter 1, cut off by two planes `height` apart
+    std::string name;  ///< "tension", "torsion", "cantilever", "cube", "ball"
+    /// Height of the bar, whose section is a square of width 1, or of the ball between its planes.
+    double height = 1;
+    /// A ball of diameter 1, cut off by two planes `height` apart; otherwise a bar.
+    bool is_ball = false;
     bool is_body_load = false;  ///< the load is a weight, otherwise a traction on the highest side
     char pattern = 'z';  ///< the load's direction: 'x', 'z', or 't' for a turn about the axis, (-y, x, 0)
-    double slowest = 1;  ///< angular frequency of the slowest motion, about, with E and density 1
+    /// Approximate angular frequency of the slowest motion, for E = density = 1.
+    double slowest = 1;
     /// The order of convergence that is claimed, for small strain and for large, with particles at corners
     /// and with particles at centres. Absent: errors of different signs cancel at some pitch, so that none is
     /// claimed.
@@ -35,8 +38,8 @@ const TruthCase& truth_case(const std::string& name, const std::string& where);
 /// What finite elements find for a case, from harness/study/continuum.json.
 struct ContinuumAnswer {
     double load = 0;        ///< strength of the weight or traction
-    double deflection = 0;  ///< of the material that the lattice becomes as its pitch goes to 0
-    double error = 0;       ///< of the deflection, relative, estimated by a coarser mesh
+    double deflection = 0;  ///< deflection of the material that the lattice becomes as its pitch goes to 0
+    double error = 0;       ///< relative error of `deflection`, estimated by a coarser mesh
     /// Deflections of other laws with the same E and nu, relative to `deflection`, minus 1. Only for large
     /// strain.
     std::optional<double> neo_hookean, st_venant_kirchhoff;
@@ -47,11 +50,12 @@ ContinuumAnswer continuum_answer(const TruthCase& of, const std::string& strain)
 /// A case as a lattice.
 struct TruthLattice {
     Problem problem;
-    std::vector<std::uint32_t> end;                    ///< particles of the highest side
-    std::vector<glm::dvec3> pattern;                   ///< for each of these: area times the load's pattern
-    double size = 0;                                   ///< the sum of area times the square of the pattern
-    static constexpr double fraction_of_stable = 0.8;  ///< time step, of the stable one
-    int steps_between_looks = 0;  ///< in which what is left of the way to rest shrinks sevenfold
+    std::vector<std::uint32_t> end;   ///< particles of the highest side
+    std::vector<glm::dvec3> pattern;  ///< for each particle of `end`: area times the load's pattern
+    double size = 0;                  ///< the sum of area times the square of the pattern
+    static constexpr double fraction_of_stable = 0.8;  ///< time step over the stable one
+    /// Number of steps in which the distance from rest shrinks sevenfold.
+    int steps_between_looks = 0;
 
     /// Mean displacement of the end along the pattern, weighted by it.
     double deflection(const State& state) const;
@@ -73,11 +77,12 @@ struct TruthRow : Row {
     int across = 0;                              ///< voxels in a width
     double time_step_fraction = 0;               ///< of the stable time step
     double deflection = 0, continuum = 0, continuum_error = 0;
-    double model_error = 0;                     ///< |deflection / continuum - 1|
-    std::optional<double> rounding_error = {};  ///< relative to float64 `increment` of the same lattice
-    std::optional<double> order = {};           ///< of convergence, from the coarsest pitch to this one
+    double model_error = 0;  ///< |deflection / continuum - 1|
+    /// Relative difference from float64 `increment` on the same lattice.
+    std::optional<double> rounding_error = {};
+    std::optional<double> order = {};  ///< order of convergence from the coarsest pitch to this one
     std::optional<double> claimed_order = {};
-    std::optional<double> neo_hookean = {}, st_venant_kirchhoff = {};  ///< of ContinuumAnswer
+    std::optional<double> neo_hookean = {}, st_venant_kirchhoff = {};  ///< as in ContinuumAnswer
     double seconds = 0;
 
     static void fields(auto& row, auto& of) {
@@ -98,8 +103,8 @@ struct TruthRow : Row {
     }
 };
 
-/// Fills in orders and rounding errors of one scene's rows. Returns why each row of the finest pitch whose
-/// order is below what is claimed fails; empty for the others.
+/// Fills in orders and rounding errors of one scene's rows. Returns a text per row. It says why the row
+/// fails, if the row has the finest pitch and its order is below the claimed one; otherwise it is empty.
 std::vector<std::string> judge_truth(std::vector<TruthRow>& rows);
 
 /// The fastest row of a case that claims an order, and whose small-strain error, model and rounding together,
