@@ -49,7 +49,7 @@ std::string checked(const std::string& backend, const std::string& key, const st
     return value;
 }
 
-/// Throws BadSpecification if there is none.
+/// Throws BadSpecification if no backend has this name.
 const BackendEntry& entry_named(const std::string& name) {
     const auto found = registry().find(name);
     if (found != registry().end()) return found->second;
@@ -57,8 +57,8 @@ const BackendEntry& entry_named(const std::string& name) {
         throw BadSpecification("backend " + name + " is not in this build: " + absent->second);
     if (name == "auto")
         throw BadSpecification(
-            "'auto' is no backend by itself: it stands for the one that is chosen for a scene, by "
-            "choose_backend()");
+            "'auto' cannot be used here: it stands for the backend that choose_backend() chooses for a "
+            "scene");
     throw BadSpecification("no backend '" + name +
                            "'; known: " + joined(registry(), [](const auto& e) { return e.first; }) +
                            did_you_mean(name, names_of(registry())));
@@ -143,8 +143,8 @@ BackendSpec BackendSpec::parse(const std::string& text) {
         const std::string value = equals == std::string::npos ? "" : item.substr(equals + 1);
         set_option(entry, spec.options, key, value);
         if (!seen.insert(key).second)
-            throw BadSpecification("backend " + entry.name + ": '" + key + "' is there twice in '" + text +
-                                   "'; name it once");
+            throw BadSpecification("backend " + entry.name + ": '" + key + "' is given twice in '" + text +
+                                   "'; give it once");
     }
     if (entry.refused_options != nullptr) {
         if (const std::string why = entry.refused_options(spec.options); !why.empty())

@@ -29,14 +29,14 @@ std::optional<BrickTileSize> size_of(const std::string& tuned) {
     return std::nullopt;
 }
 
-/// Bytes of the exchange: one word per element for each of two steps in turn.
+/// Bytes of the exchange: two words per lattice element, which successive steps use in turn.
 std::uint64_t exchange_bytes(const Lattice& lattice) {
     return 2 * march_strides(lattice, sizeof(float)).axis * sizeof(TaggedPoint);
 }
 
-/// An upper bound of the device memory. Beside state and exchange it counts, for tiles that are half empty,
-/// masks of 18 springs and two bits per particle and one word per tile; as many polls as particles; and
-/// increments that do not fit into registers.
+/// An upper bound of the device memory: state, exchange, masks, polls and increments. It assumes that all
+/// tiles are half empty, that there are as many polls as particles, and that increments are in memory. The
+/// masks of a tile have 18 springs and two more bits per particle, and one more word.
 std::uint64_t bricks_bytes(const Problem& problem, const Options& options) {
     constexpr std::uint64_t tables = 16 + sizeof(BrickPoll);
     const std::uint64_t increments = by_increments(options.formulation) ? 2 * sizeof(Vector<float>) : 0;
@@ -120,9 +120,9 @@ private:
         source.macros["BLOCKS"] = "1";
         source.macros["POLLERS"] = std::to_string(plan_.pollers);
         source.macros["ROUNDS"] = std::to_string(layout_->rounds());
-        // As measured, a step takes 7% less time with plain code where threads have 3 particles, and up to 4%
-        // more where they have 8 or 18. If some blocks need masks nothing is gained, because each block waits
-        // for the slowest one.
+        // By measurement, plain code makes a step 7% shorter where threads have 3 particles, but up to 4%
+        // longer where they have 8 or 18. If some blocks need masks it gains nothing, because each block
+        // waits for the slowest one.
         const bool has_plain_code = s.tile() <= 4 && layout_->all_plain();
         source.macros["PLAIN_BLOCKS"] = has_plain_code ? "1" : "0";
         source.macros["INCREMENTS_IN_MEMORY"] = plan_.increments_in_memory ? "true" : "false";
@@ -167,8 +167,7 @@ private:
     std::string refused(const Problem& problem) const override {
         if (std::string why = class_refusal(problem, precision, formulation(), "bricks"); !why.empty())
             return why;
-        if (!device().launches_together())
-            return "blocks that wait for each other need a card with cooperative launches";
+        if (!device().launches_together()) return "the device has no cooperative launches, which bricks need";
         return planned(problem) ? "" : too_large;
     }
     std::uint64_t bytes_needed(const Problem& problem) const override {

@@ -73,7 +73,8 @@ TensorMap tensor_map(Real* data, const Lattice& lattice, const SoaStrides& axes,
     return map;
 }
 
-/// The kernel for a scene, of which `blocks` share a multiprocessor: registers are for as many.
+/// The source of the march kernel for a scene. A thread gets at most so many registers that `blocks` blocks
+/// fit on a multiprocessor.
 KernelSource march_source(const Problem& problem, Formulation formulation, const MarchTile& tile,
                           Precision precision, int blocks) {
     const MarchShape& s = tile.shape;
@@ -164,14 +165,15 @@ private:
     using AxesBackend<Real>::precision;
 
     bool gives_borders() const override { return true; }
-    /// Threads sum forces by pairs of columns and of rows. Cuts across x or y would change these pairs.
+    /// A thread sums forces by pairs of columns and of rows. Parts that are cut across x or y would have
+    /// other pairs.
     void check_border(const std::vector<std::uint32_t>& particles) const {
         const Lattice& lattice = this->problem().lattice;
         const auto plane = [&](std::uint32_t i) { return lattice.coordinates(lattice.voxel[i]).z; };
         for (const std::uint32_t i : particles) {
             if (lattice.dims.z == 1 || plane(i) != plane(particles.front()))
                 throw Unavailable(
-                    "the march gives parts the bits of the whole where these are cut across z alone");
+                    "the march gives the bits of an uncut body only if the body is cut across z alone");
         }
     }
 
@@ -210,12 +212,12 @@ private:
         return this->state_bytes_held() + items_.bytes() + words_.bytes();
     }
 
-    /// The arguments of a launch besides x(t) and what is overwritten.
+    /// The kernel, the number of its blocks (`items`), and its arguments for steps that read buffer 0 or 1.
     struct Launch {
         std::shared_ptr<const Kernel> kernel;
         MarchStep<Real> step{};
         std::size_t items = 0;
-        std::size_t border_items = 0;  ///< how many of these, the first ones, are of borders
+        std::size_t border_items = 0;  ///< how many items belong to borders; these come first
         std::array<MarchArrays<Real>, 2> arrays{};
         std::array<TensorMap, 2> windows{}, previous_windows{};
         bool operator==(const Launch&) const = default;
@@ -224,7 +226,7 @@ private:
     /// Continues with `launch` and a new plan.
     void resume(const MarchPlan& plan, Launch launch) {
         predicted_seconds_ = plan.seconds;
-        this->synchronize();  // with all work that still reads the plan
+        this->synchronize();  // work under way may still read the old plan
         items_.upload(plan.items, this->stream());
         words_.upload(plan.words, this->stream());
         launch.step.items = items_.data();
@@ -256,7 +258,7 @@ private:
     }
 
     bool splits_steps() const override { return true; }
-    /// Cuts items at the ends of the interior.
+    /// Makes a plan in which no item has both planes at borders and planes of the interior.
     bool split_steps(const std::vector<std::uint32_t>& border) override {
         interior_ = interior_of(this->problem().lattice, border);
         resume(planned(this->problem(), {tile_}), launch_);
@@ -269,9 +271,9 @@ private:
     }
 
     const std::string tuned_;
-    const std::vector<MarchTile> tiles_;  ///< to choose from
+    const std::vector<MarchTile> tiles_;  ///< the tiles that a plan may use
     const bool chooses_copies_;
-    const bool tensor_copies_;  ///< otherwise threads copy
+    const bool tensor_copies_;  ///< fill windows by the tensor copy engine, not by threads
     MarchTile tile_{};
     double predicted_seconds_ = 0;
     MarchInterior interior_{};

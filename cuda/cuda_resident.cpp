@@ -46,8 +46,8 @@ public:
         send(slot_, slots_with(layout, mask), step.slot);
         send(polled_slot_, layout.polled_slot, step.polled_slot);
         send(border_, layout.border, step.border);
-        // Another part may still write to this part's old exchange. It keeps that one, and this part gets
-        // another.
+        // Another part may still write to this part's old exchange. So the old exchange stays with that part,
+        // and this part gets a new one.
         if (exchange_.use_count() > 1) exchange_ = std::make_shared<Buffer<TaggedPoint>>();
         exchange_->resize(std::size_t(2) * layout.published_count);
         exchange_->fill_with_zeros(stream);
@@ -81,10 +81,11 @@ void require_whole_words(int own, int other) {
                           " are not joined by NVLink, and resident kernels need their words whole");
 }
 
-/// The borders of a part of a body. Its kernel sends their points into the exchanges of the parts beside it.
+/// The borders of a part of a body. The part's kernel sends the points at its borders into the exchanges of
+/// the parts beside it.
 class ResidentBorders final : public DeviceBorders {
 public:
-    /// For `problem`, whose layout is `layout`. `steps_per_call`: steps of a launch.
+    /// `problem` and `layout` are those of this part. `steps_per_call`: the most steps per launch.
     ResidentBorders(const std::vector<SharedParticles>& borders, const Problem& problem,
                     const std::shared_ptr<const ResidentLayout>& layout,
                     const std::shared_ptr<Buffer<TaggedPoint>>& exchange, const Device& device,
@@ -108,13 +109,14 @@ public:
         return points * sizeof(TaggedPoint);
     }
 
-    /// Does now what a launch would load or free later, which it must not do while other parts wait for it.
+    /// Does now what would otherwise be loaded or freed by a later launch: that must not happen while other
+    /// parts wait for this one.
     void connect(const std::vector<std::shared_ptr<DeviceBorders>>& parts, std::size_t part) override {
         for (std::size_t border = 0; border < beside_.size(); ++border) {
             const auto* const theirs =
                 dynamic_cast<const ResidentBorders*>(parts.at(std::size_t(beside_[border])).get());
             if (theirs == nullptr)
-                throw std::logic_error("parts of a body whose borders go by different ways");
+                throw std::logic_error("the parts of a body exchange borders in different ways");
             require_whole_words(device_, theirs->device_);
             require_peer_access(device_, theirs->device_);
             const auto back = std::find(theirs->beside_.begin(), theirs->beside_.end(), int(part));
@@ -142,14 +144,15 @@ private:
     const int steps_per_call_;
     std::vector<int> beside_;  ///< the number of the part on the other side of each border
     std::vector<ResidentSending> sendings_;
-    std::vector<std::vector<std::uint32_t>> words_;  ///< of this part's ghosts, by border
-    /// Kept for as long as a launch may write to these exchanges.
+    std::vector<std::vector<std::uint32_t>> words_;  ///< by border: where points of ghosts arrive
+    /// Kept alive for as long as a launch may write to them.
     std::vector<std::shared_ptr<Buffer<TaggedPoint>>> their_exchanges_;
     Buffer<std::uint32_t> sent_;
     ResidentLinks links_{};
 };
 
-/// An upper bound of the bytes: every particle is published, and every lane has a particle.
+/// An upper bound of the bytes. It assumes that every particle is published and that every lane has a
+/// particle.
 std::uint64_t resident_bytes(const Problem& problem, const Options& options) {
     return particle_bytes<float>(problem, place_compact(problem), options.formulation) +
            problem.particle_count() * (2 * sizeof(TaggedPoint) + 2 * sizeof(std::uint32_t) +
@@ -198,8 +201,8 @@ public:
         start(problem, state, place_compact(problem), problem.lattice.mask, prepare(problem));
     }
 
-    /// Where threads have several particles, bricks may be faster: rules come from cards with enough
-    /// multiprocessors for one particle per thread.
+    /// Where threads have several particles, cuda_bricks may be faster: the rules of `--backend auto` come
+    /// from cards with enough multiprocessors for one particle per thread.
     std::string outpaced(const Problem& problem) const override {
         const auto bricks = registry().find("cuda_bricks");
         const auto layout = layout_of(problem, stressed_at_rest(problem));
@@ -220,7 +223,7 @@ public:
         all.border_ways = {"stores"};
         return all;
     }
-    /// A launch keeps the arguments that it was given, which include the borders.
+    /// Keeps the borders too, since every launch gets their links as an argument.
     std::shared_ptr<DeviceBorders> device_borders(const std::vector<SharedParticles>& borders,
                                                   const std::string&) override {
         borders_ = std::make_shared<ResidentBorders>(borders, problem(), layout_, tables_.exchange(),
@@ -228,7 +231,7 @@ public:
         return borders_;
     }
 
-    /// Launches and orders carry the tool's place to the device.
+    /// Only stores the displacement: the next launch or order carries it to the device.
     void move_tool(const glm::dvec3& displacement) override { moved_ = vector_of<float>(displacement); }
     glm::dvec3 tool_force() override {
         if (steps() == 0 || tool_mode_ != ToolMode::ticks) return ParticleBackend::tool_force();
@@ -237,9 +240,9 @@ public:
         return force;
     }
 
-    /// Rewrites the masks, and the slots where lanes find the neighbours that a spring parts from them or
-    /// joins to them. Nothing else changes, since the tables have room for every spring of the lattice's
-    /// groups. A launch reads both when it begins.
+    /// Rewrites the masks of the particles that the edit touches, and the slots in which lanes find
+    /// neighbours across cut or joined springs. Nothing else changes, since the tables have room for every
+    /// spring of the lattice's groups. A launch reads both when it begins.
     void edit(const Problem& edited, const SpringEdit& edit) override {
         set_problem(edited);
         if (edit.empty()) return;
@@ -265,7 +268,7 @@ public:
     }
 
 private:
-    /// Particles are in memory only at the end of a launch. Within a launch device_borders() carries them.
+    /// Particles are in memory only at the end of a launch. Within a launch device_borders() exchanges them.
     bool gives_borders() const override { return false; }
 
     /// Blocks of all parts on a device wait for each other, so there must be room for all of them at once.
@@ -288,14 +291,14 @@ private:
         return is_stressed(make_implicit_step<float>(problem, place_on_grid(problem.lattice), formulation()));
     }
 
-    /// The tables for `problem`. If the body is that of the latest layout, whatever its springs, this layout
-    /// is used again, as after refused().
+    /// The tables for `problem`. The latest layout is used again if it was made for the same body, even with
+    /// other springs: refused() and the upload after it need the same one.
     std::shared_ptr<const ResidentLayout> layout_of(const Problem& problem, bool stressed) const {
         if (latest_ && latest_->stressed == stressed && latest_->group_bits == problem.group_bits &&
             latest_->dims == problem.lattice.dims && latest_->voxel == problem.lattice.voxel &&
             latest_->ghosts == problem.ghosts)
             return latest_->layout;
-        // With overlap warps may be mirrored, but masks are not.
+        // With overlap a warp's tables may be mirrored, but not its masks, which a stressed lattice needs.
         const bool overlap = options_.tuning.at("overlap") == "on" && !stressed;
         latest_ = {stressed,
                    problem.group_bits,
@@ -409,13 +412,13 @@ private:
     std::string part_refusal(const Problem& problem, ToolMode mode) const {
         if (problem.ghosts.empty()) return {};
         if (mode == ToolMode::ticks)
-            return "ticks=resident: parts of a body would hear the host at other steps";
+            return "ticks=resident: parts of a body would receive the host's orders at different steps";
         if (options_.tuning.at("overlap") == "on")
             return "overlap=on adds the springs across a block's border last, and the blocks of a part have "
                    "other borders than those of the whole, so that bits would differ; overlap=off does not";
         if (device().ends_long_kernels())
             return "the driver ends kernels that run for seconds on a device with a display, and a part "
-                   "waits for others";
+                   "of a body waits for the other parts";
         if (const std::string why = serialised_by(device().parts()); !why.empty())
             return why + ", and a part of a body waits for others";
         return {};
@@ -434,7 +437,7 @@ private:
     const Options options_;
     const Partition partition_;
     const int pollers_;
-    const bool in_ticks_;  ///< with a tool: one launch goes on from tick to tick
+    const bool in_ticks_;  ///< a tool's ticks share one launch (tuning `ticks`)
     ResidentTables tables_;
     /// The latest layout and everything that it depends on. refused() and the upload after it ask for the
     /// same one.
@@ -446,14 +449,14 @@ private:
         std::shared_ptr<const ResidentLayout> layout;
     };
     mutable std::optional<LaidOut> latest_;
-    std::shared_ptr<const ResidentLayout> layout_;  ///< of the latest upload
+    std::shared_ptr<const ResidentLayout> layout_;  ///< the layout of the latest upload
     Staging<EditedWord> staging_;
     JointLaunch joint_;
     Buffer<std::uint32_t> held_by_lane_;
-    // State of the latest upload. A launch may have to begin again when the problem no longer exists.
+    // Copies from the latest upload: a launch may have to begin again when the problem no longer exists.
     ToolMode tool_mode_ = ToolMode::none;
     float tool_stiffness_ = 0;
-    Vector<float> moved_{};  ///< the move of the tool, from the next step on
+    Vector<float> moved_{};  ///< displacement of the tool from the next step on
     Ticks ticks_;
     bool is_part_ = false;                      ///< other backends step the rest of the body
     std::shared_ptr<ResidentBorders> borders_;  ///< set for a part
@@ -469,8 +472,7 @@ const Registered entry({
     .tuning = tuning({{"partition", {"auto", "rows", "bisection"}},
                       {"overlap", {"on", "off"}},
                       {"pollers", {"256", "128", "512"}},
-                      // Whether each step() of a problem with a tool is a launch, or one launch serves all of
-                      // them.
+                      // With a tool: one launch for each call of step(), or one launch for all calls.
                       {"ticks", {"launch", "resident"}}}),
     .make = [](const Options& options) { return std::make_unique<ResidentBackend>(options); },
     .bytes = resident_bytes,

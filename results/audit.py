@@ -48,7 +48,7 @@ class Case:
         return self.row[key]
 
     def held_out(self):
-        """The median of the repetitions by which it was not chosen."""
+        """The median of the repetitions that do not take part in choosing the fastest case."""
         return statistics.median(self.times[1::2]) if len(self.times) > 3 else self.us
 
     def of_limit(self, us=None):
@@ -76,7 +76,8 @@ def plain(scene, machine=CARD, **which):
 
 
 def best(several):
-    """(case, its time) of the fastest: every other repetition chooses, the others are its time."""
+    """(the fastest case, its time). Every other repetition, from the first on, chooses it; its time is the
+    median of the others."""
     if len(several) == 1:
         return several[0], several[0].us
     chosen = min(several, key=lambda case: statistics.median(case.times[0::2]) if len(case.times) > 3 else case.us)
@@ -102,7 +103,7 @@ def agrees(said, value):
     mantissa, _, exponent = text.partition("e")
     digits = len(mantissa.partition(".")[2])
     forms = {f"{value:.{digits}e}" if exponent else f"{value:.{digits}f}", f"{value:.3g}"}
-    if not digits:  # A share that is not known to a percent ends with zeros.
+    if not digits:  # A share that is known less exactly than to a percent is rounded to tens or hundreds.
         forms.add(str(round(value, len(text.rstrip("0")) - len(text))))
     return any(math.isclose(float(text), float(form), rel_tol=1e-9, abs_tol=1e-12) for form in forms)
 
@@ -117,7 +118,8 @@ def machine_of(words):
 
 
 def tables(page):
-    """(heading or marker, header, rows with their lines, machine) of each table of a page."""
+    """Yields (its marker or else its heading, names of columns, [(line number, cells)], machine) for each table
+    of a page."""
     def cells_of(one):
         return [cell.strip() for cell in one.strip().strip("|").split("|")]
 
@@ -139,12 +141,13 @@ def tables(page):
 # number: the value}, or a list of (words after that name, part of the cell, value) where a cell has several figures.
 
 def each(value_of, first=2):
-    """An audit of all cells from a column on that are no dashes, by what a function says of the first cell, the column and the cell."""
+    """Makes an audit of all cells from column `first` on, except dashes: value_of(first cell of the row, name
+    of the column, cell)."""
     return lambda cells, header, _: {at: value_of(cells[0], header[at], cells[at]) for at in range(first, len(header)) if cells[at] != "-"}
 
 
 def with_second(cell, value, words, second):
-    """A figure and one in parentheses behind it."""
+    """The two figures of a cell, the second one in parentheses. `words` says what that one is."""
     return [("", cell, value), (words, cell[cell.rindex("("):], second)]
 
 
@@ -278,7 +281,7 @@ def limits_of(study):
 
 
 def limit(api, key):
-    """The best of all studies of the card."""
+    """The best value of a limit over all studies of the card."""
     every = [limits_of(path.name.removesuffix(".json.gz")).get(api, {}).get(key) for path in (ROOT / "results" / CARD).glob("*.json.gz")]
     return (min if key == "launch_seconds" else max)(value for value in every if value)
 
@@ -308,7 +311,7 @@ def claimed(cells, header, machine):
 
 
 def pairs(backend, scene):
-    """The times of float64 over those of float32 in the study pareto."""
+    """Ratios of float64's times to float32's in the study pareto: one for each formulation and time step."""
     rows = raw("pareto", PROCESSOR if backend == "cpu_parallel" else CARD)["pareto"]
     runs = {(row["formulation"], row["precision"], row["fraction_of_stable"]): row["seconds"] for row in rows
             if row["backend"] == backend and row["scene"] == scene}
@@ -363,7 +366,8 @@ def gates(cells, header, _):
     return dict(enumerate(values, 3))
 
 
-# By marker, by the last column's name, or by the heading and the first column's.
+# The audits of tables, by the table's marker, by the name of its last column, or by (heading, name of its first
+# column).
 AUDITED = {"heart": heart, "claims": claimed, "float64": float64, "gates": gates, "launches": launches, "sizes": each(sizes),
            "ticks": ticks, "empty_steps": each(empty_steps, 0), "last over first": across_cards, "of the target": targets,
            ("Table 1", "time per step"): of_steps("table1"), ("Figure 7", "time per step"): of_steps("figure7"),
@@ -395,7 +399,8 @@ def edit(backend):
                key=lambda case: case["edits"])["edit_seconds_median"] * 1e6
 
 
-# Sentences: what is around a figure, and what it is. Blanks stand for any space.
+# Patterns of the words around a figure, each with a function that computes the figure. A blank stands for any
+# white space.
 SENTENCES = {
     r"reaches ([\d.]+) times the arithmetic of a fragment shader": lambda: (lambda of: of["compute_shader_float32_operations_per_second"] /
         of["float32_operations_per_second"])(limits_of("table1")["OpenGL"]),
@@ -425,7 +430,8 @@ SENTENCES = {
 
 
 def figures(values, header, cells):
-    """(column, cell, value) of what an audit says of a row, whose table may lack some of the columns."""
+    """Yields (column, cell, value) for the values that an audit computed for a row, except those of columns
+    that the table lacks."""
     for key, value in values.items():
         if isinstance(key, int) or key in header:
             at = key if isinstance(key, int) else header.index(key)
@@ -434,7 +440,8 @@ def figures(values, header, cells):
 
 
 def claims():
-    """Every claim that is computed again, and the tables and sentences that are not there or of which nothing is computed."""
+    """Returns the claims that are computed again, and descriptions of tables that no audit computes and of
+    sentences that no page has."""
     found, without = [], []
     for page in PAGES:
         for where, header, rows, machine in tables(page):

@@ -23,9 +23,10 @@ FILE = pathlib.Path(__file__).resolve().parent.parent / "harness/choice/auto_rul
 LAST = {"CPU": ["cpu_explicit", "cpu_reference"]}
 # Ranges of the share of its lattice that a body fills.
 OCCUPANCIES = ((0, 0.5), (0.5, None))
-# By these a spring takes about twice as many instructions (by_increments() in C++).
+# Formulations by increments, in which a spring takes about twice as many instructions (by_increments() in C++).
 BY_INCREMENTS = ("increment", "compensated")
-# Other bodies lack springs of their lattice; some of the fastest backends refuse these.
+# The datasets that count. Other bodies lack springs of their lattice, and some of the fastest backends refuse
+# them.
 DATASETS = ("box", "heart")
 
 
@@ -35,8 +36,8 @@ def cards():
 
 
 def families():
-    """(name of their limits, machines) of backends that rank among themselves, the fastest first: those of cards, and those of a
-    machine without a card."""
+    """(key of their limits, machines) of each group of backends that are ranked among themselves, the fastest
+    group first. A group is either of the machines with cards or of the machine without a card."""
     least = {}
     for machines in (tuple(cards()), (rows.CPU,)):
         for machine in machines:
@@ -48,10 +49,10 @@ def families():
 
 
 def bodies(family, machines, increments, occupancy):
-    """(particles, order of the contenders) of each body, ascending."""
+    """(particles, contenders from the fastest on) of each body, by ascending number of particles."""
     import pandas  # pylint: disable=import-outside-toplevel  # tests of other scripts import this one beside another NumPy
     low, high = occupancy
-    # The processor has no figure8.
+    # The machine without a card has no study figure8.
     files = [(machine, study) for study in ("fastest", "figure8") for machine in machines if machine in rows.having(study)]
     times = pandas.DataFrame([
         {"particles": row["particles"], "machine": machine, "vote": f"{machine} {study} {row['formulation']}", "contender": contender(row),
@@ -70,10 +71,14 @@ def contender(row):
 
 
 def order_of(body):
-    """Each backend once, the fastest first: with its best tuning of those that the most machines have measured, since a file
-    without the tuning could not judge the rule. A contender counts by its time over the fastest's: the worst over machines, studies and
-    formulations. The fastest is one that every machine with that body has measured, so that a contender that one of them lacks changes
-    no ratio of the others there; it is judged by the machines that have it."""
+    """The contenders from the fastest on, each backend once with its best tuning.
+
+    Only those tunings of a backend are candidates that the most machines have measured, since a file without a
+    tuning cannot judge it. A contender is ranked by its time over that of the fastest: by the worst such ratio
+    over machines, studies and formulations. The fastest is taken among the contenders that every machine with
+    this body has measured. So a contender that one machine lacks changes no ratio of the others there, and is
+    itself judged by the machines that have it.
+    """
     everywhere = body.groupby("contender").machine.transform("nunique") == body.machine.nunique()
     fastest = body.time.where(everywhere).groupby(body.vote).transform("min").fillna(body.groupby("vote").time.transform("min"))
     known = body.assign(ratio=body.time / fastest).groupby(["backend", "contender"], as_index=False).agg(
@@ -105,14 +110,15 @@ def rules():
 
 
 def min_steps_between_edits():
-    """For each CUDA backend that is slower than another one if edited often, and faster if edited rarely: from how
-    many steps between edits on it is at most 10% slower. The other one is the fastest when they are most frequent."""
+    """For a CUDA backend: the least number of steps between edits from which on it is at most 10% slower than
+    the backend that is the fastest with the most frequent edits. Only backends that are slower by more with the
+    most frequent edits, and not with the rarest."""
     import pandas  # pylint: disable=import-outside-toplevel
     times = pandas.DataFrame([{"interval": row["steps"] / row["edits"], "backend": row["backend"], "time": row["real_time"]}
                               for row in rows.medians("edits") if row["family"] == "CUDA"])
     times = times.pivot_table(index="interval", columns="backend", values="time", aggfunc="last")
     keeps_up = times.le(1.1 * times[times.iloc[0].idxmin()], axis="index")
-    # From the interval after the last one at which it does not keep up.
+    # `keeps` is true where the backend does not keep up: the result is the interval after the last such one.
     return {backend: times.index[keeps.to_numpy().nonzero()[0][-1] + 1]
             for backend, keeps in (~keeps_up).items() if keeps.iloc[0] and not keeps.iloc[-1]}
 

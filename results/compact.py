@@ -21,7 +21,7 @@ def compact(path):
     result_files.load(path)
     data, compressed = path.read_bytes(), path.with_name(path.name + ".gz")
     part = path.with_name(path.name + ".part")
-    # Neither a date nor a name, so that the file changes with the result alone.
+    # The gzip header has neither date nor file name, so that equal results give equal bytes.
     part.write_bytes(gzip.compress(data, mtime=0))
     if gzip.decompress(part.read_bytes()) != data:
         raise result_files.BadInput(f"{part}: does not read back as it was written; {path} is as it was")

@@ -45,56 +45,63 @@ from result_files import BadInput
 
 HERE = pathlib.Path(__file__).resolve().parent
 IDENTITY = ("scene", "backend", "formulation", "precision", "tuning")
-# By list, the keys that tell rows of one identity apart.
+# For each list of a result: the keys of a row's place, in which rows of the same IDENTITY differ.
 PLACES = {"benchmarks": (), "pareto": ("fraction_of_stable",), "stability": ("damping", "start"),
           "stress": ("part", "measurement", "steps", "detail"), "energy": (),
           "overhead": ("handed_over",), "scaling": ("ranks", "cut", "way"), "haptic": ("hertz", "edited", "drawn"),
           "truth": ("particles_at", "strain", "across")}
-# What a key of PLACES is in files that lack it.
+# The values that keys of PLACES are taken to have in older files, which lack them.
 UNSAID = {"drawn": False}
-# The times of a row, by list; elsewhere it is `seconds`, the time to an end time. Each after the first is a row in the result.
+# For each list: the keys of a row's times. Other lists have only `seconds`, the time to an end time. Each key
+# after the first makes a separate row of the comparison.
 TIMES = {"benchmarks": ("real_time", "ready_seconds", "warm_ready_seconds", "edit_seconds_median"),
          "energy": ("seconds_per_step", "joules_per_step"), "overhead": ("seconds_per_step", "host_seconds_per_step"),
          "scaling": ("seconds_per_step",), "haptic": ("median_seconds", "p99_seconds")}
 DEVICE_TIMES = {("benchmarks", "real_time"), ("benchmarks", "sustained_seconds_per_step"), ("pareto", "seconds"),
-                ("truth", "seconds")}  # a backend's own clock took these; the host's all others
-# Errors, each with the field that has the uncertainty of its float64 reference.
+                ("truth", "seconds")}  # the backend's clock measures these, the host's clock all others
+# Keys of errors, each with the key of the uncertainty of its reference, or None.
 ERRORS = {"error_relative_l2": "divergence", "error_max": None, "total_error_relative_l2": "total_error_uncertainty",
           "force_error": None, "model_error": "continuum_error"}
 STRESS_ERRORS = ("relative", "spacings")  # units of errors; growth, energies and counts are judged by their gates alone
 
 FALSE_ALARMS = 0.05  # the fraction of files without any change in which some row is still called slower or faster
 CONFIDENCE = 0.95
-# How many rows it takes to tell the shift of a run, and what runs differ by.
+# The least numbers of rows from which the shift of a run, and the noise between runs, are estimated.
 SHIFT_ROWS, NOISE_ROWS = 8, 4
-# Degrees of freedom of what runs differ by. Up to FEW_ROWS the scale itself is uncertain: half of those that rows have are fewer, and by
-# simulation keep false alarms below FALSE_ALARMS.
+# Degrees of freedom of Student's t for the noise between runs. With at most FEW_ROWS rows the scale of the
+# noise is uncertain, too: then they are half of the rows less one, which by simulation keeps false alarms below
+# FALSE_ALARMS.
 TAILS, FEW_ROWS = 4, 5
-# What is beyond noise that nobody measured: of marked rows (harness/device/noise.h marks what moved by more than a third of it) and of
-# lone ones; and of lone ones by the host's clock, or without repetitions, such as a start: a processor's row took 2.6 times as long in one
-# of four studies of an hour. No row is granted more.
+# Margins, as logarithms of a ratio, for noise that was not measured. UNKNOWN_NOISE is for rows that their run
+# marked (harness/device/noise.h marks a row that moved by more than a third of it) and for rows of a kind that
+# has fewer than NOISE_ROWS. Such a kind has SINGLE_NOISE if the host's clock took its times or rows have no
+# repetitions, such as a start: a processor's row took 2.6 times as long in one of four studies of an hour. The
+# noise between runs is never taken to be larger than SINGLE_NOISE.
 UNKNOWN_NOISE, SINGLE_NOISE = math.log(1.3), math.log(3)
-# Units of metrics that are judged as times are; what is per joule is the inverse of one of them.
+# Metrics in these units are judged as times are if less of them is better. The others, per joule, are inverses
+# of such metrics and are not judged again.
 TIMED_UNITS = ("s", "J", "1/J")
-# The logarithm of a change beyond which a margin says no more than that nothing can be told.
+# Nothing can be told of a row whose margin, the logarithm of a ratio, is larger than this.
 UNTELLABLE = 20
-# What is at the threshold has reached it, whatever the last digit of a logarithm is.
+# A change counts as having reached a threshold if its logarithm falls short by no more than this rounding
+# error.
 ROUNDING = 1e-9
-# The least shift of a run that is worth a sentence.
+# The least shift of a run, the logarithm of a ratio, that is worth a sentence.
 SAID_SHIFT = 0.002
 # The size of a few roundings of float64, by which the same sums in another order differ.
 FLOAT64_NOISE = 1e-15
 
 CLOCKS = ("min_card_mhz", "min_mhz")
-NEAR = {"the card's lowest clock in MHz while rows were measured": 20, "load_avg per processor": 0.25}  # less is no difference
-# What a context says that is of a run, not of how the machine was set up.
+# The least differences between two set-ups that count.
+NEAR = {"the card's lowest clock in MHz while rows were measured": 20, "load_avg per processor": 0.25}
+# Keys of a context that describe the run, not how the machine was set up.
 OF_A_RUN = ("date", "executable", "caches", "mhz_per_cpu", "commit", "clean", "counters", "limits", "study", "backends", "unfinished",
             "load_avg", "temperature_celsius", "elapsed_seconds")
 
 WORSE = ("now fails", "error grew", "counter worse", "slower")
 VERDICTS = WORSE + ("faster", "counter better", "new", "gone", "still fails", "not comparable", "too noisy to tell", "same")
 JUDGED = (*WORSE, "faster", "counter better", "too noisy to tell", "same")
-# What --fail-on takes, and the verdicts that then fail as well; `setup` has none.
+# The values of --fail-on, and the verdicts that each makes fail as well. `setup` fails if the setups differ.
 FAIL_ON = {"missing": ("gone", "not comparable"), "undecided": ("too noisy to tell",), "setup": ()}
 
 
@@ -104,27 +111,29 @@ class Rule:
     threshold: float = 0.05  # the least change of a time that counts
     error_factor: float = 1.5  # the least growth of an error that counts
     across_devices: bool = False  # compare results of two devices, each time as a multiple of its device's limit
-    fail_on: tuple = ()  # of FAIL_ON
+    fail_on: tuple = ()  # keys of FAIL_ON
 
 
 @dataclasses.dataclass
 class Row:
-    """What a file says about a contender in one place; times are of the repetitions, in seconds or limits a step."""
+    """A row of a file: one contender in one place (its values of the keys of PLACES). `times` has one element
+    per repetition: seconds per step, or multiples of the device's limit."""
     name: str
     measure: tuple = ()  # particles, springs and steps: two rows are comparable if these agree
     times: list = dataclasses.field(default_factory=list)
     unit: str = "s"
-    kind: tuple = ()  # rows of one kind on one device have the same noise: their list and what is measured
+    kind: tuple = ()  # (list, key of the time); rows of one kind on one device have the same noise
     errors: dict = dataclasses.field(default_factory=dict)
     floors: dict = dataclasses.field(default_factory=dict)
     by_chance: dict = dataclasses.field(default_factory=dict)  # how large an error could be by chance in another run of the same program
-    counters: dict = dataclasses.field(default_factory=dict)  # name: values of the repetitions, where more or less of it is better
+    # Name: values of the repetitions. Only counters of which more or less is better.
+    counters: dict = dataclasses.field(default_factory=dict)
     chaotic: bool = False
     limitless: bool = False  # whether the file lacks the limit that a comparison across devices needs
-    noisy: list = dataclasses.field(default_factory=list)  # reasons for which its run marked its times as not to be trusted
+    noisy: list = dataclasses.field(default_factory=list)  # why its run marked its times as not to be trusted
     failure: str = ""
-    unjudged: str = ""  # why not all of its times are known to be those of right states
-    unverified: int = 0  # how many of its repetitions that are; all if the row was not verified
+    unjudged: str = ""  # why some of its times may be those of wrong states; empty: none
+    unverified: int = 0  # number of its repetitions whose states were not verified
 
 
 def identity_of(row):
@@ -132,7 +141,8 @@ def identity_of(row):
 
 
 class Result:
-    """A result file: rows by (identity, place), failed and skipped with their reasons by identity."""
+    """A result file: `rows` by (identity, place), and `unmeasured`, the reasons of failed and skipped cases by
+    identity."""
 
     def __init__(self, path, across):
         self.path = path
@@ -157,13 +167,13 @@ class Result:
                     self.add(list_name, row, f"{list_name}[{index}].", across)
         for row in sum(self.rows.values(), []):
             if row.kind[0] == "benchmarks" and row.kind[1] != TIMES["benchmarks"][0] and len(set(row.times)) == 1:
-                del row.times[1:]  # a start, which every repetition of the row repeats
+                del row.times[1:]  # every repetition reports the same time of the start
         if not self.rows and not any(self.unmeasured.values()):
             self.refuse("the document", sorted(self.json), f"rows in any of {', '.join((*PLACES, *self.unmeasured))}")
 
     def unjudged(self, row):
-        """(why the result does not say that a row's times are those of right states, of how many repetitions). Empty and 0 if it does, or
-        is older than such fields."""
+        """Returns (why times of the row may be those of wrong states, number of repetitions that were not
+        verified): ("", 0) if all were verified, or if the file is older than such fields."""
         name, repetitions = row.get("name", "").split("/iterations:")[0], row.get("repetitions", 1)
         if self.verdicts and name not in self.verdicts:
             return "its states were not verified", repetitions
@@ -190,7 +200,8 @@ class Result:
             entry.floors = {key: row.get(ERRORS[key]) for key in entry.errors}
             one, spread = entry.errors.get("error_relative_l2"), row.get("spread")
             if one and spread and not self.backends.get(row["backend"], {}).get("deterministic", True):
-                # Runs of such a backend differ: both errors against float64, raised alike to where one of them is its spread.
+                # The backend adds in any order, so runs differ. Both errors are raised by the factor between
+                # relative error and spread.
                 entry.by_chance = {key: entry.errors[key] * spread / one for key in ("error_relative_l2", "error_max")
                                    if entry.errors.get(key) is not None}
         if list_name == "stability" and result_files.number(row.get("ratio")):
@@ -218,7 +229,7 @@ class Result:
                     entry.name, entry.measure, [row[key]], "J" if "joules" in key else "s", (list_name, key), noisy=list(entry.noisy)))
 
     def keep(self, identity, place, entry):
-        """Adds a row, or the repetition of a row that is known."""
+        """Adds a row, or adds its times to those of the row of which it is another repetition."""
         self.kinds.add(entry.kind)
         self.backends_of_rows.add(identity[1])
         known = self.rows[(identity, place)]
@@ -231,12 +242,14 @@ class Result:
             known[0].counters.setdefault(counter, []).extend(values)
 
     def card(self, backend):
-        """What the noise of a backend belongs to, whatever its API calls the device: (identity, name)."""
+        """(identity, name) of the device to which the noise of a backend belongs: the same one whatever an API
+        calls the device."""
         name, card = self.device(backend)
         return (card, self.context.get("gpu") or name) if card else (name, name)
 
     def device(self, backend):
-        """(name, card) of what a backend ran on; a processor is another one with another number of cores."""
+        """(name, identity of the card or "") of the device of a backend. A processor with another number of
+        cores is another device."""
         on = self.backends.get(backend, {})
         cores = self.json["context"].get("num_cpus")
         name = on.get("device") or self.context.get("gpu") or self.context.get("cpu") or "unknown"
@@ -273,14 +286,15 @@ def quartiles(times):
 
 @functools.cache
 def weights(count):
-    """What each of `count` repetitions, by size, contributes to their median in a bootstrap of infinitely many resamples."""
+    """The probability of each of `count` repetitions, in ascending order, to be the median of a bootstrap
+    resample."""
     import numpy  # pylint: disable=import-outside-toplevel  # so that --help of diff.py and report.py needs no packages
     import scipy.special  # pylint: disable=import-outside-toplevel
     return numpy.diff(scipy.special.betainc((count + 1) / 2, (count + 1) / 2, numpy.arange(count + 1) / count))
 
 
 def squared_error(times):
-    """Of the logarithm of the median of repetitions, after Maritz and Jarrett."""
+    """The squared standard error of the logarithm of the median of repetitions, after Maritz and Jarrett."""
     import numpy  # pylint: disable=import-outside-toplevel
     logarithms = numpy.log(sorted(times))
     return weights(len(times)) @ (logarithms - weights(len(times)) @ logarithms)**2
@@ -306,7 +320,8 @@ def scale_of(values):
 
 
 def noise_between(values, errors):
-    """What runs differ by beside the errors of their medians, so that both explain the scatter of values, after Paule and Mandel."""
+    """The standard deviation between runs that, together with the errors of their medians, explains the scatter
+    of `values` (Paule and Mandel)."""
     import numpy  # pylint: disable=import-outside-toplevel
     low, high = 0, scale_of(values)
     for _ in range(12 if errors.any() else 0):
@@ -315,8 +330,9 @@ def noise_between(values, errors):
     return high
 
 
-# A row that has times in both files, and what their noise depends on: (identity, name) of the device, API and kind; whether the
-# host's clock took the times; whether its run marked it, or its backend adds in any order.
+# A row that has times in both files, and what their noise depends on. device: (identity, name). by_host:
+# whether the host's clock took the times. unknown: whether its run marked the row, or its backend adds in any
+# order.
 Timed = collections.namedtuple("Timed", "row device api kind by_host unknown")
 
 
@@ -337,7 +353,7 @@ def judge_times(timed, threshold):
         apis = {api: [index for index, _ in of] for (api,), of in result_files.groups(numbered, lambda of: of[1].api).items()}
         everyone = sum(apis.values(), [])
         many = {api: of for api, of in apis.items() if len(of) >= SHIFT_ROWS}
-        # Rows of an API that has few have the shift of their device.
+        # An API with fewer than SHIFT_ROWS rows takes the shift of all rows of its device.
         for of in [everyone] * (len(everyone) >= SHIFT_ROWS) + list(many.values()):
             shifts[of], samples[of] = numpy.median(changes[of]), len(of)
         told = [index for index in everyone if errors[index] < math.inf]
@@ -361,7 +377,8 @@ def judge_times(timed, threshold):
 
     least, excused = math.log1p(threshold), math.log1p(threshold / 2)
     rest, effects, tests = changes - shifts, changes - numpy.clip(shifts, -excused, excused), len(timed) + 2 * len(together)
-    # How far a row is from unchanged, whether the shift is a drift or a change of most rows.
+    # How far a row is from unchanged, however the shift is read: as a drift of the run (rest), or as a change
+    # of most rows (effects).
     strengths = numpy.where(rest * effects > 0, numpy.minimum(abs(rest), abs(effects)), 0)
     # Benjamini and Hochberg: the largest count of rows that pass the level for that count.
     count, found = len(timed), numpy.zeros(len(timed), bool)
@@ -396,7 +413,8 @@ def judge_times(timed, threshold):
 
 @functools.cache
 def is_clearly_slower(times, other, marked):
-    """Whether `other` takes longer than `times`, of two rows of one run: beyond the threshold, and beyond what repetitions vary by."""
+    """Whether `other` takes longer than `times` (two rows of one run) by more than the threshold and than
+    repetitions vary by."""
     import scipy.special  # pylint: disable=import-outside-toplevel
     if min(len(times), len(other)) < 3:
         return False
@@ -406,7 +424,7 @@ def is_clearly_slower(times, other, marked):
 
 
 def grown(old, new, factor):
-    """What errors grew, as words."""
+    """Names the errors that grew, with their old and new values."""
     words = []
     for key in [] if old.chaotic or new.chaotic else old.errors.keys() & new.errors.keys():
         before, after = old.errors[key], new.errors[key]
@@ -420,7 +438,8 @@ def grown(old, new, factor):
 
 
 def moved(counters, less_is_better, threshold):
-    """What counters became worse and what became better, as words."""
+    """[names of the counters that became worse, names of those that became better], with their old and new
+    values."""
     words = ([], [])
     for name, (before, after) in sorted(counters.items()):
         if max(before, after) > (1 + threshold) * min(before, after):
@@ -436,7 +455,7 @@ def pair(old, new, options):
         whole = tuple(of for of in place if of[0] != "measured")
         if whole != place and (((identity, whole) in old.rows) != ((identity, whole) in new.rows) or
                                old.kinds.isdisjoint(kinds := {row.kind for row in before + after}) or new.kinds.isdisjoint(kinds)):
-            continue  # the whole row is gone or new, or the file does not measure this of any row
+            continue  # the whole row is gone or new, or one of the files measures this in no row
         for index in range(max(len(before), len(after))):
             a, b = (rows[index] if index < len(rows) else None for rows in (before, after))
             row = dict(zip(IDENTITY, identity), place={key: json.loads(value) for key, value in place},
@@ -486,7 +505,8 @@ def pair(old, new, options):
 
 
 def judge_state(a, b, row, differ, options):
-    """The verdict and detail of two rows as far as they need no time; no verdict: that is left to the times."""
+    """Returns the verdict and detail of two rows without looking at their times; an empty verdict leaves the
+    decision to the times."""
     if b.failure:
         return ("still fails" if a.failure else "now fails"), b.failure
     if a.failure:
@@ -505,7 +525,8 @@ def judge_state(a, b, row, differ, options):
 
 
 def check_devices(old, new, options):
-    """Refuses files without a common backend, and two devices unless these are asked for."""
+    """Refuses files without a common backend, and results of two devices unless options.across_devices asks for
+    them."""
     backends = [result.backends_of_rows for result in (old, new)]
     tried = [of | {identity[1] for identity in result.unmeasured["failed"]} for of, result in zip(backends, (old, new))]
     if not tried[0] & tried[1]:
@@ -544,12 +565,12 @@ def setup(old, new):
 
 
 def absent(old, new):
-    """The backends and the measurements that the first of two files has alone."""
+    """The backends and the measurements that only the first of two files has."""
     return sorted(old.backends_of_rows - new.backends_of_rows) + sorted(name for _, name in old.kinds - new.kinds)
 
 
 def notes_on(old, new, rows, shifts, options):
-    """What is to be said of two results beside their rows."""
+    """The notes on two results as wholes, printed beside their rows."""
     notes = []
     said = [shift for shift in shifts if abs(math.log(shift["ratio"])) > SAID_SHIFT]
     if said:
@@ -559,15 +580,15 @@ def notes_on(old, new, rows, shifts, options):
     if told:
         changes = [f"of {size:.0%} in {sum(row['time']['least'] <= size for row in told)}"
                    for size in dict.fromkeys((options.threshold, 0.1))]
-        notes.append(f"of {len(told)} times, a lone change would be found {', '.join(changes)}")
+        notes.append(f"of {len(told)} times, a change of one row alone would be found: {', '.join(changes)}")
     moved_errors = [(after / before, row) for row in rows for before, after in (row["errors"] or {}).values()
                     if before and after and after != before and row["verdict"] != "error grew"]
     if moved_errors:
         ratio, row = max(moved_errors, key=lambda one: abs(math.log(one[0])))
-        notes.append(f"{len(moved_errors)} errors changed by less than what counts, so bits differ: at most x {ratio:.3g} "
+        notes.append(f"{len(moved_errors)} errors changed without growing enough to count, so bits differ: at most x {ratio:.3g} "
                      f"({row['scene']} {row['contender']})")
     if gone := absent(old, new):
-        notes.append(f"no row any more of {result_files.listed(gone)}")
+        notes.append(f"the new file has no row of {result_files.listed(gone)}")
     if not any(row["verdict"] in JUDGED for row in rows):
         notes.append("nothing was judged: no row of both files is comparable")
     if old.study != new.study:
@@ -577,7 +598,7 @@ def notes_on(old, new, rows, shifts, options):
 
 
 def document(old_path, new_path, options):
-    """What diff.schema.json describes, of two files; options is a Rule."""
+    """The comparison of two files, as diff.schema.json describes it; `options` is a Rule."""
     old, new = (Result(path, options.across_devices) for path in (old_path, new_path))
     renamed = rename(old, new)
     check_devices(old, new, options)

@@ -26,7 +26,8 @@ LAMBDA = MU = 0.4  # Lame's constants for E = 1 and nu = 1/4
 SPRINGS = [(np.eye(3)[a], 1.0) for a in range(3)] + [
     (np.array(n) / np.sqrt(2), 2.0) for n in product((-1, 0, 1), repeat=3) if np.abs(n).sum() == 2 and next(v for v in n if v) > 0]
 
-# Name: half symmetric about x = 0, about y = 0; height; body force and traction on the end along `pattern`, for small and for large strain.
+# symmetric: whether a half about x = 0, and about y = 0, stands for the whole. body: whether the load is a body
+# force rather than a traction on the end. load: its size for large strain, along `pattern`.
 CASES = {
     "tension": dict(symmetric=(True, True), height=3.0, body=False, load=0.2, pattern="z"),
     "torsion": dict(symmetric=(False, False), height=3.0, body=False, load=0.1, pattern="turn", ends="both", elements=[(5, 7), (6, 8)]),
@@ -95,7 +96,8 @@ class Solid:
 
     def __init__(self, mesh):
         self.basis = Basis(mesh, ELEMENT, intorder=5)
-        gradients = np.array([function[0].grad for function in self.basis.basis])  # degree of freedom, row, axis, element, point
+        # The axes are: degree of freedom, row, axis, element, point.
+        gradients = np.array([function[0].grad for function in self.basis.basis])
         self.b = np.ascontiguousarray(gradients.reshape(81, 9, *self.basis.dx.shape).transpose(2, 3, 1, 0))
 
     def assemble(self, law, u):

@@ -84,7 +84,7 @@ def markdown(found, shown):
 
 
 def place_of(row):
-    """What tells a row apart beside its name."""
+    """Words for the place of a row: what tells it apart from other rows of its name."""
     def words(key, value):
         if isinstance(value, bool):
             return key if value else f"not {key}"
@@ -95,7 +95,7 @@ def place_of(row):
 
 
 def times_line(row):
-    """Times and what they say, in columns that all rows share."""
+    """The line with the times of a row and their statistics, in columns of the same width for all rows."""
     time, unit = row["time"], row["unit"]
     low, high = time["interval"]
     interval = "" if low is None else f"(95%: {low:.3f} to {high:.3f})"
@@ -106,7 +106,8 @@ def times_line(row):
 
 
 def terminal(found, shown):
-    """A row is its name, its times and its notes, each on separate lines, so that none of them is cut."""
+    """Prints the rows. Each has its name, its times and its notes on separate lines, so that none of them is
+    cut."""
     on_terminal = sys.stdout.isatty()
     width = max(shutil.get_terminal_size((WIDTH, 0)).columns, LEAST_WIDTH) if on_terminal else WIDTH
     coloured = on_terminal and "NO_COLOR" not in os.environ
@@ -148,7 +149,8 @@ def series(path):
 
 
 def exported(form, path, about):
-    """As Bencher's metric format, whose measure `latency` is in nanoseconds, or as github-action-benchmark's customSmallerIsBetter."""
+    """A result in Bencher's metric format, whose measure `latency` is in nanoseconds, or as
+    github-action-benchmark's customSmallerIsBetter."""
     if form == "bmf":
         return {name: {"latency" if unit == "ns" else "energy": {"value": middle} | (
             {"lower_value": low, "upper_value": high} if count > 1 else {})} for name, unit, count, low, middle, high in series(path)}
@@ -181,7 +183,7 @@ def main():
                         help="also fail if a row is gone or no longer comparable, too noisy to tell, or the machine was set up otherwise")
     parser.add_argument("--all", action="store_true", help="in a table, rows that are the same as well")
     parser.add_argument("--threshold", type=number_above(0), default=comparison.Rule.threshold, metavar="FRACTION",
-                        help="the least change of the time that counts (%(default)s)")
+                        help="the smallest relative change of a time that counts (%(default)s)")
     parser.add_argument("--error-factor", type=number_above(1), default=comparison.Rule.error_factor, metavar="FACTOR",
                         help="the least growth of an error that counts (%(default)s)")
     parser.add_argument("--across-devices", action="store_true",

@@ -53,7 +53,7 @@ def alarms_of(old, new, rule):
 
 
 def of_pairs(results, in_pairs, rule):
-    """Prints what is said of pairs of results; returns the number of false alarms."""
+    """Compares pairs of results, prints their false alarms, and returns the number of these."""
     pairs = list(zip(results[::2], results[1::2])) if in_pairs else list(itertools.combinations(results, 2))
     counts, number, failing = collections.Counter(), 0, 0
     for old, new in pairs:
@@ -105,7 +105,8 @@ def resampled(result, generator, away=None, drift=0):
 
 
 def of_resampled(results, count, drift, rule):
-    """Prints what is said of pairs that are made of single results."""
+    """Makes pairs of resampled runs of each result, and prints how often these have false alarms and how often
+    a real change is found."""
     away = differences(results)
     print("; ".join(f"{api}: {len(of)} ratios of unchanged rows, half of them within {statistics.median(map(abs, of)):.2%}, all within "
                     f"{max(map(abs, of)):.2%}" for (kind, api), of in away.items() if kind == "API"))

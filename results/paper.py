@@ -50,14 +50,14 @@ def written(value):
 
 
 def broken_anew(paragraph):
-    """Prose in lines of the page's width; a table, a list or code as it is."""
+    """The paragraph in lines of the page's width if it is prose; a table, a list or code unchanged."""
     if re.match(r"[|#\-<>]|```|    |\d+\. ", paragraph) or "\n|" in paragraph:
         return paragraph
     return "\n".join(textwrap.wrap(paragraph, WIDTH, break_long_words=False, break_on_hyphens=False))
 
 
 def sentence_of(paragraph, line):
-    """The sentence of a paragraph with the expression that begins in a line of it, the first being 1."""
+    """The sentence of a paragraph that has the first expression beginning in `line`, counted from 1."""
     place = paragraph.find("{{", sum(len(one) + 1 for one in paragraph.split("\n")[:line - 1]))
     found = [one for one in re.finditer(r".*?(?:[.:](?=\s|$)\s*|$)", paragraph, re.DOTALL) if one.start() <= place < one.end()]
     return " ".join((found[0][0] if found else paragraph).split())
@@ -81,9 +81,10 @@ class Tables:
 
 
 def render(text, names, page):
-    """The page that a template makes; Stale names the line and the sentence of everything that is wrong with it."""
+    """The page that a template makes. Raises Stale, which names the line and the sentence of everything that is
+    wrong."""
     wrong, made, line = [], [], 1
-    # A blank line ends a paragraph; none stands in an expression.
+    # A blank line ends a paragraph; no expression contains one.
     for paragraph in re.split(r"(\n{2,})", text):
         filled = paragraph
         if "{{" in paragraph:

@@ -32,11 +32,11 @@ HERE = pathlib.Path(__file__).resolve().parent
 # Headline tables first, so that a run that is cut short has them. haptic plays in real time, for some four minutes.
 GPU_STUDIES = ("table1", "fastest", "figure8", "figure7", "as_paper", "edits", "skips", "formulations", "tuning", "pareto", "stability",
                "stress", "overhead", "energy", "haptic")
-# These are of the command of the Python package (docs/python.md), and are measured where they are named.
+# Studies of the Python package's command (docs/python.md). They are measured only if they are named.
 PYTHON_STUDIES = ("peers",)
 CPU_STUDIES = ("fastest", "pareto", "stability", "stress", "haptic")
-# On a GPU server some studies leave out the processor, which has another folder: it took nearly half of the time of pareto, and a
-# quarter of that of stress.
+# On a GPU server some studies leave out the processor, whose results are in another folder: it took nearly half
+# of the time of pareto, and a quarter of that of stress.
 OPTIONS_ON_GPU = dict.fromkeys(("pareto", "stability", "stress", "energy"), ["--backend", "!cpu_*"])
 OPTIONS_ON_GPU |= {"peers": ["--device", "cuda"]}
 # On a processor `fastest` leaves out graphics in software: its threads wait for each other and for a processor, so that a
@@ -83,7 +83,7 @@ def context_of(path):
 
 
 def reason_stale(path, machine):
-    """Why a result is not what this program would measure here, or nothing."""
+    """Why a result has to be measured again with this program on this machine; empty if it need not."""
     if not path.exists():
         return "there is none"
     if path.with_name(path.name.removesuffix(".gz") + ".journal").exists():
@@ -100,15 +100,15 @@ def reason_stale(path, machine):
 
 
 def arguments_of(study, plain, machine):
-    """What runs a study, or goes on where it was cut short."""
+    """The command line that runs a study, or resumes it if it was cut short."""
     options = (OPTIONS_ON_GPU if machine.has_gpu else OPTIONS_ON_CPU).get(study, [])
     resume = ["--resume"] * plain.with_name(plain.name + ".journal").exists()
     return [machine.program, "study", study, "--out", plain, *options, *resume]
 
 
 def measure(study, out, machine):
-    """Runs a study to the end, or on from where it was cut short; a result that is whole is compressed then. The exit code, and
-    whether the result is whole."""
+    """Runs a study, or resumes it if it was cut short, and compresses the result if that is complete. Returns
+    (exit code, whether the result is complete)."""
     plain = out / f"{study}.json"
     code = subprocess.run(arguments_of(study, plain, machine), check=False).returncode
     # Exit code 1: a backend failed, with its reason in the result, or the study could not go on.
@@ -120,7 +120,7 @@ def measure(study, out, machine):
 
 
 def remake(studies, out, machine, check):
-    """Measures what is stale; the exit code."""
+    """Measures the studies whose results are stale. Returns the exit code."""
     stale = {}
     for study in studies:
         if reason := reason_stale(result_files.named(out, study), machine):
@@ -149,7 +149,7 @@ def main():
     parser.add_argument("--program", default=HERE.parent / "build/release/voxspring", type=pathlib.Path, help="voxspring")
     parser.add_argument("--check", action="store_true", help="say what is stale, and measure nothing")
     parser.add_argument("folder", nargs="?", type=pathlib.Path, metavar="FOLDER", help="results/<machine>")
-    parser.add_argument("study", nargs="*", metavar="STUDY", help="these alone")
+    parser.add_argument("study", nargs="*", metavar="STUDY", help="only these studies")
     arguments = parser.parse_args()
     try:
         machine = Machine(arguments.program)

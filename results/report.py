@@ -30,7 +30,7 @@ def write_whole(path, text):
             file.write(text)
             file.flush()
             os.fsync(file.fileno())
-        # mkstemp lets nobody else read it.
+        # mkstemp makes files that only their owner may read.
         os.chmod(name, 0o644)
         os.replace(name, path)
     except BaseException:
@@ -42,15 +42,15 @@ def main(arguments=None):
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("results", type=pathlib.Path, nargs="*", default=[HERE], metavar="RESULTS")
     parser.add_argument("-o", "--out", type=pathlib.Path, metavar="report.html", help="the page")
-    parser.add_argument("--pictures", type=pathlib.Path, metavar="FOLDER", help="where pictures of the datasets are")
-    parser.add_argument("--program", type=pathlib.Path, metavar="VOXSPRING", help="what draws those that are missing")
-    parser.add_argument("--figures", type=pathlib.Path, metavar="FOLDER", help="where the charts go as SVG files")
+    parser.add_argument("--pictures", type=pathlib.Path, metavar="FOLDER", help="folder with the pictures of the datasets")
+    parser.add_argument("--program", type=pathlib.Path, metavar="VOXSPRING", help="the program that draws missing pictures")
+    parser.add_argument("--figures", type=pathlib.Path, metavar="FOLDER", help="folder for the charts as SVG files")
     options = parser.parse_args(arguments)
     if not options.out and not options.figures:
         parser.error("expected --out for the page, or --figures for its charts, or both")
     if options.program and not options.pictures:
         parser.error("--program needs --pictures, the folder that it draws into")
-    # Here, so that --help needs no package.
+    # Imported here, so that --help needs no package.
     try:
         from page import document, export, pictures, reading  # pylint: disable=import-outside-toplevel
     except ModuleNotFoundError as error:

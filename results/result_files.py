@@ -20,7 +20,7 @@ MIN_SPREAD = 0.03
 
 
 class BadInput(Exception):
-    """What the user gave cannot be used; the message says where and why."""
+    """The user's input cannot be used. The message says where and why."""
 
 
 def refuse(script, reason):
@@ -39,7 +39,8 @@ def shown(value, longest=60):
 
 
 def load(path):
-    """The result in a file, whatever its name; refuses what is no JSON object of a version that is read."""
+    """Reads a result from a file of any name. Refuses it unless it is a JSON object of a version that is
+    supported."""
     expected = "expected a result that `voxspring study` wrote"
     try:
         data = path.read_bytes()
@@ -69,9 +70,9 @@ def load(path):
     return result
 
 
-# The bounds of a verdict, each with the error that it is a bound on.
+# Keys of the bounds in a row of `verification`, each with the key of the error that it bounds.
 BOUNDS = {"tolerance": "error_max", "tolerance_rms": "error_rms", "tolerance_mean": "error_mean"}
-# Fields of one measurement that a result has in its own precision and a reader computes again.
+# The largest relative difference at which a field still agrees with its value computed from other fields.
 SAME = 1e-6
 
 
@@ -80,12 +81,13 @@ def number(value):
 
 
 def unlike(row, key, value):
-    """Whether a row has a number under a key, and another one than that."""
+    """Whether a row has a number under `key` that differs from `value`."""
     return number(row.get(key)) and number(value) and abs(row[key] - value) > SAME * abs(value)
 
 
 def contradictions(result):
-    """(place, value, what is expected) wherever a result contradicts itself, as one does that was edited or that a faulty program wrote."""
+    """Yields (place, value, expected) for each contradiction within a result, which a faulty program wrote or
+    somebody edited."""
     rows = {name: [row for row in content if isinstance(row, dict)] for name, content in result.items() if isinstance(content, list)}
     verdicts = {str(row.get("name")): row for row in rows.get("verification", [])}
     for index, row in enumerate(rows.get("verification", [])):
@@ -154,8 +156,8 @@ def check_agreement(path, result):
 
 @functools.cache
 def validator(schema, name):
-    """The compiled check of a schema, or of one of its named parts, and all of its parts."""
-    import fastjsonschema  # pylint: disable=import-outside-toplevel  # remake.py does without
+    """(the compiled check of a schema or of its part `name`, all named parts of the schema)."""
+    import fastjsonschema  # pylint: disable=import-outside-toplevel  # remake.py needs no such package
     rules = json.loads(schema.read_text(encoding="utf-8"))
     return fastjsonschema.compile(rules | {"$ref": f"#/$defs/{name}"} if name else rules), rules["$defs"]
 
@@ -176,12 +178,13 @@ def check(path, data, schema, name="", at=""):
 
 
 def name_of(row):
-    """scene/backend/formulation/precision, and what of its tuning is not at its default."""
+    """The name of a row's case: scene/backend/formulation/precision, then the tuning that is not at its
+    default."""
     return row["name"].split("/iterations:")[0]
 
 
 def study_of(path):
-    """fastest of nvidia-h200/fastest.json.gz."""
+    """The name of a file's study: fastest for nvidia-h200/fastest.json.gz."""
     return path.name.removesuffix(".gz").removesuffix(".json")
 
 
@@ -195,7 +198,7 @@ def within(folder):
 
 
 def committed(folder):
-    """The result files of each machine's folder in a folder, except `local`, which belongs to the user."""
+    """The result files in the machines' folders within `folder`, except `local`, which belongs to the user."""
     return [path for path in within(folder) if path.parent.parent == folder and path.parent.name != "local"]
 
 
@@ -222,7 +225,7 @@ def family(about):
 
 
 def limits_of(about):
-    """The key of those of the context's limits that a step of the backend is compared with."""
+    """The key in the context's `limits` of the limits that a step of the backend is compared with."""
     return about.get("limits_of") or re.sub(r" \d.*", "", str(about.get("api") or ""))
 
 
@@ -231,28 +234,29 @@ def addressing(name, about):
     return about.get("addressing") or ("explicit" if "_explicit_" in f"{name}_" else "implicit")
 
 
-# Runs of one program differ by as much.
+# Runs of one program differ by this share of a time even if its repetitions do not.
 LEAST_SPREAD = 0.01
 
 
 def as_known(value, *spreads, decimals=2):
-    """A ratio with as many digits as it deserves: the last one stands for less than twice what its times spread by together. 91.79 with
-    4% is 92. As ratio_text() of harness/results/print.h."""
+    """A ratio with the digits that its spreads justify: 92 for 91.79 with a spread of 4%. The unit of the last
+    digit is at most twice the root of the sum of the squared spreads. The same rule as ratio_text() in
+    harness/results/print.h."""
     uncertain = 2 * max(math.hypot(*(spread or 0 for spread in spreads)), LEAST_SPREAD) * abs(value)
     place = max(math.floor(math.log10(uncertain)), -decimals) if uncertain else -decimals
     return f"{round(value, -place):.{max(0, -place)}f}"
 
 
-# A limit is said to bind rows that reach this share of it.
+# A limit is said to bind a row that reaches at least this share of it.
 MIN_BINDING = 0.6
 
 
 def binder(row):
-    """Which limit binds a row; nothing where the row reaches too little of it to tell."""
+    """The name of the limit that binds a row; None if the row reaches too small a share of it to tell."""
     return row.get("limited_by") if (row.get("fraction_of_limit") or 0) >= MIN_BINDING else None
 
 
-# The limits of a device that are times; of the others more is better.
+# The limits of a device that are times, of which less is better. Of all other limits more is better.
 LIMITS_OF_TIME = ("launch_seconds", "grid_barrier_seconds", "exchange_seconds")
 
 
@@ -287,14 +291,15 @@ def distinct(rows, key):
 
 
 def listed(parts):
-    """a, b and c."""
+    """The parts as a list in a sentence: a, b and c."""
     parts = list(parts)
     return " and ".join([", ".join(parts[:-1]), parts[-1]] if len(parts) > 1 else parts)
 
 
 def medians(benchmarks, verification):
-    """Every median among rows of `benchmarks`, in their order, with the `times` of its repetitions, or its own time without any,
-    with the `threshold` of its error, and with `partly`, how many repetitions were verified if not all of them."""
+    """The median rows of `benchmarks`, in their order, with three more keys. times: those of the repetitions,
+    or the median if there are none. threshold: the bound on its error. partly: how many repetitions were
+    verified; empty if all were."""
     times = groups((row for row in benchmarks if row.get("run_type") == "iteration"), "run_name", "steps")
     verdicts = {row["name"]: row for row in verification}
 
@@ -317,8 +322,9 @@ def tick_seconds(row, name):
 
 
 def threshold_of(verdict):
-    """The bound on the error over the motion of a row of `verification`, or "chaotic" where no displacement is judged, or "not verified"
-    where a backend without springs might pass; "-" where a file does not say. "*" marks the bound of a start that strains every spring."""
+    """The bound on the error of a row of `verification`, as a share of the motion. "chaotic" if no displacement
+    is judged, "not verified" if even a backend without springs might pass, "-" if the file does not say. "*"
+    marks the bound of a start that strains every spring."""
     strained = verdict.get("strained_start")
     run = strained or verdict
     bounds = [(run.get("tolerance_rms"), run.get("motion_rms")), (run.get("tolerance"), run.get("motion_max"))]
@@ -327,7 +333,8 @@ def threshold_of(verdict):
     found = [bound / motion for bound, motion in bounds if bound is not None and motion]
     if not found:
         return "chaotic"
-    # Files without strained_share say nothing of most rows; a row whose largest error has no bound shows no spring's effect.
+    # Older files have no strained_share. Their rows are taken to strain enough springs, except rows whose
+    # largest error has no bound.
     share = verdict.get("strained_share", 0 if verdict.get("tolerance") is None else 1)
     if max(share, (strained or {}).get("strained_share", 0)) < MIN_STRAINED_SHARE:
         return "not verified"
@@ -358,5 +365,5 @@ def rows(paths):
 
 def frame(paths):
     """The rows of files as a pandas DataFrame."""
-    import pandas  # pylint: disable=import-outside-toplevel  # only here
+    import pandas  # pylint: disable=import-outside-toplevel  # needed only here
     return pandas.DataFrame(rows(paths))

@@ -74,7 +74,7 @@ class Words(InTemporaryFolder):
                 self.assert_refused(voxspring("study", "smoke", f"{option}={value}"), option, value, accepted)
         for value in ("0", "-1", "nan", "inf", "small"):
             self.assert_refused(voxspring("advise", "box@4", f"--error={value}"), "--error", value, "a number from 1e-30 to 1e+06")
-        self.assert_refused(voxspring(*RUN, "--time", "1e12"), "--time", "a time of at most 1000000000 steps")
+        self.assert_refused(voxspring(*RUN, "--time", "1e12"), "--time", "the time of at most 1000000000 time steps")
         self.assert_refused(voxspring(*RUN, "--frames", ""), "--frames", "the path of a folder")
         self.assert_refused(voxspring("info", "box@99999999"), "@99999999", "sides from 1 to 1048576")
 
@@ -84,7 +84,7 @@ class Words(InTemporaryFolder):
         self.assertRegex(exact.stdout, r"^box@4: 10 steps of ")
         near = voxspring(*RUN, "--time", 10.3 * time_step)
         said, ran = near.stdout.splitlines()
-        self.assertRegex(said, r"^time \S+ is no whole number of time steps of \S+: 10 steps, to time \S+$")
+        self.assertRegex(said, r"^time \S+ is not a multiple of the time step \S+: the run takes 10 steps, to time \S+$")
         self.assertRegex(ran, r"^box@4: 10 steps of ")
         self.assertRegex(voxspring(*RUN, "--time", 1e-6).stdout.splitlines()[-1], r"^box@4: 1 step of ")
         self.assertEqual(voxspring(*RUN, "--time", 1, "--steps", 3).returncode, 2)

@@ -251,7 +251,7 @@ TEST_P(CpuParallel, RefusesWhatImplicitAddressingCannotReach) {
     EXPECT_EQ(backend->unsupported(problem), "");
     EXPECT_GT(bytes(problem), 0u);
     problem.springs = {{0, 23, 1, 3}};
-    EXPECT_THAT(backend->unsupported(problem), HasSubstr("beyond the lattice"));
+    EXPECT_THAT(backend->unsupported(problem), HasSubstr("needs neighbour lists"));
     EXPECT_EQ(bytes(problem), 0u);
 
     Problem network;

@@ -275,7 +275,7 @@ class Diff(InTemporaryFolder):
     def test_errors_that_changed_by_less_are_told(self):
         for error, ratio in ((1.4e-7, "1.4"), (0.5e-7, "0.5"), (1e-7 * (1 + 1e-12), "1")):
             notes = self.judge(result(PLAIN), changed(error_max=error))[1]["notes"]
-            self.assertTrue(any(f"1 errors changed by less than what counts, so bits differ: at most x {ratio} (box@8 a" in note
+            self.assertTrue(any(f"1 errors changed without growing enough to count, so bits differ: at most x {ratio} (box@8 a" in note
                                 for note in notes), notes)
         self.assertEqual(self.judge(result(PLAIN), changed())[1]["notes"][1:], [], "errors that did not change")
 
@@ -466,7 +466,7 @@ class Diff(InTemporaryFolder):
         self.assertEqual(self.judge(with_starts, whole, "--fail-on", "missing")[1]["fails"], ["no ready_seconds"])
         self.assertEqual(self.judge(whole, with_starts, "--fail-on", "missing")[0], 0)
         notes = self.judge(whole, result(PLAIN[1:]))[1]["notes"]
-        self.assertIn("no row any more of a", notes)
+        self.assertIn("the new file has no row of a", notes)
         new = result([(*row[:2], {"steps": 7}) for row in PLAIN])
         self.assertTrue(any("nothing was judged" in note for note in self.judge(whole, new)[1]["notes"]))
         self.assertEqual(self.run_diff(whole, whole, "--fail-on", "x")[0], 2)

@@ -212,7 +212,7 @@ TEST_F(Gl, SpringsBeyondTheGridNeedExplicitAddressing) {
     const auto explicit_lists = make("gl_fragment_explicit");
     Problem sutured = plain_problem();
     sutured.springs.push_back({0, std::uint32_t(sutured.particle_count() - 1), 0.1, 3});
-    EXPECT_THAT(implicit->unsupported(sutured), HasSubstr("springs beyond the lattice"));
+    EXPECT_THAT(implicit->unsupported(sutured), HasSubstr("needs neighbour lists"));
     EXPECT_THAT(implicit->unsupported(star(5)), HasSubstr("needs a lattice"));
     EXPECT_THAT(explicit_lists->unsupported(sutured), IsEmpty());
     EXPECT_THAT(explicit_lists->unsupported(star(5)), IsEmpty());

@@ -253,7 +253,7 @@ class Interruptions(Overnight):
             os.killpg(ran.pid, number)
             stdout, stderr = ran.communicate(timeout=PATIENCE)
             self.assertEqual(ran.returncode, 130, stderr)
-            self.assertIn("once more to stop at once", stderr)
+            self.assertIn("interrupt again to stop at once", stderr)
             self.assertIn("--resume goes on", stdout)
             self.assert_nothing_runs()
             result = self.result()

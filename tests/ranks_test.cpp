@@ -652,9 +652,9 @@ TEST(RankRuns, GiveTheBitsOfOneRankWhereBordersTravelWithinSteps) {
         }
         expect_same_bits(state, one);
     }
-    EXPECT_THAT(error_of("rank_within_steps", "peer"), HasSubstr("its borders do not go by peer"));
+    EXPECT_THAT(error_of("rank_within_steps", "peer"), HasSubstr("it cannot exchange borders by peer"));
     for (const char* backend : {"rank_within_steps", "rank_without"})
-        EXPECT_THAT(error_of(backend), HasSubstr("it gives no borders"));
+        EXPECT_THAT(error_of(backend), HasSubstr("it cannot exchange borders"));
 }
 
 TEST(RankRuns, SayWhyDevicesHaveNoWayToEachOther) {

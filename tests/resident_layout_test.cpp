@@ -492,8 +492,9 @@ TEST(ResidentRefusal, IsOfPartsThatSendAPointToBothSides) {
         return sent_refusal({{slab.borders[0].sent, {}}, {slab.borders[1].sent, {}}});
     };
     EXPECT_EQ(slab_of(whole, 6, 1).own.size(), 16U);
-    EXPECT_EQ(refusal(6),
-              "a slab of one layer sends its points to both sides, but a lane can send to one side only");
+    EXPECT_EQ(
+        refusal(6),
+        "a part of one layer sends its particles to both sides, but a thread can send to one side only");
     EXPECT_EQ(slab_of(whole, 3, 1).own.size(), 32U);
     EXPECT_EQ(refusal(3), "");
 }
@@ -538,7 +539,7 @@ TEST(ResidentRefusal, IsOfBodiesThatNoLayoutHolds) {
     EXPECT_EQ(resident_refusal(problem, 1, true), "");
     EXPECT_EQ(resident_refusal(make_lattice_problem(solid({32, 8, 9}), FACE_BITS), 1, true),
               "2304 particles exceed the 2048 that 1 multiprocessors hold");
-    EXPECT_EQ(resident_refusal(Problem{}, 132, true), "there is no particle to reside");
+    EXPECT_EQ(resident_refusal(Problem{}, 132, true), "the scene has no particle");
 
     Problem several = problem;
     several.material.assign(several.particle_count(), 0);
@@ -546,7 +547,7 @@ TEST(ResidentRefusal, IsOfBodiesThatNoLayoutHolds) {
 
     problem.springs.push_back({0, 2000, 1, 1});
     EXPECT_EQ(resident_refusal(problem, 132, true),
-              "addressing by the lattice has no springs beyond the lattice");
+              "some springs join particles that are not grid neighbours, which needs neighbour lists");
 }
 
 }  // namespace

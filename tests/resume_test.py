@@ -53,7 +53,7 @@ class Interrupted(InTemporaryFolder):
                                                          "--out", out, "--out", table, sent=sent)
             self.assertEqual(code, 130, errors)
             self.assertLess(seconds, SOON_SECONDS)
-            self.assertIn("stopping after what is in flight", errors)
+            self.assertIn("stopping after the work in progress", errors)
             reached = int(re.search(rf"^box@12: interrupted after step (\d+) of {10**9}; its state is in {out}, {table}$",
                                     said, re.MULTILINE)[1])
             self.assertIn(f"--resume {out} goes on", said)
@@ -72,7 +72,7 @@ class Interrupted(InTemporaryFolder):
     def test_a_series_ends_where_it_was_interrupted(self):
         frames = self.folder / "frames"
         code, said, errors, _ = self.interrupt("run", "box@6", "--backend", "cpu_reference", "--steps", 10**8, "--frames", frames,
-                                               "--every", 5 * 10**7, "--size", "64x64", after="first pass, for one scale")
+                                               "--every", 5 * 10**7, "--size", "64x64", after="first pass, to find one colour scale")
         self.assertEqual(code, 130, errors)
         if "nothing is written" not in said:  # stopped before its first step
             reached = int(re.search(r"interrupted after step (\d+) of", said)[1])
@@ -178,9 +178,9 @@ class Resume(InTemporaryFolder):
             ran = succeeds("run", first, *backend, "--steps", 50, "--out", whole)
             ran = succeeds("run", then, *backend, "--steps", 50, "--out", resumed, "--resume", half)
             self.assertEqual(state_of(resumed), state_of(whole), then.name)
-            self.assertRegex(ran.stdout, rf"half.npz: \d+ springs are not those of {then.name} after step 20; the run goes on with")
+            self.assertRegex(ran.stdout, rf"half.npz: \d+ springs differ from those of {then.name} after step 20; the run uses")
         # 25 pairs of particles on either side, their edges along and across y and z; and two sutures.
-        self.assertIn(f"half.npz: {25 + 4 * 20 + 2} springs are not those of", ran.stdout)
+        self.assertIn(f"half.npz: {25 + 4 * 20 + 2} springs differ from those of", ran.stdout)
         ran = voxspring("run", edited, *backend, "--steps", 50, "--resume", half)
         self.assertNotIn("springs", ran.stdout)
 
@@ -194,7 +194,8 @@ class Resume(InTemporaryFolder):
                             f"{edges} of {edges + 3 * 4 * 5 * 5}", "stiffness", "other.json")
         loose = self.scene("loose", pinned={"side": "z+", "slices": 1}, mass=2)
         ran = succeeds("run", loose, *run, "--steps", 30, "--resume", half)
-        self.assertIn("half.npz: 125 particles have another mass there and 50 are pinned otherwise; those of the scene loose", ran.stdout)
+        self.assertIn("half.npz: 125 particles have a different mass in the file, and 50 differ in whether they are pinned; the run "
+                      "uses those of the scene loose", ran.stdout)
 
     def test_a_body_that_was_pulled_far_does_not_count_as_diverged(self):
         half = self.folder / "half.npz"

@@ -261,7 +261,8 @@ TEST(Scene, EditsPlayBetweenTheirSteps) {
     // A backend that cannot follow the edits says so before the run.
     const auto implicit = BackendSpec::parse("cpu_parallel").make();
     EXPECT_EQ(runner.unsupported(*implicit),
-              "addressing by the lattice has no springs beyond the lattice (edit after step 7)");
+              "some springs join particles that are not grid neighbours, which needs neighbour lists "
+              "(edit after step 7)");
 }
 
 // Remembers the uploaded problem, as the contract lets a backend do, and its springs.

@@ -546,7 +546,7 @@ TEST_F(StudyKinds, ScalingSaysWhetherMoreThanOneRankPays) {
 TEST_F(StudyKinds, ScalingSkipsTheWaysOfOtherBackends) {
     const std::string keys =
         short_runs + R"(, "ranks": [1, 2], "backends": ["on_devices"], "scenes": [{"scene": "box@4"}])";
-    expect_contains(scaling(keys, 2).at("skipped").dump(), "its ranks are on devices: --devices says");
+    expect_contains(scaling(keys, 2).at("skipped").dump(), "its ranks run on CUDA devices: choose them");
     const nlohmann::json result = scaling(keys, 2, {0, 1});
     EXPECT_TRUE(result.at("failed").empty()) << result.at("failed");
     ASSERT_EQ(result.at("scaling").size(), 1u);
@@ -609,12 +609,12 @@ TEST_F(StudyKinds, ScalingVerifiesASampleWhereItIsAskedTo) {
     for (const auto& row : rows) {
         EXPECT_EQ(row.at("judged_particles"), 6 * 6 * (3 + 4 + 3)) << "a layer beside each";
         EXPECT_GT(row.at("error_relative_l2"), 0);
-        EXPECT_EQ(row.at("total_error_reason"), "it is of a sample");
+        EXPECT_EQ(row.at("total_error_reason"), "only a sample of the body is verified");
     }
     EXPECT_EQ(rows[1].at("same_bits"), true);
     std::ostringstream out;
     print_result(read_result(measured(R"("cpu_reference")", "2")), out);
-    expect_contains(out.str(), "are known of a sample of 360 of 864 particles");
+    expect_contains(out.str(), "are measured on a sample of 360 of 864 particles");
 
     const nlohmann::json wrong = measured(R"("nudged_7", "nudged_12")", "2", 1);
     ASSERT_EQ(wrong.at("failed").size(), 1u) << wrong.at("failed");

@@ -734,7 +734,7 @@ TEST(VolumeRules, ANegativeDistanceIsItsLengthAndTurnsTheAxis) {
                              nrrd(nrrd_fields("short", "raw", "spacings: -0.5 1 2\n"), shorts)}) {
         const Volume volume = read(file);
         EXPECT_EQ(volume.spacing, glm::dvec3(0.5, 1, 2));
-        EXPECT_THAT(all_notes(volume), HasSubstr("it counts as its length, and x runs the other way"));
+        EXPECT_THAT(all_notes(volume), HasSubstr("its absolute value is used, and x runs the other way"));
         if (file.format == Format::nrrd) continue;
         EXPECT_EQ(volume.facts.placement->direction[0], glm::dvec3(-1, 0, 0));
     }

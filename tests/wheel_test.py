@@ -150,7 +150,7 @@ class Simulations(unittest.TestCase):
         self.assertGreater(cut, 16)
         sewn = simulation.suture((x - 1, 1, 1), (x + 1, 1, 1), 1.2)
         self.assertTrue(0 < sewn < cut)
-        with self.assertRaisesRegex(voxspring.Refused, "no springs beyond the lattice"):
+        with self.assertRaisesRegex(voxspring.Refused, "which needs neighbour lists"):
             simulation.suture((0, 0, 0), far, 0.1)
 
     def test_what_is_missing_is_said(self):

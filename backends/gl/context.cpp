@@ -101,8 +101,9 @@ std::vector<Candidate> candidates() {
     return hardware;
 }
 
-/// The initialised display of a candidate. A process has only one, which is never terminated: that would end
-/// it for every context on it, and Mesa would unload its driver. Throws Unavailable.
+/// The initialised display of a candidate. EGL gives a process only one display per candidate. It is never
+/// terminated: that would end it for every context on it, and Mesa would unload its driver. Throws
+/// Unavailable.
 EGLDisplay open(const Candidate& candidate) {
     EGLDisplay display = eglGetPlatformDisplayEXT(candidate.platform, candidate.device, nullptr);
     if (display == EGL_NO_DISPLAY) throw Unavailable("eglGetPlatformDisplay failed");
@@ -117,7 +118,7 @@ EGLContext create_context(EGLDisplay display, EGLContext shared) {
         if (!epoxy_has_egl_extension(display, needed)) throw Unavailable(std::string("no ") + needed);
     }
     if (eglBindAPI(EGL_OPENGL_API) == EGL_FALSE) throw Unavailable("EGL has no OpenGL");
-    // No debug context: with one, drivers may check every call, and the timings would be of something else.
+    // No debug context: with one, drivers may check every call, and the timings would include these checks.
     const EGLint attributes[] = {EGL_CONTEXT_MAJOR_VERSION,
                                  4,
                                  EGL_CONTEXT_MINOR_VERSION,
@@ -148,7 +149,7 @@ bool offers_subgroup_vote() {
 
 const RegisteredApi api({.name = "opengl", .title = "OpenGL", .device_field = "gl_renderer"});
 
-/// The context of the Sharing that exists; it has no display if there is none.
+/// The context of the Sharing object that exists. If there is no such object, it has no display.
 SurfaceContext shared_context;
 
 std::string text(GLenum name) { return reinterpret_cast<const char*>(glGetString(name)); }
@@ -170,7 +171,7 @@ Context::Context() : errors_(std::make_unique<ErrorLog>()) {
         bound_ = {.display = display, .context = owned_.get()};
         if (try_make_current() && epoxy_gl_version() >= 45) return;
         owned_.reset();
-        throw Unavailable("the context cannot be made current");
+        throw Unavailable("the context cannot be made current or is older than OpenGL 4.5");
     };
     if (shared_context.display != EGL_NO_DISPLAY) {
         try {
@@ -200,7 +201,7 @@ Context::Context() : errors_(std::make_unique<ErrorLog>()) {
 Context::Context(const SurfaceContext& window)
     : errors_(std::make_unique<ErrorLog>()), owned_(nullptr, Destroy{window.display}), bound_(window) {
     if (!try_make_current() || epoxy_gl_version() < 45)
-        throw Unavailable("no OpenGL: the window's context is not one of 4.5 core");
+        throw Unavailable("no OpenGL: the window's context cannot be made current or is older than 4.5");
     const EGLDeviceEXT device = device_of(window.display);
     const bool software = device != EGL_NO_DEVICE_EXT && is_software(device);
     describe(device != EGL_NO_DEVICE_EXT && !software ? uuid_of(device) : "", software);

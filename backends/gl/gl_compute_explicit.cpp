@@ -1,5 +1,6 @@
-// Explicit addressing in a compute shader of OpenGL: one invocation per particle, neighbours from lists:
-// all first ones, then all second ones. The host is in glsl/explicit.cpp.
+// Explicit addressing in a compute shader of OpenGL: one invocation per particle, which reads its neighbours
+// from a list. The lists are interleaved: first the first neighbour of every particle, then the second one of
+// every particle, and so on. The host is in glsl/explicit.cpp.
 #include "backends/gl/compute_device.h"
 #include "backends/glsl/compute_backend.h"
 #include "backends/glsl/explicit.h"
@@ -11,8 +12,8 @@ namespace {
 const Registered entry({
     .name = "gl_compute_explicit",
     .api = "opengl",
-    .summary = "OpenGL compute shader, one invocation per particle, neighbours from lists: all first ones, "
-               "then all second ones.",
+    .summary = "OpenGL compute shader, one invocation per particle, neighbours from lists that hold all "
+               "particles' first neighbours, then all second ones.",
     .precisions = {Precision::float32},
     .formulations = every_formulation,
     .tuning = {{"block", {"128", "256"}}, {"fetch", {"buffer", "texture"}}, {"terms", {"needed", "all"}}},

@@ -19,7 +19,7 @@ constexpr int warp = 32;
 
 constexpr std::array<BrickTileSize, 5> tile_sizes = {{{3, 1, 1}, {2, 1, 2}, {2, 2, 2}, {3, 2, 2}, {3, 2, 3}}};
 
-/// Visits the springs of a tile if tiles are of size n. Returns whether they are.
+/// If the tiles of `shape` have size tile_sizes[n], visits the springs of a tile and returns true.
 template <std::size_t n, class Visit>
 bool visit_size(const BrickShape& shape, Visit& visit, BrickMask& mask) {
     constexpr BrickTileSize size = tile_sizes[n];
@@ -79,7 +79,7 @@ public:
             });
         }
     }
-    /// How many there are in voxels `begin` to `end` (exclusive) of the body.
+    /// How many particles there are in voxels `begin` to `end` (exclusive) of the body.
     std::uint32_t in(const glm::ivec3& begin, const glm::ivec3& end) const {
         const glm::ivec3 to = glm::min(end, size_ - 1);
         std::uint32_t count = 0;
@@ -110,7 +110,7 @@ std::vector<TilePlace> first_places(const BrickShape& shape) {
     return places;
 }
 
-/// The average number of bank conflicts per load: lanes of a warp that want different words of one bank.
+/// The average number of bank conflicts per load, in which lanes of a warp want different words of one bank.
 double bank_conflicts(const BrickShape& shape, const std::vector<TilePlace>& places) {
     int conflicts = 0, loads = 0;
     for (std::size_t first = 0; first < places.size(); first += warp) {
@@ -165,12 +165,13 @@ int registers_of(const BrickShape& shape, bool with_increments) {
 }
 constexpr int registers_of_multiprocessor = 65536;
 constexpr int warps_that_move_registers = 4;
-/// Registers of a poller that keeps its polls, and of a poller that fetches those of the next turn meanwhile.
+/// Registers of a poller that keeps all its polls in registers, and of one that takes polls in turns and
+/// fetches those of the next turn meanwhile.
 constexpr int registers_of_keeper = 56, registers_of_fetcher = 80;
 constexpr int max_threads = 1024;
 
-/// Registers of a thread whose block has a multiprocessor to itself. Each quarter of a multiprocessor takes
-/// every fourth warp.
+/// The most registers per thread if a block of `threads` threads has a multiprocessor to itself. Each quarter
+/// of a multiprocessor takes every fourth warp.
 int registers_at_launch(int threads) {
     return registers_of_multiprocessor / rounded_up(threads, 4 * warp) / 8 * 8;
 }
@@ -182,7 +183,8 @@ bool assign_threads_and_registers(BrickPlan& plan, std::size_t polls, int needed
     const int lanes = plan.shape.lanes();
     constexpr int alike = warps_that_move_registers * warp;
     for (const int pollers : {256, 128}) {
-        // With more than five points each, pollers ask for more than a round trip hides.
+        // More than 128 pollers pay only if each of 128 would poll more than five points, which is more than
+        // the time of a round trip hides.
         if (pollers == 256 && polls <= std::size_t(5) * 128) continue;
         if (lanes + pollers > max_threads) continue;
         plan.pollers = pollers;
@@ -203,7 +205,7 @@ bool assign_threads_and_registers(BrickPlan& plan, std::size_t polls, int needed
     return false;
 }
 
-/// assign_threads_and_registers() that puts the increments into memory if registers have no room for them.
+/// Calls the function above. If registers have no room for the increments, puts these into memory.
 bool assign_threads_and_registers(BrickPlan& plan, std::size_t polls, Formulation formulation,
                                   bool moves_registers) {
     if (assign_threads_and_registers(plan, polls, registers_of(plan.shape, by_increments(formulation)),
@@ -214,7 +216,7 @@ bool assign_threads_and_registers(BrickPlan& plan, std::size_t polls, Formulatio
            assign_threads_and_registers(plan, polls, registers_of(plan.shape, false), moves_registers);
 }
 
-/// An upper bound of the points in the frame of a brick.
+/// An upper bound of the points in the frame of a brick, which belong to the bricks around it.
 std::size_t frame_of(const BrickShape& shape) {
     const std::size_t with = std::size_t(shape.nx() + (shape.both ? 2 : 1)) * std::size_t(shape.ny() + 2) *
                              std::size_t(shape.nz() + 2);
@@ -222,8 +224,9 @@ std::size_t frame_of(const BrickShape& shape) {
 }
 
 /// The predicted time of a step. It follows from instructions counted in the machine code of compute
-/// capability 9.0, and from the share of its issue slots that a quarter of a multiprocessor fills with that
-/// many warps, given the waits that are in the code. `conflicts`: bank conflicts per load, on average.
+/// capability 9.0, and from the share of its issue slots that a quarter of a multiprocessor fills. This share
+/// depends on how many warps the quarter has, because warps also wait. `conflicts`: bank conflicts per load,
+/// on average.
 double seconds_of(const BrickPlan& plan, double conflicts, const MarchDevice& device) {
     const BrickShape& shape = plan.shape;
     NoVisit none;
@@ -235,15 +238,17 @@ double seconds_of(const BrickPlan& plan, double conflicts, const MarchDevice& de
     // quarters of the multiprocessor.
     const double exchange = double(frame_of(shape)) / warp * 40 / 4;
     const double work = (warps * instructions / issued * (1 + 0.2 * conflicts) + exchange) / device.hertz;
-    // What neighbours send travels while early springs are added. A poller with more words to look up than
-    // its registers hold looks them up in turns. Latencies were measured on an H200 at 1.98 GHz. Here they
-    // are in cycles, so that they follow the clock of other cards.
+    // While the values of neighbouring bricks travel, threads add the springs that do not need them (early
+    // springs). A poller whose polls do not fit into its registers takes them in turns. Latencies were
+    // measured on an H200 at 1.98 GHz. They are taken as cycles, so that on other cards they scale with the
+    // clock.
     constexpr double measured_at = 1.98e9;
     const double slower = measured_at / device.hertz;
     const double barriers = 0.15e-6 * slower, trip = 0.75e-6 * slower;
     const int rounds = units_of(int(frame_of(shape)), plan.pollers);
     const double travel = trip * (rounds < kept_polls ? 1 : units_of(rounds, polls_in_turn));
-    // With increments in memory, each group of a few loads in flight takes a round trip to L2.
+    // If increments are in memory, they are loaded in groups of `in_flight`, and each group takes a round
+    // trip to L2.
     constexpr int in_flight = 3;
     const double load = 0.4e-6 * slower;
     const double increments = plan.increments_in_memory ? load * units_of(shape.tile(), in_flight) : 0;
@@ -263,10 +268,10 @@ std::string registers_refusal(const BrickPlan& plan, int compiled) {
                             at_launch * (lanes + plan.pollers);
     if (enough) return {};
     return "the compiler gave each of " + std::to_string(lanes + plan.pollers) + " threads " +
-           std::to_string(compiled) + " registers, of which " + std::to_string(lanes) + " threads with " +
-           std::to_string(plan.lane_registers) + " and " + std::to_string(plan.pollers) + " with " +
-           std::to_string(plan.poller_registers) +
-           " cannot be made (setmaxnreg): another tile may do, such as tile=2x2x2";
+           std::to_string(compiled) + " registers, which setmaxnreg cannot redistribute to " +
+           std::to_string(lanes) + " threads with " + std::to_string(plan.lane_registers) + " and " +
+           std::to_string(plan.pollers) + " with " + std::to_string(plan.poller_registers) +
+           ": try another tile, such as tile=2x2x2";
 }
 
 std::optional<BrickPlan> plan_bricks(const Problem& problem, Formulation formulation,
@@ -293,11 +298,12 @@ std::optional<BrickPlan> plan_bricks(const Problem& problem, Formulation formula
                     const glm::ivec3 wanted(gx, gy, gz);
                     const glm::ivec3 threads = ((body + wanted - 1) / wanted + of - 1) / of;
                     const glm::ivec3 brick = threads * of, bricks = (body + brick - 1) / brick;
-                    // Other layouts with as many bricks of that size were tried before.
+                    // Rounding changed the number of bricks. These loops try the layout with that number
+                    // separately.
                     if (bricks != wanted) continue;
                     BrickPlan plan{.shape = {tile.x, tile.y, tile.z, threads.x, threads.y, threads.z,
                                              bricks.x > 2, 0, 0}};
-                    // A tile that has a border on either side leaves no side for early work.
+                    // A tile with neighbouring bricks on both sides would have no springs to add early.
                     if ((threads.y == 1 && bricks.y > 2) || (threads.z == 1 && bricks.z > 2)) continue;
                     if (volume(threads) > max_threads ||
                         std::size_t(plan.shape.shared_bytes()) > device.block_shared_bytes)
@@ -377,7 +383,8 @@ void BrickLayout::find_blocks() {
         visit_box(begin, begin + size, [&](const glm::ivec3& voxel) { any = any || mask_at(voxel) != 0; });
         if (!any) return;
         block_at_[index_in(bricks_, brick)] = std::uint32_t(blocks_.size());
-        // Where two bricks share one border along x, they meet where X ends.
+        // If there are only two bricks along x, the second is mirrored, so that both have their border at the
+        // end of x.
         const bool mirrored = !plan_.shape.both && brick.x == 1;
         std::uint32_t sides = 0;
         const auto side = [&](bool here, std::uint32_t bit) { sides |= here ? bit : 0; };
@@ -420,7 +427,7 @@ void BrickLayout::write_masks(std::size_t block, int lane) {
         masks_[std::size_t(n) * lane_count() + at] = words[std::size_t(n)];
 }
 
-/// Finds the words of a plain thread for each set of sides across which it has springs.
+/// Finds the mask words of a plain thread (TileSides) for each set of sides across which it has springs.
 void BrickLayout::find_plain_words(std::uint32_t group_bits) {
     const auto set = [](TileWords& words, int bit) { words[std::size_t(bit) / 32] |= 1U << bit % 32; };
     for (const TileSpring& s : springs_) {
@@ -469,7 +476,7 @@ bool BrickLayout::all_plain() const {
 
 std::vector<BrickPoll> BrickLayout::polls_of(const BrickBlock& block) const {
     const BrickShape& shape = plan_.shape;
-    // Places are relative to the block's origin, along its direction.
+    // `at` is relative to the block's origin, and its x counts in the block's direction.
     const auto voxel = [&](const glm::ivec3& at) {
         return glm::ivec3(block.x + block.direction * at.x, block.y + at.y, block.z + at.z);
     };

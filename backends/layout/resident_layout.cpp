@@ -38,7 +38,7 @@ void visit_own(const Problem& problem, Visit visit) {
     }
 }
 
-// Where rows begin: in a part that is cut along x, at its first own column.
+// The column at which rows begin: 0, or the first column that a part of a body steps itself.
 int first_column(const Problem& problem) {
     if (problem.ghosts.empty()) return 0;
     int first = problem.lattice.dims.x;
@@ -89,14 +89,14 @@ void bisect(std::vector<Item>& items, std::size_t begin, std::size_t end, std::s
     bisect(items, middle, end, parts - parts / 2, out);
 }
 
-// The particles of each block. `none` fills the lanes of a row that have no particle.
+// The particles of each block. In rows, resident_none stands for a lane without a particle.
 std::vector<std::vector<std::uint32_t>> deal_out(const Problem& problem, int max_blocks, bool rows) {
     std::vector<Item> items = items_of(problem, rows);
     const std::size_t most = std::min(std::size_t(max_blocks), items.size());
     std::size_t parts = most;
     if (rows) {
-        // The busiest block needs this many rows anyway. All blocks get as many, so that fewer blocks hold
-        // them all.
+        // The busiest block needs this many rows anyway. If every block takes this many, the fewest blocks
+        // hold them all.
         const std::size_t rows_per_block = units_of(items.size(), most);
         parts = units_of(items.size(), rows_per_block);
     }
@@ -151,7 +151,7 @@ constexpr auto mirrored_bits = [] {
     return bits;
 }();
 
-// The bit that a warp with such a border uses for the direction of a mask bit.
+// The bit that a warp with this element of ResidentStep::border uses for the direction of mask bit `bit`.
 int mirrored(int bit, int border) {
     static_assert(mirrored_y == border_kind_bits + 1 && mirrored_z == 2 * mirrored_y);
     return mirrored_bits[std::size_t(border) / mirrored_y][std::size_t(bit)];
@@ -177,7 +177,7 @@ private:
 
 class Layout {
 public:
-    // `threads`: of a block, if each of them has several particles; otherwise 0.
+    // `threads`: threads per block if each of them has several particles; otherwise 0.
     Layout(const Problem& problem, int pollers, bool overlap, int threads, bool rows,
            std::vector<std::vector<std::uint32_t>> blocks)
         : problem_(problem),
@@ -221,8 +221,8 @@ public:
     }
 
 private:
-    // Orders the particles of each block, `unit` of them at a time: first those whose neighbours are all in
-    // the block. A thread steps them while points of other blocks are on their way.
+    // Orders the particles of each block in units of `unit` particles: units whose neighbours are all in the
+    // block come first. Threads step these while points of other blocks are on their way.
     void put_inner_first(std::size_t unit) {
         for (std::size_t b = 0; b < blocks_.size(); ++b) {
             std::vector<std::uint32_t> inner, outer;
@@ -242,7 +242,7 @@ private:
         }
     }
 
-    // The mask bits of the neighbours of particle i within block b, and beyond it.
+    // The mask bits of particle i's neighbours within block b, and those of its neighbours in other blocks.
     std::pair<std::uint32_t, std::uint32_t> bits_of(std::uint32_t i, std::size_t b) const {
         std::uint32_t within = 0, beyond = 0;
         visit_neighbours(i, [&](std::uint32_t j, const Direction& direction) {
@@ -300,8 +300,8 @@ private:
         }
     }
 
-    // Gives particles that are reached a place in the exchange. Those of a block lie together, in the order
-    // of its lanes.
+    // Gives each particle that another block reaches an index in the exchange. The particles of one block
+    // have consecutive indices, in the order of its lanes.
     void publish() {
         std::vector<std::uint8_t> is_reached(problem_.particle_count());
         for (const auto& reached : reached_) {
@@ -317,7 +317,7 @@ private:
                 out_.published[b * std::size_t(out_.lanes) + lane] = published_[i];
             }
         }
-        // A neighbour sends only those of its particles that are reached, so no word is unused.
+        // A ghost that no block reaches gets no index, since the part that steps it will not send it.
         for (const std::uint32_t ghost : problem_.ghosts) {
             if (is_reached[ghost] != 0) published_[ghost] = out_.published_count++;
             out_.ghost_word.push_back(published_[ghost]);
@@ -402,7 +402,7 @@ private:
         return size;
     }
 
-    // The border of the warp whose lanes begin at `first`.
+    // The element of ResidentStep::border for the warp whose lanes begin at `first`.
     int border_of(std::size_t b, std::size_t first) const {
         if (!overlap_ && out_.turns == 1) return mixed_border;
         const std::vector<std::uint32_t>& lanes = blocks_[b];
@@ -414,8 +414,8 @@ private:
             beyond |= elsewhere;
         }
         if (out_.turns > 1) return beyond == 0 ? 0 : mixed_border;
-        // A direction without neighbours may count to the border or not. The more warps of a block have the
-        // same kind of border, the better.
+        // A direction in which the warp has no neighbours may count as part of the border or not. Counting
+        // all such directions leads to fewer kinds of border in a block.
         int best = mixed_border;
         for (int y = -1; y <= 1; ++y) {
             for (int z = -1; z <= 1; ++z) {
@@ -434,12 +434,12 @@ private:
     }
 
     const Problem& problem_;
-    const std::vector<std::uint32_t> particle_;  // in each voxel
+    const std::vector<std::uint32_t> particle_;  // per voxel: its particle
     std::vector<std::vector<std::uint32_t>> blocks_;
-    std::vector<std::uint32_t> block_of_;  // of each particle; resident_none: a ghost
+    std::vector<std::uint32_t> block_of_;  // per particle: its block; resident_none: a ghost
     bool overlap_;
     std::vector<std::vector<std::uint32_t>> reached_;
-    std::unordered_map<std::uint32_t, std::size_t> keeper_;  // of each ghost
+    std::unordered_map<std::uint32_t, std::size_t> keeper_;  // block that keeps a ghost, by ghost
     std::vector<std::uint32_t> published_;
     ResidentLayout out_;
 };
@@ -453,8 +453,8 @@ ResidentLayout lay_out_resident(const Problem& problem, const ResidentCard& card
                       deal_out(problem, card.blocks, rows))
             .make();
     };
-    // Rows are dealt out whole. On a card with few blocks, the rows of a block can take more lanes than it
-    // has, although its share of single particles would fit.
+    // Rows are dealt out whole. On a card with few blocks, the rows of a block can take more lanes than the
+    // block has, although single particles dealt out evenly would fit. Then the bisection is tried too.
     std::vector<bool> in_rows = {partition == Partition::rows};
     if (partition == Partition::automatic && rows_are_full(problem)) in_rows = {true, false};
     const std::size_t own = problem.particle_count() - problem.ghosts.size();
@@ -549,7 +549,7 @@ std::string outpaced_by_bricks(const ResidentLayout& layout, const std::optional
 std::string resident_refusal(const Problem& problem, int multiprocessors, bool launches_together) {
     // This is checked first: blocks that do not all run at once would wait for each other for ever.
     if (!launches_together) return "the device has no cooperative launches";
-    if (problem.particle_count() == 0) return "there is no particle to reside";
+    if (problem.particle_count() == 0) return "the scene has no particle";
     if (std::string why = implicit_refusal(problem); !why.empty()) return why;
     if (problem.has_materials())
         return "resident blocks have one stiffness per spring group, and the scene has several materials";
@@ -581,13 +581,13 @@ std::string block_refusal(const ResidentLayout& layout, const ResidentCard& card
 std::string sent_refusal(const std::vector<ResidentSending>& neighbours) {
     if (neighbours.size() < 2) return {};
     if (neighbours.size() > 2)
-        return "a resident lane knows of two parts beside its own, and " + std::to_string(neighbours.size()) +
-               " are";
+        return "a part can send to at most two other parts, and this part borders on " +
+               std::to_string(neighbours.size()) + " of them";
     const std::vector<std::uint32_t>&a = neighbours[0].particles, &b = neighbours[1].particles;
     std::vector<std::uint32_t> both;
     std::set_intersection(a.begin(), a.end(), b.begin(), b.end(), std::back_inserter(both));
     if (both.empty()) return {};
-    return "a slab of one layer sends its points to both sides, but a lane can send to one side only";
+    return "a part of one layer sends its particles to both sides, but a thread can send to one side only";
 }
 
 std::vector<std::uint32_t> sent_by_lanes(const ResidentLayout& layout,

@@ -67,7 +67,7 @@ std::string list_entry_refusal(const Problem& problem, Formulation formulation) 
 
 std::string grouped_list_refusal(const Problem& problem) {
     if (problem.lattice.voxel_count() == 0) return "the network lies on no regular grid";
-    if (!problem.springs.empty()) return "springs between particles that are no grid neighbours";
+    if (!problem.springs.empty()) return "some springs join particles that are not grid neighbours";
     if (problem.has_materials())
         return "several materials give springs of the same group different stiffnesses";
     for (const Direction& a : directions()) {

@@ -7,11 +7,12 @@
 
 namespace voxspring {
 
-/// Empty, or why a backend cannot run `problem` that finds a neighbour by its place in the grid.
+/// Empty, or why a backend that finds neighbours by their place in the grid cannot run `problem`.
 inline std::string implicit_refusal(const Problem& problem) {
     if (problem.lattice.voxel_count() == 0)
         return "addressing by the lattice needs a lattice, and the particles lie on none";
-    if (!problem.springs.empty()) return "addressing by the lattice has no springs beyond the lattice";
+    if (!problem.springs.empty())
+        return "some springs join particles that are not grid neighbours, which needs neighbour lists";
     return {};
 }
 

@@ -19,8 +19,8 @@ namespace {
 constexpr std::uint32_t needed_version = VK_API_VERSION_1_2;
 constexpr const char* validation_layer = "VK_LAYER_KHRONOS_validation";
 
-/// The loader's only entry point. Its library stays loaded, because drivers have threads, and destructors at
-/// exit.
+/// The loader's only entry point. Its library stays loaded, because drivers start threads, and have
+/// destructors that run at exit.
 PFN_vkGetInstanceProcAddr open_loader() {
     const char* chosen = std::getenv("VOXSPRING_VULKAN_LOADER");
     const std::string library = chosen != nullptr && *chosen != '\0' ? chosen : "libvulkan.so.1";
@@ -46,7 +46,8 @@ bool names(const Properties& all, const char* name) {
 
 /// An instance, with what validation needs if `messages` are to receive its messages.
 vk::raii::Instance create_instance(const vk::raii::Context& loader, Messages* messages) {
-    if (loader.enumerateInstanceVersion() < needed_version) throw Unavailable("the loader is older than 1.2");
+    if (loader.enumerateInstanceVersion() < needed_version)
+        throw Unavailable("no Vulkan: the loader is older than version 1.2");
     const vk::ApplicationInfo application("voxspring", 1, "voxspring", 1, needed_version);
     vk::InstanceCreateInfo info({}, &application);
     std::vector<const char*> layers, extensions;
@@ -148,19 +149,20 @@ DeviceKind kind_of(const vk::PhysicalDeviceProperties& properties) {
 /// Empty, or why a device cannot be used. `asked_for`: the user has named it.
 std::string refusal(const vk::raii::PhysicalDevice& physical, Precision precision, bool asked_for) {
     const auto properties = physical.getProperties();
-    if (properties.apiVersion < needed_version) return "has Vulkan older than 1.2";
+    if (properties.apiVersion < needed_version) return "does not support Vulkan 1.2";
     if (!asked_for) {
         const std::string why =
             reason_to_pass_over(uuid_of(physical), is_software(properties), measured_card());
-        if (!why.empty()) return why + " (--vulkan-device takes it all the same)";
+        if (!why.empty()) return why + " (--vulkan-device can choose it)";
     }
-    if (!queue_family_of(physical)) return "has no queue that computes and has time stamps";
+    if (!queue_family_of(physical)) return "has no compute queue with timestamps";
     const auto buffers = properties.limits.maxPerStageDescriptorStorageBuffers;
     if (buffers < glsl::storage_blocks)
-        return fmt::format("allows a shader {} storage buffers, not {}", buffers, glsl::storage_blocks);
-    if (!votes(physical)) return "has no subgroups that vote in compute shaders";
+        return fmt::format("allows {} storage buffers per shader, and {} are needed", buffers,
+                           glsl::storage_blocks);
+    if (!votes(physical)) return "has no subgroup votes in compute shaders";
     if (precision == Precision::float64 && !physical.getFeatures().shaderFloat64)
-        return "has no float64 in shaders";
+        return "does not support float64 in shaders";
     return {};
 }
 
@@ -183,7 +185,7 @@ std::vector<ListedDevice> listed_with_refusals() {
         const std::vector<std::size_t> tried = devices_to_try(all, asked);
         for (std::size_t n = 0; n < all.size(); ++n) {
             all[n].refusal = std::find(tried.begin(), tried.end(), n) == tried.end()
-                                 ? "is not what '" + asked + "' names"
+                                 ? "does not match '" + asked + "'"
                                  : refusal(devices[n], Precision::float32, !asked.empty());
         }
         return all;
@@ -217,10 +219,10 @@ Device::Device(Precision precision) : messages_(std::make_unique<Messages>()), l
         }
         if (tried.empty())
             reasons = devices.empty() ? ": no driver has a device"
-                                      : " device is '" + asked + "': there are " + names_of(all);
+                                      : " device matches '" + asked + "'; devices: " + names_of(all);
     } catch (const vk::IncompatibleDriverError&) {
         reasons =
-            " driver is here (of a card, or Debian's mesa-vulkan-drivers, which compute on the processor)";
+            " driver is installed: a card's driver, or Debian's mesa-vulkan-drivers, which use the processor";
     } catch (const vk::SystemError& error) {
         reasons += std::string(": ") + error.what();
     }
@@ -297,7 +299,7 @@ std::uint64_t Device::free_memory_bytes() const {
 std::vector<std::uint32_t> memory_types(const vk::PhysicalDeviceMemoryProperties& memory,
                                         std::uint32_t allowed, vk::MemoryPropertyFlags wanted,
                                         vk::MemoryPropertyFlags preferred, std::uint64_t bytes) {
-    constexpr std::uint64_t share = 8;  // more than this part of a heap counts as much of it
+    constexpr std::uint64_t share = 8;  // more than 1 / share of a heap is a large share
     std::vector<std::uint32_t> types, others;
     for (std::uint32_t type = 0; type < memory.memoryTypeCount; ++type) {
         const vk::MemoryType& known = memory.memoryTypes[type];

@@ -1,5 +1,5 @@
-// What the strategies share that keep their state in structure of arrays (backends/layout/march_layout.h):
-// the buffers, how the state goes in and out, and which problems springs by class can step.
+// What strategies share whose state is a structure of arrays (backends/layout/march_layout.h): the buffers,
+// how the state goes in and out, and which problems can be stepped by spring class.
 #pragma once
 
 #include <array>
@@ -36,30 +36,31 @@ inline MarchDevice march_device(const Device& device) {
             .cache_bytes = double(device.cache_bytes())};
 }
 
-/// Empty, or why springs by class (MarchStep) cannot step `problem`. `strategy`: "the march".
+/// Empty, or why a kernel that steps by spring class (MarchStep) cannot step `problem`. `strategy`: its name
+/// in the message, for example "the march".
 inline std::string class_refusal(const Problem& problem, Precision precision, Formulation formulation,
                                  const std::string& strategy) {
     if (std::string why = implicit_refusal(problem); !why.empty()) return why;
     if ((problem.group_bits & CORNER_BITS) != 0)
         return "corner springs are beyond the stencil of " + strategy;
     if (!has_inverse_lengths(problem, precision, formulation))
-        return "forces in units of rest lengths need some that are not zero";
+        return "forces are computed in units of rest lengths, and some rest lengths are zero";
     const std::size_t elements =
         march_strides(problem.lattice, precision == Precision::float32 ? sizeof(float) : sizeof(double)).axis;
     if (!problem.ghosts.empty() && elements > std::numeric_limits<std::uint32_t>::max())
-        return std::to_string(elements) + " elements of an axis: borders of parts count them in 32 bits";
-    if (problem.has_materials()) return strategy + " is for one material";
-    if (!problem.load.empty()) return strategy + " has no place for loads";
+        return std::to_string(elements) + " elements per axis exceed the 32-bit indices of a part's border";
+    if (problem.has_materials()) return strategy + " can step one material only";
+    if (!problem.load.empty()) return strategy + " cannot apply loads";
     return {};
 }
 
 /// The macro EQUAL_EDGES and the terms of a kernel that steps by class.
 inline std::map<std::string, std::string> class_macros(const Problem& problem, Formulation formulation,
                                                        Precision precision) {
-    // Pins are in the masks.
+    // Pins are no term of these kernels: their masks say which particles move.
     const std::uint32_t terms = terms_of(problem) & (term_damping | term_gravity);
     return {{"REAL", precision == Precision::float32 ? "float" : "double"},
-            {"FETCH", "PastL1"},  // of kernels that fetch words
+            {"FETCH", "PastL1"},  // used only by kernels that fetch words
             {"TERMS", "KernelTerms<Formulation::" + to_string(formulation) + "," +
                           std::to_string(problem.group_bits) + "u," + std::to_string(terms) + "u,false>"},
             {"EQUAL_EDGES", equal_edges(problem, formulation) ? "true" : "false"}};
@@ -114,16 +115,16 @@ protected:
         sizeof(Real) == sizeof(float) ? Precision::float32 : Precision::float64;
 
     Formulation formulation() const { return formulation_; }
-    /// Where the state's arrays hold the particles of problem().
+    /// The elements of the state's arrays that hold the particles of problem().
     virtual SoaPlaces places() const { return march_places(problem().lattice, sizeof(Real)); }
-    /// x of every second step.
+    /// One of the two buffers (0 or 1) of x or u, which steps write in turn.
     Real* positions(std::size_t buffer) const { return positions_[buffer].data(); }
     Real* increment() const { return increment_.data(); }
     std::uint64_t state_bytes_held() const {
         return positions_[0].bytes() + positions_[1].bytes() + increment_.bytes();
     }
 
-    /// After set_problem(problem).
+    /// To be called after set_problem(problem).
     void upload_state(const Problem& problem, const State& state) {
         const SoaPlaces places = this->places();
         axis_ = places.axis;

@@ -92,8 +92,8 @@ BordersFirst* CudaBackend::enable_border_stream(const std::vector<SharedParticle
     }
     if (!split_steps(particles))
         throw Unavailable(
-            "nothing is left to step while borders travel: every part that can be launched has "
-            "border particles");
+            "no launch can run while borders are exchanged: each group of particles that one launch "
+            "steps has border particles");
     if (!borders_first_) borders_first_.emplace(stream_);
     borders_first_->order_after_main_stream();
     is_split_ = true;

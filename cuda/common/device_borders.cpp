@@ -19,7 +19,7 @@
 namespace voxspring::cuda {
 namespace {
 
-/// One side of a border: its messages out of a state and into it.
+/// One part's side of a border: gathers the message to the other side, and scatters the message from it.
 template <class Real>
 class Side {
 public:
@@ -30,7 +30,7 @@ public:
     }
     /// The number of the part on the other side.
     int part() const { return part_; }
-    /// Numbers in the messages.
+    /// How many numbers the message to the other side has, and the message from it.
     std::size_t to_send() const { return state_.places(sent_).numbers(); }
     std::size_t to_receive() const { return state_.places(received_).numbers(); }
 
@@ -46,15 +46,15 @@ private:
     Buffer<std::uint32_t> sent_, received_;
 };
 
-/// The borders of the other part, which must be of the same kind as this part's.
+/// Casts the borders of another part to the kind of this part's borders. Throws if they are of another kind.
 template <class Borders>
 Borders& same_kind(const std::shared_ptr<DeviceBorders>& other) {
     auto* const borders = dynamic_cast<Borders*>(other.get());
-    if (borders == nullptr) throw std::logic_error("parts of a body whose borders go by different ways");
+    if (borders == nullptr) throw std::logic_error("the parts of a body exchange borders in different ways");
     return *borders;
 }
 
-/// Bytes of all messages together.
+/// Bytes that this part sends over all its borders in one exchange.
 template <class Real, class Links>
 std::size_t bytes_sent(const Links& links) {
     std::size_t bytes = 0;
@@ -76,7 +76,7 @@ std::string without_peer_access(int own, int other) {
     return "device " + std::to_string(own) + " has no peer access to device " + std::to_string(other);
 }
 
-/// Writes a line to standard error once, however many uploads connect the same devices.
+/// Writes `line` to standard error, but each line only once per process.
 void say_once(const std::string& line) {
     static std::mutex mutex;
     static std::set<std::string> said;
@@ -84,16 +84,18 @@ void say_once(const std::string& line) {
     if (said.insert(line).second) std::fprintf(stderr, "%s\n", line.c_str());
 }
 
-/// Messages that a device writes into the memory of the next one: by copies, or by the kernel that gathers
-/// them.
+/// Messages that a device writes into the memory of the device that receives them: by copies, or by the
+/// kernel that gathers them.
 ///
-/// Every part sends over every border in every turn. Before it sends message n + 2, its stream has waited for
-/// the other side's message n + 1, which that side sent after it had taken message n. So two buffers for
-/// messages are enough, and no event has to go back.
+/// Every part sends a message over every border in every exchange. Before a part sends message n + 2, its
+/// stream has waited for message n + 1 from the other side, and the other side has sent that only after it
+/// had taken message n. So two buffers per side of a border are enough, and the receiver need not say when a
+/// buffer is free.
 template <class Real>
 class PeerBorders final : public DeviceBorders {
 public:
-    /// `stores`: the kernel that gathers writes the messages; otherwise copies do.
+    /// `stores`: the kernel that gathers a message stores it into the other device's memory. Otherwise it
+    /// gathers into Link::leaving, which is then copied.
     PeerBorders(const std::vector<SharedElements>& borders, bool stores, const Device& device,
                 const BorderState<Real>& state)
         : stores_(stores), device_(device.number()), state_(state), stream_(state.lane()) {
@@ -139,16 +141,17 @@ public:
     }
 
 private:
-    /// The two buffers for messages that arrive at one side of a border, and their events. Both sides share
-    /// it; it is freed with the last of them.
+    /// The two buffers for messages that arrive at one side of a border, and the events that this side
+    /// records after its sends. Both sides share it; it is freed when neither needs it any more.
     struct BorderInbox {
         std::array<Buffer<Real>, 2> arrived;
-        std::array<Event, 2> sent{Event::without_time(), Event::without_time()};  ///< by this side
+        /// Recorded after this side's sends.
+        std::array<Event, 2> sent{Event::without_time(), Event::without_time()};
     };
     struct Link {
         Link(const SharedElements& elements, const BorderState<Real>& state) : side(elements, state) {}
         Side<Real> side;
-        Buffer<Real> leaving;  ///< what is copied; unused with stores
+        Buffer<Real> leaving;  ///< the message before it is copied; unused with stores
         std::shared_ptr<BorderInbox> own, theirs = nullptr;
         int their_device = 0;
     };
@@ -163,7 +166,7 @@ private:
     const Link& link_with(int part) const {
         const auto link = std::find_if(links_.begin(), links_.end(),
                                        [&](const Link& one) { return one.side.part() == part; });
-        if (link == links_.end()) throw std::logic_error("a part has a border that the other side has not");
+        if (link == links_.end()) throw std::logic_error("a part borders on a part that has no such border");
         return *link;
     }
 
@@ -172,7 +175,7 @@ private:
     const BorderState<Real> state_;
     const Stream& stream_;
     std::vector<Link> links_;
-    std::size_t sent_ = 0, received_ = 0;  ///< counts of messages
+    std::size_t sent_ = 0, received_ = 0;  ///< calls of send() and of receive()
 };
 
 /// Messages that NCCL carries.
@@ -210,7 +213,7 @@ public:
         const std::shared_future<NcclId> id = first.known_id_;
         ranks_ = std::make_unique<NcclRanks>(Nccl::load(), int(parts.size()), id.get(), int(part));
     }
-    /// Keeps the communicator of the borders before, since NCCL takes seconds to start.
+    /// Takes over the communicator of `before`, since NCCL takes seconds to start.
     void take_over(DeviceBorders& before) override {
         ranks_ = std::move(dynamic_cast<NcclBorders&>(before).ranks_);
     }
@@ -221,7 +224,7 @@ public:
         for (Link& link : links_) link.side.gather(link.leaving.data());
     }
 
-    /// Sends and receives in one group: of two ranks each may wait for the other.
+    /// Sends and receives are in one NCCL group: otherwise two ranks could wait for each other.
     void receive() override {
         ranks_->together([&] {
             for (const Link& link : links_) {

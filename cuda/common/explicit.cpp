@@ -17,8 +17,8 @@ constexpr int max_threads = 512;
 struct ListOptions {
     Secondary secondary = Secondary::always;
     ListLayout layout = ListLayout::vertical;
-    unsigned block = 128;  ///< threads
-    bool rows = false;     ///< of ListRows stand ahead of the lists
+    unsigned block = 128;  ///< threads per block
+    bool rows = false;     ///< the lists are preceded by the paper's rows (ListRows)
 
     ListOptions(Secondary when, const Options& options)
         : secondary(when),
@@ -65,7 +65,8 @@ public:
         if (edit.empty()) return;
         const ExplicitStep<Real>& step = this->launch().step;
         const bool secondary = options_.has_secondary(edited);
-        // Rows are not written one by one: they are there to compare with the paper, which timed no edits.
+        // Lists with rows are laid out anew instead: rows exist to compare with the paper, which timed no
+        // edits.
         if (options_.rows || secondary != (step.constants != nullptr) ||
             longest_list(edit) > step.shape.slots ||
             (needs_off_lattice_rest(edited) && step.off_lattice_rest == nullptr)) {
@@ -84,7 +85,8 @@ public:
     StepWork step_work(const Problem& problem) const override {
         const bool secondary = options_.has_secondary(problem);
         StepWork work = explicit_work<Real>(problem, secondary, this->formulation());
-        // The rows that are read: where a list begins and how many entries it has, in all or of a group.
+        // The rows (ListRows) that a step reads: where each list begins, and how many entries it has. With
+        // the secondary list that is one number, otherwise one per spring group.
         const int groups = int((problem.group_bits & FACE_BITS) != 0) +
                            int((problem.group_bits & EDGE_BITS) != 0) +
                            int((problem.group_bits & CORNER_BITS) != 0);
@@ -138,7 +140,8 @@ private:
         return {launch, std::move(lists.bits)};
     }
 
-    /// Lays out longer lists, or lists of the other kind, for the particles where they are.
+    /// Lays out the lists anew, with more slots or as lists of the other kind. The particles stay where they
+    /// are.
     void lay_out_anew(const Problem& edited) {
         this->synchronize();
         auto [launch, bits] = lay_out(edited);
@@ -154,7 +157,7 @@ private:
     std::string refused(const Problem& problem) const override {
         if (options_.secondary == Secondary::never) {
             if (const std::string why = grouped_list_refusal(problem); !why.empty())
-                return "one counter per spring group holds no constants of single springs: " + why;
+                return "the lists hold one stiffness and one rest length per spring group: " + why;
         }
         if (std::string why = list_entry_refusal(problem, this->formulation()); !why.empty()) return why;
         if (options_.rows && options_.layout == ListLayout::concatenated) {
@@ -205,12 +208,12 @@ BackendEntry explicit_entry(const std::string& name, const std::string& summary,
         {"fetch", fetches},
         // The layouts of the paper's Figures 6 b and 6 a.
         {"layout", {"vertical", "concatenated"}},
-        // Where a list's length is stored. `word`: with the particle; lists are read in chunks before the
-        // length is known. `rows`: in the paper's rows (ListRows); each entry is read by itself.
+        // Where the length of a list is stored. `word`: in the particle's word; entries are read in chunks,
+        // before the length is known. `rows`: in the paper's rows (ListRows); entries are read one by one.
         {"counters", {"word", "rows"}},
         // Whether steps are replayed from a graph, or launched one by one, as in the paper.
         {"graph", {"on", "off"}}};
-    // The paper has the secondary list whatever the scene.
+    // The paper always has the secondary list, even if the scene does not need it.
     if (secondary == Secondary::where_needed) own["secondary"] = {"where_needed", "always"};
     return {.name = name,
             .api = "cuda",

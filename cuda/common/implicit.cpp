@@ -27,7 +27,7 @@ std::uint64_t implicit_bytes(const Problem& problem, BlockShape shape, Formulati
 template <class Real>
 class ImplicitBackend final : public ParticleBackend<Real, ImplicitStep<Real>> {
 public:
-    /// `tiled`: neighbours come through shared memory.
+    /// `tiled`: threads read neighbours from a tile in shared memory.
     ImplicitBackend(const KernelFamily& family, const Options& options, bool tiled)
         : ParticleBackend<Real, ImplicitStep<Real>>(family),
           options_(options),
@@ -56,14 +56,16 @@ public:
         resting_.upload(problem, state, shape_, this->stream());
         launch.kernel = this->kernel(source(problem, launch.grid, registers_for(launch.grid)));
         if (tiled_) launch.shared_bytes = tile_bytes();
-        // This kernel is compiled only where it is of use. It is kept for as long as graphs may refer to it.
+        // The kernel that leaves out blocks at rest is compiled only if the run may use it. An older one is
+        // kept for as long as graphs may refer to it.
         if (resting_.may_check()) {
             std::shared_ptr<const Kernel> kernel =
                 this->kernel(source(problem, launch.grid, resting_registers, resting_.terms()));
             if (kernel != resting_kernel_) this->forget_graphs();
             resting_kernel_ = std::move(kernel);
             resting_kernel_->allow_shared(launch.shared_bytes);
-            // At most as many blocks as may run at once: only the device knows how many have something to do.
+            // Launch no more blocks of threads than can run at once. Only the device knows how many blocks
+            // have to be stepped, and each block of threads steps several in turn.
             const int at_once = this->device().multiprocessors() *
                                 this->blocks_with(resting_registers, shape_.x * shape_.y * shape_.z);
             resting_grid_ = dim3(unsigned(std::min(resting_.blocks(), std::size_t(at_once))));
@@ -71,12 +73,13 @@ public:
         launch.step = make_implicit_step<Real>(problem, placement, this->formulation());
         launch.step.origins = origins_.data();
         launch.step.compliance = compliance_.data();
-        // resume() compares this with the latest launch and so finds out whether the buffers have moved.
+        // Only for resume(), which compares it with the latest launch: other addresses mean that the buffers
+        // have moved.
         launch.step.active = resting_.active(0);
         if (!by_increments(this->formulation()))
             calibrate_rest_lengths<Real>(launch.step.rest_length, this->stream());
         this->start(problem, state, placement, lattice.mask, launch);
-        // With a tool there is no start check: what the tool pulls at is known from the first step on.
+        // With a tool there is no start check: the tool's forces are computed only with the first step.
         if (resting_.checks() && this->held().size() == 0) {
             launch_resting(resting_.start_check(), 0);
             resting_.start_checked(this->stream());
@@ -121,8 +124,8 @@ private:
                    " bytes of shared memory, but a block may have at most " +
                    std::to_string(this->device().shared_bytes());
         if (launches_all_ && !fits_launch(problem.lattice, shape_))
-            return "more blocks lie along y or z than one launch has: those with a particle have to be "
-                   "listed";
+            return "launched=all: the grid has more blocks along y or z than one launch allows; use "
+                   "launched=occupied";
         if (std::string why = resting_.refused(problem.lattice, shape_); !why.empty()) return why;
         return launch_refusal<Real>(place_on_grid(problem.lattice).words, this->device(), this->family());
     }
@@ -135,8 +138,8 @@ private:
                resting_.bytes_held();
     }
 
-    /// A particle was moved, so the blocks beside it have to be stepped. All blocks are stepped once, which
-    /// is simpler than to find out which ones are beside it.
+    /// Particles were moved from outside, so the blocks around them have to be stepped. It is simpler to step
+    /// all blocks once than to find out which ones these are.
     void border_written() override { resting_.wake(this->current(), this->stream()); }
 
     bool splits_steps() const override { return !launches_all_; }
@@ -145,7 +148,7 @@ private:
         part_origins_.upload(parts_.blocks, this->stream());
         return parts_.count_of(StepPart::interior) > 0;
     }
-    // The kernel of a step takes any list of blocks.
+    // Nothing to compile: the kernel of a whole step takes any list of blocks.
     void compile_for_parts() override {}
     void enqueue_part(int reading, StepPart part, const Stream& in) override {
         const std::size_t count = parts_.count_of(part);
@@ -221,7 +224,8 @@ private:
                                                                         max_threads, {128, 64}, choice);
     }
 
-    /// Where all threads run at once, the vote would be one more thing to wait for.
+    /// Whether warps vote (tuning `interior`). With `auto` they do not if all threads run at once: such a
+    /// step is as long as one thread's waits, and the vote would be one more.
     bool votes(dim3 grid) const {
         return interior_ == "auto" ? !this->run_at_once(threads_of(grid), 64, max_threads)
                                    : interior_ == "vote";
@@ -253,7 +257,7 @@ BackendEntry implicit_entry(const std::string& name, const std::string& summary,
                             const TuningValues& blocks) {
     const bool tiled = fetches.empty();
     const auto make = [tiled](const Options& options) -> std::unique_ptr<Backend> {
-        // A tile is the cache, so it is filled past L1.
+        // The tile in shared memory is the cache, so it is filled by loads past L1.
         const KernelFamily family(options, tiled ? Fetch::past_l1 : fetch_path(options.tuning.at("fetch")));
         if (options.precision == Precision::float32)
             return std::make_unique<ImplicitBackend<float>>(family, options, tiled);
@@ -274,9 +278,10 @@ BackendEntry implicit_entry(const std::string& name, const std::string& summary,
         // it fetches all neighbours of a group at once. On a large lattice other threads run meanwhile, and
         // few registers make room for more of them. `auto` decides by the lattice's size and the formulation.
         {"registers", {"auto", "32", "40", "48", "64", "128"}},
-        // Whether a warp skips the masks if all its particles have all neighbours (`vote`). `auto` decides by
-        // the lattice's size. `bits` fetches a neighbour only after its bit of the mask is tested, as in the
-        // paper; the others fetch all neighbours meanwhile.
+        // How a thread treats neighbours that may not exist. `mask`: it fetches all, and drops those whose
+        // mask bit is not set. `vote`: like `mask`, but a warp skips the masks if all its particles have all
+        // neighbours. `bits`: it fetches a neighbour only after testing its bit, as in the paper. `auto`:
+        // `mask` or `vote`, by the lattice's size.
         {"interior", {"auto", "mask", "vote", "bits"}},
         // Whether steps are replayed from a graph, or launched one by one, as in the paper.
         {"graph", {"on", "off"}},

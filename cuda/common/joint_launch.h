@@ -1,5 +1,5 @@
-// Launches whose blocks wait for each other: what they count, and how the host learns that one of them waited
-// in vain.
+// Launches whose blocks wait for each other: the counters for these waits, and how the host learns that a
+// wait was in vain.
 #pragma once
 
 #include <algorithm>
@@ -17,12 +17,12 @@ namespace voxspring::cuda {
 
 class JointLaunch {
 public:
-    static constexpr int most_steps = 1 << 16;  ///< of one launch
+    static constexpr int most_steps = 1 << 16;  ///< in one launch
 
     /// `watched`: the device has a display, so that its driver ends kernels that run for seconds.
     explicit JointLaunch(bool watched) : watched_(watched) {}
 
-    /// Resets what the arguments of the next launches refer to.
+    /// Resets the counters, the tag and the mark of a wait in vain, for the launches after an upload.
     void start_anew(const Stream& stream) {
         pace_.forget();
         started_blocks_.resize(1);
@@ -34,9 +34,10 @@ public:
     std::uint32_t* started_blocks() const { return started_blocks_.data(); }
     WaitLimit wait_limit() const { return {stall_.data(), max_wait_nanoseconds}; }
 
-    /// Calls launch(steps, tag, launches) until `count` steps are launched, with no more than `longest` each,
-    /// and after each launch stepped(steps). On a watched device launches are kept short (Pace): the first
-    /// ones since start_anew() are waited for in `stream`, to see how long they take.
+    /// Launches `count` steps: calls launch(steps, tag, launches) as often as needed, with at most `longest`
+    /// steps each, and stepped(steps) after each launch. `launches` counts launches since start_anew(). On a
+    /// watched device launches are kept short (Pace): after start_anew() the host waits in `stream` for the
+    /// first ones, to see how long they take.
     template <class Launch, class Stepped>
     void enqueue(int count, int longest, const Stream& stream, Launch launch, Stepped stepped) {
         while (count > 0) {
@@ -56,25 +57,25 @@ public:
         }
     }
 
-    /// Calls launch(tag, launches) for a launch that does not know how many steps it will take. advance_tag()
-    /// counts them as they are ordered.
+    /// Calls launch(tag, launches) for a launch whose number of steps is not known yet. advance_tag() counts
+    /// its steps as the host orders them.
     template <class Launch>
     void open(Launch launch) {
         launch(tag_, ++launches_);
     }
     void advance_tag(int steps) { tag_ += std::uint32_t(steps); }
 
-    /// Empty, or which wait a launch has reported to be in vain. Such a launch ends soon after. `block`: what
-    /// to call a block in the note, for example "resident block".
+    /// Empty, or says which wait a launch has reported to be in vain. Such a launch ends soon after. `block`:
+    /// what to call a block in the note, for example "resident block".
     std::string failure_note(const std::string& block) const {
         if (stall_.size() == 0) return {};
         const std::uint64_t mark = *static_cast<const volatile std::uint64_t*>(stall_.data());
         if (mark == 0) return {};
         const ResidentStall stall = ResidentStall::unpacked(mark);
         return block + " " + std::to_string(stall.block) + " waited in vain for step " +
-               std::to_string(stall.step) + " since the latest upload, for " +
+               std::to_string(stall.step) + " (counted from the latest upload) for " +
                std::to_string(max_wait_nanoseconds / 1'000'000'000) +
-               " seconds: what it waits for did not run at the same time";
+               " seconds: what it waited for did not run at the same time";
     }
     std::uint64_t bytes() const { return started_blocks_.bytes(); }
 
@@ -83,12 +84,13 @@ private:
     Pace pace_{most_steps};
     Buffer<std::uint32_t> started_blocks_;
     Pinned<std::uint64_t> stall_;
-    std::uint32_t tag_ = 0;       ///< of the latest point published
+    std::uint32_t tag_ = 0;       ///< tag of the points of the latest step ordered
     std::uint32_t launches_ = 0;  ///< since start_anew()
 };
 
-/// The most steps per launch. With divergence checks between launches, so few that a divergence is found
-/// early, and so many that a launch, which takes as long as some ten steps, costs 1% at most.
+/// The most steps per launch. A launch costs as much as some ten steps. If the state is checked for
+/// divergence between launches, a launch has few enough steps to find a divergence early, and enough to cost
+/// 1% at most.
 inline int longest_joint_launch(bool monitored) { return monitored ? 1024 : JointLaunch::most_steps; }
 
 }  // namespace voxspring::cuda

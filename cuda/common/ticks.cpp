@@ -24,7 +24,7 @@ void Ticks::end() {
     wait();
     desk_.order_end();
     running_ = false;
-    // Wait, since the next order would replace this one before the launch has read it.
+    // Wait until the launch has read this order, since the next order would replace it.
     wait_for_stream_();
 }
 
@@ -53,7 +53,7 @@ void Ticks::wait() {
         if (!stream_.has_ended() || desk_.answered()) continue;
         running_ = false;
         wait_for_stream_();
-        if (again) throw DeviceError("a resident kernel ends without seeing what the host orders");
+        if (again) throw DeviceError("the resident kernel ended twice without receiving the host's order");
         again = true;
         desk_.order_again();
         begin(desk_.steps());

@@ -135,7 +135,7 @@ void check_writable(const std::filesystem::path& path, const std::string& option
     std::string probe = behind_links(path).string() + ".XXXXXX";
     const int file = mkstemp(probe.data());
     if (file < 0)
-        refuse(std::string("a path in a folder that takes a new file (") + std::strerror(errno) + ")");
+        refuse(std::string("a path in a folder where a file can be created (") + std::strerror(errno) + ")");
     close(file);
     unlink(probe.c_str());
 }

@@ -22,7 +22,7 @@ void note(int) {
         if (signals_caught == 1) say("\nvoxspring: interrupted\n");
         _exit(interrupted_exit_code);
     }
-    say("\nvoxspring: stopping after what is in flight; once more to stop at once\n");
+    say("\nvoxspring: stopping after the work in progress; interrupt again to stop at once\n");
 }
 
 }  // namespace

@@ -176,7 +176,7 @@ int print_advice_on_ranks(const std::string& argument, const AdviseOptions& opti
         out << json_text(json, 2) << "\n";
         return exit_code;
     }
-    if (unfinished) out << argument << ": interrupted; of what was measured\n";
+    if (unfinished) out << argument << ": interrupted; the advice follows from what was measured\n";
     print_what_pays(rows, out);
     out << fmt::format(
         "best: {} by {}, {} per step\n", best.label(),
@@ -185,7 +185,8 @@ int print_advice_on_ranks(const std::string& argument, const AdviseOptions& opti
     return exit_code;
 }
 
-/// Prints which pitch, backend and place of the particles come soonest within the error of the continuum.
+/// Prints which pitch, backend and placement of the particles reach the error against the continuum in the
+/// least time.
 int print_advice_on_continuum(const std::string& argument, const AdviseOptions& options, std::ostream& out) {
     (void)truth_case(argument, "command line");
     const Result result = options.results
@@ -237,10 +238,10 @@ int print_advice(const std::string& argument, const AdviseOptions& options, std:
     const bool asks_for_ranks = options.study.ranks || !options.study.devices.empty();
     if (!asks_for_ranks && !options.error)
         throw BadInput("command line", "--error", missing,
-                       "the error that will do; or in its place --ranks or --devices");
+                       "the largest acceptable error, or --ranks or --devices instead");
     if (asks_for_ranks && options.error)
         throw BadInput("command line", "--error", fmt::format("{:g}", *options.error),
-                       "no error beside --ranks or --devices, which ask for something else");
+                       "no --error together with --ranks or --devices, which ask whether several ranks pay");
     if (options.continuum && !asks_for_ranks) return print_advice_on_continuum(argument, options, out);
     return asks_for_ranks ? print_advice_on_ranks(argument, options, out)
                           : print_advice_on_errors(argument, options, out);

@@ -66,7 +66,7 @@ struct NumberIn<std::optional<Number>> {
     using Type = Number;
 };
 
-/// The number that all of `text` is. Refuses other text and numbers out of range, and names the range.
+/// The number that `text` consists of. Refuses other text and numbers out of range, and names the range.
 template <class Number>
 Number number_of(const std::string& option, const std::string& text, Number low, Number high) {
     Number number{};
@@ -91,7 +91,8 @@ CLI::Option* add_number(CLI::App& command, const std::string& option, Target& ta
         ->type_name(std::is_integral_v<Number> ? "N" : "NUMBER");
 }
 
-/// The parts between commas. The comma at the end keeps CLI11 from dropping an empty last part.
+/// The parts of `text` between commas. The comma added at the end keeps CLI11 from dropping an empty last
+/// part.
 std::vector<std::string> parts_of(const std::string& text) { return CLI::detail::split(text + ",", ','); }
 
 /// The vector "0,0,-0.002". With `one`, "1.5" is accepted as well: three components of that value.
@@ -142,7 +143,7 @@ CLI::Option* add_repetitions(CLI::App& command, StudyOptions& study, const char*
     return add_number(command, "--repetitions", study.repetitions, 1, 10'000, description);
 }
 
-/// Takes effect before the command runs, and is inherited by the processes that it starts.
+/// Adds an option that takes effect before the command runs. Processes that the command starts inherit it.
 void add_device(CLI::App& command, const Api& api) {
     const std::string option = "--" + api.name + "-device";
     command
@@ -178,30 +179,30 @@ void add_volume_options(CLI::App& command, VolumeOptions& volume) {
         threshold,
         add_text(
             "--labels", "LABEL,...", [&volume](const std::string& text) { volume.labels = labels_of(text); },
-            "Voxels with one of these values are active, 1,2,5, or in one of these segments, by name")
+            "Active voxels: those with one of these values, 1,2,5, or in one of these named segments")
             ->excludes(threshold),
         add_number<std::optional<std::int64_t>>(
             command, "--frame", volume.frame, 0, 1'000'000'000,
-            "Which of several values per voxel: a time of a 4D file, from 0 on"),
+            "Which one of several values per voxel to use, for example a time of a 4D file, from 0 on"),
         add_text(
             "--spacing", "LENGTH",
             [&volume](const std::string& text) {
                 volume.spacing = vector_of("--spacing", text, min_quantity, max_quantity, true);
             },
-            "Distance of voxels, one or three as X,Y,Z (default: the file's)"),
+            "Distance between voxel centres, one number or three as X,Y,Z (default: the file's)"),
         add_number<std::optional<double>>(
             command, "--pitch", volume.pitch, min_quantity, max_quantity,
-            "Edge of the voxels to make of a mesh, or to replace those of a volume"),
+            "Edge length of the cubic voxels made from a mesh, or made to replace those of a volume"),
         add_number<std::optional<double>>(
             command, "--fill", volume.fill, min_quantity, 1.0,
-            "Share of a voxel in the body from which on it is active (default: 0.5)"),
+            "A voxel is active if at least this share of it is in the body (default: 0.5)"),
         add_text(
             "--gravity", "X,Y,Z",
             [&volume](const std::string& text) {
                 volume.gravity = vector_of("--gravity", text, -max_quantity, max_quantity, false);
             },
-            "Acceleration as X,Y,Z, with --young in m/s2 (default: that of the scene heart, times the "
-            "spacing; with --young 9.81 in its direction)"),
+            "Acceleration as X,Y,Z, in m/s2 with --young (default: that of the scene heart, times the "
+            "spacing; with --young, 9.81 in the same direction)"),
         add_text(
             "--parts", "largest|N",
             [&volume](const std::string& text) {
@@ -214,22 +215,22 @@ void add_volume_options(CLI::App& command, VolumeOptions& volume) {
                            fmt::format("largest, or a whole number from 2 to {}", max_part_particles));
                 volume.parts->least = std::size_t(least);
             },
-            "Parts of the body to keep, where no spring joins two parts: the largest alone, or those of N "
-            "particles or more (default: all)")};
+            "Parts of the body to keep, if springs do not join all of it: the largest part only, or parts "
+            "with at least N particles (default: all)")};
     CLI::Option* young = add_text(
         "--young", "MODULUS",
         [&volume](const std::string& text) {
             volume.young = pascals_of(text);
             if (!volume.young) refuse("--young", text, accepted_young);
         },
-        "Young's modulus, 5000 or \"5 kPa\": stiffness and mass of the springs and particles follow");
+        "Young's modulus, 5000 (Pa) or \"5 kPa\"; with --density, sets spring stiffness and mass");
     CLI::Option* density = add_text(
         "--density", "DENSITY",
         [&volume](const std::string& text) {
             volume.density = kilograms_per_cubic_metre_of(text);
             if (!volume.density) refuse("--density", text, accepted_density);
         },
-        "In kg/m3, with --young");
+        "Density, 1050 (kg/m3) or \"1.05 g/cm3\"; needs --young");
     options.insert(
         options.end(),
         {young->needs(density), density->needs(young),
@@ -243,10 +244,11 @@ void add_volume_options(CLI::App& command, VolumeOptions& volume) {
              ->needs(young),
          add_number(command, "--damping", volume.damping, 0.0, max_quantity,
                     "Share of its velocity that a particle loses per second (default: 0.00115 per step)"),
-         command.add_flag("--corners", volume.corners,
-                          "Particles at the corners of voxels: the body is as wide as its voxels, and its "
-                          "surface as stiff as the material")});
-    for (CLI::Option* option : options) option->group("Of a volume or mesh without a scene file");
+         command.add_flag(
+             "--corners", volume.corners,
+             "Place particles at the corners of voxels, not at their centres: the body is then as "
+             "wide as its voxels, and its surface as stiff as the material")});
+    for (CLI::Option* option : options) option->group("For a volume or mesh without a scene file");
 }
 
 // --- Commands ------------------------------------------------------------------------------------------
@@ -266,7 +268,8 @@ void add_limits(CLI::App& app, Values& values, std::ostream& out) {
 }
 
 void add_info(CLI::App& app, Values& values, std::ostream& out) {
-    CLI::App* info = app.add_subcommand("info", "What a scene holds, what it needs and how stable it is");
+    CLI::App* info =
+        app.add_subcommand("info", "What a scene contains, the memory it needs and its stable time step");
     add_scene(*info, values);
     add_json(*info, values);
     add_volume_options(*info, values.run.volume);
@@ -274,9 +277,8 @@ void add_info(CLI::App& app, Values& values, std::ostream& out) {
 }
 
 void add_export_options(CLI::App& run, ExportOptions& out) {
-    run.add_option(
-           "--out", out.out,
-           "File for the final state; its ending is its format; several times if wanted:" + list_formats())
+    run.add_option("--out", out.out,
+                   "File for the final state; its ending sets the format; may be repeated:" + list_formats())
         ->allow_extra_args(false);
     add_number(run, "--every", out.every, 1, max_run_steps,
                "Steps between the files of a series: body_000100.vtu, ... and, for ParaView, body.pvd");
@@ -286,11 +288,12 @@ void add_export_options(CLI::App& run, ExportOptions& out) {
             if (folder.empty()) refuse("--frames", "\"\"", "the path of a folder");
             out.frames = folder;
         },
-        "Folder for a series of pictures: one after each --every steps, without it 50");
+        "Folder for a series of pictures, one after each --every steps (default: at most 50 pictures)");
     run.add_option("--colour", out.colour, "What colours pictures: displacement, or error against float64");
-    run.add_option("--size", out.size, "WIDTHxHEIGHT of pictures in pixels: 1280x960");
-    run.add_option("--tool-force", out.tool_force,
-                   "A .csv of the force on the tool: after each --every steps, or each move of the tool");
+    run.add_option("--size", out.size, "WIDTHxHEIGHT of pictures in pixels (default: 1280x960)");
+    run.add_option(
+        "--tool-force", out.tool_force,
+        "A .csv of the force on the tool after each --every steps (default: after each of its moves)");
 }
 
 void add_run(CLI::App& app, Values& values, std::ostream& out) {
@@ -310,8 +313,9 @@ void add_run(CLI::App& app, Values& values, std::ostream& out) {
     add_number(
         *run, "--time-step", options.time_step, min_quantity, max_quantity,
         "Time step (default: the scene's); damping is adapted to it, so that the motion stays the same");
-    run->add_option("--resume", options.resume,
-                    "A .npz that --out or `voxspring view` wrote: go on from its step, with its springs");
+    run->add_option(
+        "--resume", options.resume,
+        "Continue from this .npz, which --out or `voxspring view` wrote: from its step, with its springs");
     add_export_options(*run, options.out);
     add_devices(*run);
     add_volume_options(*run, options.volume);
@@ -335,15 +339,16 @@ void add_study(CLI::App& app, Values& values, std::ostream& out) {
     study->add_option("STUDY", values.study, "Built-in study or study file")->required();
     CLI::Option* file = study->add_option("--out", options.out, "Result as a .json file");
     study->add_option("--backend", options.backends,
-                      "Only backends that match one of these globs, or with ! before it those that do not");
-    study->add_option("--scene", options.scenes,
-                      "Only scenes that match one of these globs, or these scenes");
+                      "Only backends that match one of these globs; !GLOB leaves out those that match it");
+    study->add_option(
+        "--scene", options.scenes,
+        "Only the study's scenes that match one of these globs; the name of another scene adds it");
     add_repetitions(*study, options, "Timed batches of each backend and scene");
     add_ranks(*study, options, "For a scaling study: ");
-    study->add_flag("--resume", options.resume, "Go on with the study of --out that was cut short")
+    study->add_flag("--resume", options.resume, "Continue the interrupted study whose result --out names")
         ->needs(file);
     add_number(*study, "--timeout", values.timeout, min_timeout, max_timeout,
-               "Seconds for which a backend may say nothing before its row fails")
+               "Seconds without a report from a backend after which its row fails")
         ->default_str("1800");
     add_devices(*study);
     add_volume_options(*study, options.volume);
@@ -359,26 +364,28 @@ void add_advise(CLI::App& app, Values& values, std::ostream& out) {
                                           "error, or whether several ranks pay");
     AdviseOptions& options = values.advise;
     add_scene(*advise, values);
-    // float64 resolves no smaller errors, and larger ones say nothing.
+    // float64 resolves no error below this range, and an error above it would say nothing.
     add_number(*advise, "--error", options.error, 1e-30, 1e6,
                "Accepted total error, relative L2 of displacement");
-    advise->add_flag("--continuum", options.continuum,
-                     "The error is that of a deflection against the continuum, over pitches; SCENE is a case "
-                     "of the study truth: cantilever");
+    advise->add_flag(
+        "--continuum", options.continuum,
+        "--error is that of a deflection against the continuum, and several pitches are compared; "
+        "SCENE is a case of the study truth: cantilever");
     add_ranks(*advise, options.study, "Instead of an error: ");
     CLI::Option* results =
         advise->add_option("--results", options.results,
                            "Result (.json) of a pareto, truth or scaling study, instead of measuring");
     advise->add_option("--backend", options.study.backends, "Only backends that match one of these globs")
         ->excludes(results);
-    add_repetitions(*advise, options.study, "Timed runs of each, measuring")->excludes(results);
+    add_repetitions(*advise, options.study, "Timed runs of each candidate")->excludes(results);
     add_devices(*advise);
     CLI::Option* file = advise
                             ->add_option("--out", options.study.out,
-                                         "What was measured as a .json file, which --results reads")
+                                         "A .json file for the measurements, which --results reads")
                             ->excludes(results);
     advise
-        ->add_flag("--resume", options.study.resume, "Go on with the measurement of --out that was cut short")
+        ->add_flag("--resume", options.study.resume,
+                   "Continue the interrupted measurement whose result --out names")
         ->needs(file);
     add_json(*advise, values);
     add_volume_options(*advise, options.study.volume);
@@ -429,7 +436,7 @@ std::vector<std::string> option_names(const CLI::App& command) {
     return names;
 }
 
-/// The words that this option or argument accepts; empty if they cannot be listed.
+/// The words that the option or argument `name` accepts; empty if they cannot be listed.
 std::vector<std::string> values_of(const std::string& name) {
     std::vector<std::string> words;
     if (name == "SCENE" || name == "--scene") {
@@ -447,7 +454,7 @@ std::vector<std::string> values_of(const std::string& name) {
     return words;
 }
 
-/// What the last of `words`, which follow the program's name, may be completed to, besides files.
+/// What the last of `words` may be completed to, besides files. `words` follow the program's name.
 std::vector<std::string> completions_of(const CLI::App& app, const std::vector<std::string>& words) {
     std::vector<std::string> names = command_names(app);
     if (words.size() < 2) {

@@ -31,7 +31,7 @@ std::string triple(const glm::dvec3& v) { return fmt::format("{:g} x {:g} x {:g}
 
 /// The axes in words: "x to the left, y to the posterior, z to the superior".
 std::string orientation(const Placement& placement) {
-    if (placement.space.empty()) return "none: its axes are not said to be those of a body";
+    if (placement.space.empty()) return "none: the file does not say where left, anterior and superior are";
     std::string text;
     constexpr double said = 5;  // degrees; smaller angles are not mentioned
     for (int axis = 0; axis < 3; ++axis) {

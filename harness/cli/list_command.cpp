@@ -109,8 +109,8 @@ void print_backend(const nlohmann::json& backend, std::ostream& out) {
                        text(backend, "device"), alternatives(backend["precisions"]),
                        alternatives(backend["formulations"]));
     for (const auto& [key, list] : backend["tuning"].items()) out << " " << key << "=" << alternatives(list);
-    out << "\n      sutures "
-        << (backend["beyond_lattice"].get<bool>() ? "any two particles" : "neighbours on the lattice alone")
+    out << "\n      sutures can join "
+        << (backend["beyond_lattice"].get<bool>() ? "any two particles" : "neighbours on the lattice only")
         << "\n";
 }
 
@@ -168,7 +168,7 @@ void list_limits(bool json, std::ostream& out) {
             if (backend->limits() != nullptr)
                 limits.of(backend->capabilities(), [&] { return spec.make()->limits()->measure_limits(); });
         } catch (const std::runtime_error&) {
-            // `voxspring list` says why there is no such device.
+            // This device is missing; `voxspring list` says why.
         }
     }
     activity.end();

@@ -23,9 +23,8 @@ int exit_code_of(int argc, char** argv, const ViewScene& view) {
         std::cerr << "voxspring: " << error.what() << "\n";
         return 2;
     } catch (const std::bad_alloc&) {
-        std::cerr
-            << "voxspring: out of memory: this takes more than the machine gives it; `voxspring info SCENE` "
-               "shows what a scene takes on each backend\n";
+        std::cerr << "voxspring: out of memory: this command needs more than the machine has; "
+                     "`voxspring info SCENE` shows what a scene needs on each backend\n";
         return 1;
     } catch (const std::exception& error) {
         std::cerr << "voxspring: " << error.what() << "\n";

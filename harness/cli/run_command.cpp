@@ -57,21 +57,22 @@ int steps_to(double time, const Scene& scene, std::ostream& out) {
     const double steps = std::max(1.0, std::round(time / time_step));
     if (steps > max_run_steps) {
         throw BadInput("command line", "--time", std::to_string(time),
-                       fmt::format("a time of at most {} steps, which in the scene {} are of {:g}",
+                       fmt::format("the time of at most {} time steps; one in the scene {} is {:g}",
                                    max_run_steps, scene.name, time_step));
     }
     constexpr double rounding = 1e-9;
     if (std::abs(steps * time_step - time) > rounding * time)
-        out << fmt::format("time {:g} is no whole number of time steps of {:g}: {}, to time {:g}\n", time,
-                           time_step, counted(std::uint64_t(steps), "step"), steps * time_step);
+        out << fmt::format(
+            "time {:g} is not a multiple of the time step {:g}: the run takes {}, to time {:g}\n", time,
+            time_step, counted(std::uint64_t(steps), "step"), steps * time_step);
     return int(steps);
 }
 
-/// How many steps to take between checks for an interruption and reports of progress: as many as take about a
-/// fifth of a second, a power of two, so that CUDA needs few graphs.
+/// How many steps to take between two checks for an interruption and reports of progress: about as many as
+/// take a fifth of a second. It is a power of two, so that CUDA needs few graphs.
 class Stride {
 public:
-    /// It begins with steps of a million particles, which take a slow machine a tenth of a second.
+    /// Begins with about 1 000 000 / `particles` steps, which take a slow machine a tenth of a second.
     explicit Stride(std::size_t particles)
         : steps_(int(std::bit_floor(std::size_t(1'000'000) / particles | 1))) {}
 
@@ -148,9 +149,8 @@ private:
         const double before = problem.time_step, damping = problem.damping;
         *scene_ = at_time_step(*scene_, time_step);
         activity_.end();
-        out_ << fmt::format(
-            "{}: time step {:g} in the place of {:g}, damping {:g} per step in the place of {:g}\n",
-            scene_->name, time_step, before, problem.damping, damping);
+        out_ << fmt::format("{}: time step {:g} instead of {:g}, damping {:g} per step instead of {:g}\n",
+                            scene_->name, time_step, before, problem.damping, damping);
     }
 
     void resume(const std::filesystem::path& file) {
@@ -173,18 +173,18 @@ private:
         const Pictures* pictures = exports_->pictures();
         if (pictures != nullptr && pictures->colouring() == Colouring::error)
             throw BadInput("command line", "--colour", "error",
-                           fmt::format("displacement: {} springs of {} are not those of {} after step {}",
+                           fmt::format("displacement: {} springs of {} differ from those of {} after step {}",
                                        others, file.string(), scene_->name, first_));
         const std::size_t before = scene_->edits.size();
         take_springs(*scene_, *saved_);
         out_ << fmt::format(
-            "{}: {} springs are not those of {} after step {}; the run goes on with the file's{}\n",
+            "{}: {} springs differ from those of {} after step {}; the run uses the file's springs{}\n",
             file.string(), others, scene_->name, first_,
-            before > 0 ? ", and later edits change what they still find" : "");
+            before > 0 ? ", and later edits apply to these" : "");
     }
 
-    /// Prints a note if resuming changes bits. The file holds displacement and increment in float64: that is
-    /// exact for `increment`, and in float32 for every formulation but `compensated`.
+    /// Prints a note if resuming changes bits. The file holds displacement and increment in float64. That is
+    /// exact for `increment` in both precisions, and in float32 for every formulation but `compensated`.
     void say_whether_bits_are_kept() {
         const Options& options = spec_.options;
         const bool kept =
@@ -193,7 +193,7 @@ private:
         if (kept) return;
         activity_.end();
         out_ << to_string(options.formulation) << " in " << to_string(options.precision)
-             << " has more digits than the file: the run does not end at the bits of an uninterrupted one\n";
+             << " has more digits than the file: bits may differ from those of an uninterrupted run\n";
     }
 
     void make_backend(bool by_rules) {
@@ -223,7 +223,7 @@ private:
     template <class Take>
     void play(const Take& take) {
         const std::string what =
-            subject() + (in_first_pass_ ? ", first pass, for one scale of all pictures" : "");
+            subject() + (in_first_pass_ ? ", first pass, to find one colour scale for all pictures" : "");
         timing_ = {};
         activity_.begin(what + ": uploading");
         runner_->rewind(*backend_);
@@ -249,7 +249,8 @@ private:
         const Timing batch = backend_->timed([&] { runner_->run(*backend_, steps); });
         timing_.device_seconds += batch.device_seconds;
         timing_.host_seconds += batch.host_seconds;
-        if (steps == stride.steps()) stride.took(batch.host_seconds);  // else it ends where a file is due
+        // Only whole strides tell the speed. A shorter one ends where a file is due.
+        if (steps == stride.steps()) stride.took(batch.host_seconds);
         reached_ += steps;
         activity_.done(double(reached_ - first_) / (steps_ - first_),
                        "step " + std::to_string(reached_) + " of " + std::to_string(steps_));
@@ -281,7 +282,7 @@ private:
              << " in " << timing_.host_seconds << " s, " << timing_.device_seconds / steps * 1e6
              << " us per step; largest displacement " << largest_.held;
         if (scene_->world)
-            out_ << fmt::format(" {}; {:.3g} s of the world per second", scene_->world->length,
+            out_ << fmt::format(" {}; {:.3g} s of simulated time per second", scene_->world->length,
                                 scene_->problem.time_step * steps / timing_.host_seconds);
         if (!loose_.empty())
             out_ << ", and " << largest_.loose << " of the " << loose_.size()
@@ -332,7 +333,7 @@ private:
     int steps_;
     int first_ = 0;               ///< the step after which the run starts
     int reached_ = 0;             ///< the last step that was made
-    bool in_first_pass_ = false;  ///< of two passes; the first writes nothing
+    bool in_first_pass_ = false;  ///< this is the first of two passes, which writes nothing
     BackendSpec spec_;
     std::unique_ptr<Exports> exports_;
     std::unique_ptr<Scene> scene_;

@@ -32,8 +32,9 @@ int run_and_print_study(const std::string& argument, const StudyOptions& asked, 
     if (options.out) {
         out << "written: " << options.out->string() << "\n";
     } else {
-        std::cerr << "voxspring: this result is not saved: --out FILE.json saves it, and what is finished as "
-                     "soon as it is\n";
+        std::cerr
+            << "voxspring: this result is not saved; --out FILE.json saves each part of a result as soon "
+               "as it is measured\n";
     }
     if (is_unfinished(result)) {
         out << "interrupted: this is what was finished"

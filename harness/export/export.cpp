@@ -35,7 +35,8 @@ std::string endings() {
 const Writer& writer_of(const std::filesystem::path& path) {
     const auto& all = writers();
     const std::string name = path.filename().string();
-    // "body.mesh.vtu" ends like ".vtu" too: the longest ending counts. A name has more than an ending.
+    // The longer of two matching endings counts: "body.mesh.vtu" also ends in ".vtu". A name that is only an
+    // ending does not match.
     auto found = all.end();
     for (auto writer = all.begin(); writer != all.end(); ++writer) {
         if (name.size() > writer->ending.size() && name.ends_with(writer->ending) &&
@@ -77,13 +78,13 @@ glm::ivec2 parse_size(const std::string& text) {
 const std::vector<Writer>& writers() {
     static const std::vector<Writer> all = {
         {".csv", "one line per particle: voxel, position, displacement, velocity", false, csv},
-        {".mesh.vtu", "as .stl, for ParaView, with displacements; tetrahedra if they came in", true,
-         mesh_vtu},
+        {".mesh.vtu", "like .stl, for ParaView, with displacements; tetrahedra if the scene's mesh has them",
+         true, mesh_vtu},
         {".npz", "numpy arrays: particles, springs, grid and time", false, npz},
-        {".obj", "as .stl, as text", false, obj},
-        {".ply", "as .stl, in float64", false, ply},
+        {".obj", "like .stl, as text", false, obj},
+        {".ply", "like .stl, in float64", false, ply},
         {".png", "a picture of the body, drawn by OpenGL: see --colour and --size", false, nullptr},
-        {".stl", "the mesh that came in, deformed; without one the surface of the voxels", false, stl},
+        {".stl", "the scene's mesh, deformed; without a mesh, the surface of the voxels", false, stl},
         {".vti", "ParaView's grid: one point per voxel", true, vti},
         {".vtu", "ParaView's body: one point per particle where it is now, one line per spring", true, vtu},
     };
@@ -102,7 +103,7 @@ Exports::Exports(const ExportOptions& options, int steps)
     const auto& every = options.every;
     if (every && options.out.empty() && !options.frames && !options.tool_force) {
         throw BadInput("command line", "--every", std::to_string(*every),
-                       "an --out beside it, which names the series: a path that ends in one of " + endings());
+                       "--out as well, which names the series: a path that ends in one of " + endings());
     }
     std::set<std::filesystem::path> collections;
     for (const std::filesystem::path& path : options.out) {

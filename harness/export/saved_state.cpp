@@ -62,7 +62,7 @@ public:
         close(name);
         return values;
     }
-    /// rows(), of which there must be `count`.
+    /// Like rows(), but refuses the file unless there are `count` rows.
     template <class Value>
     std::vector<Value> rows_of(std::size_t count, const std::string& name) {
         std::vector<Value> values = rows<Value>(name);
@@ -220,8 +220,8 @@ void compare_particles(NpzReader& file, const Scene& scene, SavedState& saved) {
     }
     if (other_mass == 0 && other_pins == 0) return;
     saved.differs = fmt::format(
-        "{} particles have another mass there and {} are pinned otherwise; those of "
-        "the scene {} hold",
+        "{} particles have a different mass in the file, and {} differ in whether they are pinned; "
+        "the run uses those of the scene {}",
         other_mass, other_pins, scene.name);
 }
 

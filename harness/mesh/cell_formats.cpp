@@ -16,7 +16,7 @@ namespace {
 void note_others(Mesh& mesh, std::size_t others) {
     if (others > 0)
         mesh.notes.push_back(
-            fmt::format("{} cells are neither triangles, quadrangles nor tetrahedra, and left out", others));
+            fmt::format("{} cells that are not triangles, quadrangles or tetrahedra are left out", others));
 }
 
 // --- VTK ----------------------------------------------------------------------------------------------
@@ -300,7 +300,7 @@ private:
         } else if (type == 4 || type == 11 || type == 29) {
             mesh_.tetrahedra.push_back(corner);
         } else if (nodes > 3) {
-            ++others_;  // points and lines are not missed
+            ++others_;  // points and lines with up to three nodes need no note
         }
     }
 
@@ -342,7 +342,7 @@ private:
     MeshBytes& bytes_;
     std::optional<double> version_;
     NumberLayout layout_ = NumberLayout::text;
-    std::unordered_map<std::uint64_t, std::uint32_t> index_;  ///< of a node's tag
+    std::unordered_map<std::uint64_t, std::uint32_t> index_;  ///< index of the vertex, by the node's tag
     Mesh mesh_;
     std::size_t others_ = 0;
 };

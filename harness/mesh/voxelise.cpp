@@ -18,17 +18,19 @@
 namespace voxspring {
 namespace {
 
-/// Lines along x through a voxel, on each of y and z, and points on each if holes are near.
+/// Sampling density: lines along x per voxel, along each of y and z, so 16 in all. Near holes it is also the
+/// number of sample points on each line within a voxel.
 constexpr int per_axis = 4;
 
-/// The most crossings of triangles with all lines, some minutes of work, and with those of one z, some
-/// hundred megabytes per thread. A body whose box is filled with a hundred layers has fewer.
+/// Limits on the number of crossings between triangles and lines: in all, which take some minutes, and for
+/// all lines of one z, which take some hundred megabytes per thread. A box filled with a hundred layers of
+/// surface stays below both.
 constexpr double max_crossings = 4e9, max_crossings_of_z = 1e7;
 
 /// A triangle that some line along x may cross.
 struct Crossed {
     Triangle corners;
-    std::int32_t first, last;  ///< lines along z between its corners
+    std::int32_t first, last;  ///< range of the z indices of these lines
 };
 
 /// Where a line along x crosses the surface.
@@ -38,9 +40,10 @@ struct Crossing {
     double x;           ///< in voxels
 };
 
-/// The winding number of the surface without its caps, by lines along x: where a line crosses the closed
-/// surface its winding number changes by 1, everywhere else it is constant. The caps' own is subtracted,
-/// which is noticeable only near holes.
+/// Computes which part of each voxel has a winding number above 1/2, with respect to the surface without its
+/// caps. Lines along x first give the winding number of the closed surface: it changes by 1 at each crossing
+/// and is constant elsewhere. Then the winding number of the caps is subtracted, which matters only near
+/// holes.
 class Voxeliser {
 public:
     Voxeliser(const Surface& surface, glm::ivec3 dims, const glm::dvec3& low, double pitch)
@@ -101,8 +104,8 @@ private:
         return WindingTree(std::move(caps));
     }
 
-    /// Keeps a triangle that lines may cross. `per_line` gets the differences of the number of crossings from
-    /// one z to the next, at most.
+    /// Keeps a triangle that lines may cross. `per_line` holds, for each z of lines, an upper bound on the
+    /// number of crossings as a difference to the previous z; the triangle's crossings are added.
     void add(const Triangle& corners, std::vector<double>& per_line) {
         glm::dvec3 least = points_[corners[0]], most = least;
         for (const std::uint32_t c : corners) {
@@ -164,7 +167,7 @@ private:
         }
     }
 
-    /// Adds what a line along x has inside to the shares of its voxels.
+    /// Follows one line along x, and adds its length inside the body to the fractions of the voxels on it.
     void follow(const Range& crossings, int row, int line, const std::vector<float>& caps,
                 std::size_t first_voxel, std::vector<float>& share) const {
         constexpr float whole = 1.0F / (per_axis * per_axis);
@@ -173,9 +176,11 @@ private:
         for (int x = 0; x < dims_.x; ++x) {
             float& sum = share[first_voxel + std::size_t(x)];
             const double of_caps = double(caps[first_voxel + std::size_t(x)]);
-            // While the caps' winding number is below 1/2, the rounded one is that of the closed surface.
+            // If the caps' winding number is at most this, subtracting it does not move the result across
+            // 1/2.
             constexpr double noticeable = 0.4;
-            // In a voxel without a crossing the winding number changes by less, except at the rim of a hole.
+            // Within a voxel without a crossing the winding number varies by less than this, except at the
+            // rim of a hole. So the value at the centre is enough unless it is this close to 1/2.
             constexpr double change = 0.4;
             double inside = 0, from = x;
             const auto pass = [&](double to) {
@@ -222,8 +227,8 @@ std::vector<std::string> notes_on(const MeshFacts& facts) {
         notes.push_back(
             fmt::format("{} edges of the surface have more than two triangles", facts.non_manifold_edges));
     if (facts.turned > 0)
-        notes.push_back(fmt::format("{} of {} triangles face inwards, and count as turned over", facts.turned,
-                                    facts.triangles));
+        notes.push_back(fmt::format("{} of {} triangles face inwards, and are treated as if turned over",
+                                    facts.turned, facts.triangles));
     if (facts.flat > 0) notes.push_back(fmt::format("{} triangles have no area", facts.flat));
     if (facts.parts > 1)
         notes.push_back(fmt::format("the surface has {} parts that share no vertex", facts.parts));
@@ -272,7 +277,7 @@ Voxelised voxelise(Mesh mesh, std::optional<double> chosen_pitch, double fill,
 #pragma omp parallel for schedule(dynamic)
     for (int z = 0; z < dims.z; ++z) {
         try {
-            constexpr float rounding = 1e-6F;  // of a sum of 16 shares
+            constexpr float rounding = 1e-6F;  // rounding error of a sum of 16 fractions
             const std::vector<float> share = voxeliser.shares(z);
             for (std::size_t n = 0; n < slice; ++n) {
                 inside[std::size_t(z)] += double(share[n]);

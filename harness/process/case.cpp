@@ -39,7 +39,7 @@ public:
           scene_(scene),
           program_(description.at("program")),
           device_(device_of(program_.at("device"))) {
-        // A folder that cannot be made: nothing is found there, and nothing is kept.
+        // This folder cannot be created, so that the cache finds nothing and keeps nothing.
         if (program_.at("cold")) setenv("VOXSPRING_CACHE", "/dev/null/none", 1);
         const int threads = program_.at("threads");
         omp_set_num_threads(threads > 0 ? threads : omp_get_num_procs());
@@ -150,7 +150,7 @@ void Case::take_introduction(const nlohmann::json& introduction) {
     } else if (known->at("capabilities") != introduction.at("capabilities")) {
         const Difference other = first_difference(known->at("capabilities"), introduction.at("capabilities"));
         throw BadInput("the journal", other.where + " of " + spec_.entry->name, other.here,
-                       other.there + ", of the device that was measured before");
+                       other.there + ", as on the device that was measured before");
     }
 }
 

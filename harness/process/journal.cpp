@@ -87,8 +87,8 @@ Journal::Journal(std::filesystem::path file, const nlohmann::json& study, bool r
     open_locked();
     std::error_code none;
     if (!resume && std::filesystem::file_size(file_, none) > 0)
-        throw BadInput(file_.string(), "journal", "of a study that was cut short",
-                       "--resume, which goes on with it; or no such file: delete it to begin again");
+        throw BadInput(file_.string(), "journal", "an interrupted study",
+                       "--resume, which continues it, or no such file: delete it to begin again");
     if (const std::string text = complete_lines(); text.empty()) {
         append({{"journal", version}, {"study", study}}, "what the study is");
         sync_folder_of(file_);
@@ -135,8 +135,8 @@ void Journal::open_locked() {
     const bool known = fcntl(descriptor_.number, F_GETLK, &lock) == 0 && lock.l_type != F_UNLCK;
     throw BadInput(
         file_.string(), "journal",
-        "of a study that is running" + (known ? " as process " + std::to_string(lock.l_pid) : std::string()),
-        "one that no process writes: wait for that study, or give this one another --out");
+        "a study that is running" + (known ? " as process " + std::to_string(lock.l_pid) : std::string()),
+        "a journal that no process writes: wait for that study, or give this one another --out");
 }
 
 void Journal::read(const std::string& text, const nlohmann::json& study) {
@@ -194,7 +194,7 @@ void Journal::keep(const std::string& name, nlohmann::json value) {
 void Journal::append(const nlohmann::json& object, const std::string& what) {
     const std::string line = line_of(object);
     if (!write_all(descriptor_.number, line) || !sync_now_and_then())
-        throw unwritten("; it misses " + what + " and is complete up to there: --resume goes on with it");
+        throw unwritten("; it lacks " + what + " and is complete up to there: --resume continues it");
 }
 
 /// Syncing takes milliseconds, and a measurement may take less.

@@ -92,7 +92,8 @@ public:
     LoadedOpenMpi() {
         int provided = 0;
         library_.init_thread(nullptr, nullptr, MPI_THREAD_FUNNELED, &provided);
-        if (provided < MPI_THREAD_FUNNELED) refuse_mpirun("this Open MPI is for programs without threads");
+        if (provided < MPI_THREAD_FUNNELED)
+            refuse_mpirun("this Open MPI does not support programs with threads");
         library_.comm_rank(library_.world, &rank_);
         library_.comm_size(library_.world, &ranks_);
     }

@@ -17,9 +17,9 @@ std::string RankBackend::unsupported(const Problem& problem) const {
     if (goes_by_device()) {
         const std::vector<std::string>& ways = capabilities.border_ways;
         if (std::find(ways.begin(), ways.end(), way_) == ways.end())
-            return "its borders do not go by " + way_;
+            return "it cannot exchange borders by " + way_;
     } else if (!subdomain_.borders.empty() && !capabilities.has_borders) {
-        return "it cannot step a part of a body: it gives no borders";
+        return "it cannot step a part of a body: it cannot exchange borders";
     }
     return inner_.unsupported(problem);
 }

@@ -63,7 +63,8 @@ double seconds_of(Exchange& exchange, RankBackend& backend, const std::function<
     return least;
 }
 
-/// Copies the part of a rank's `state` that the run is to leave.
+/// Copies the state of a rank's particles to their places in `left`, the final state of the run. If
+/// plan.sampled is not empty, `left` has only the sampled particles.
 void leave(const Subdomain& subdomain, const State& state, const Problem& whole, const RankPlan& plan,
            State& left) {
     if (plan.sampled.empty()) return subdomain.copy_own(state, left);
@@ -267,7 +268,7 @@ RankReport run_rank(const BackendSpec& spec, const Scene& scene, const RankPlan&
     // A single rank has no borders.
     const bool by_device = plan.way != "memory" && exchange.ranks() > 1;
     if (by_device && parts == nullptr)
-        throw std::logic_error("only ranks of one process have a way by " + plan.way);
+        throw std::logic_error("only ranks of one process can exchange borders by " + plan.way);
     RankBackend backend(*inner, subdomain, exchange, plan.way, by_device ? parts : nullptr);
     SceneRunner runner(part);
     if (const std::string reason = runner.unsupported(backend); !reason.empty()) throw Unavailable(reason);

@@ -78,8 +78,8 @@ std::string Sample::refusal(const Scene& scene, int layers) {
     const std::vector<Brick> all = bricks(scene, layers);
     // Each brick needs a layer beside it on every side that faces another brick: four in all.
     if (const int length = all.back().end[axis] - all.front().begin[axis]; 3 * layers + 4 > length)
-        return "three times as many and the layers beside them are more than the " + std::to_string(length) +
-               " of the body, which is verified whole without it";
+        return "three times as many layers, and four beside them, are more than the " +
+               std::to_string(length) + " of the body; without this key the whole body is verified";
     for (const Brick& brick : all) {
         if (std::none_of(lattice.voxel.begin(), lattice.voxel.end(),
                          [&](std::uint32_t voxel) { return contains(brick, lattice.coordinates(voxel)); }))

@@ -192,11 +192,11 @@ void print_thresholds(const std::vector<Row>& rows, const Verdicts& verdicts, st
         if (found->second.verified() == false) unverified.add(row.identity.scene, row.label());
     }
     if (strained)
-        out << "* of a further run of the same steps, from a start in which every spring is strained: the "
-               "scene's own start strains less than half of them by more than the threshold\n";
+        out << "* for a second run of the same steps, from a start in which every spring is strained: the "
+               "scene's start strains less than half of the springs by more than the threshold\n";
     if (last_alone) out << "Only the last repetition of each time was judged.\n";
     if (unverified.count() > 0)
-        out << fmt::format("{} of {} not verified, since no run shows half of the springs: {}\n",
+        out << fmt::format("{} of {} not verified, since no run strains half of the springs enough: {}\n",
                            unverified.count(), counted(rows.size(), "time"), unverified.text());
 }
 

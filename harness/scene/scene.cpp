@@ -41,7 +41,7 @@ std::string join(const std::vector<Label>& labels) {
 
 std::string file_name(const std::string& file) { return std::filesystem::path(file).filename().string(); }
 
-/// A dataset. For a volume also the facts that its file states, and notes.
+/// The labelled voxels of a dataset, and what else is known of them if they come from a volume or mesh file.
 struct LoadedDataset {
     LabelledGrid labelled;
     std::optional<VolumeFacts> volume{};
@@ -89,7 +89,7 @@ LoadedDataset load_dataset(const SceneFile& scene, const std::string& file, cons
         return load_mesh(dataset, path, limits);
     }
     const Volume volume = read_volume(path, {scene.spacing, dataset.frame}, limits);
-    // In a file of segments the segments are the body.
+    // If a file has segments, they are the body: its labels are used unless a threshold is given.
     const auto per_label = [](const std::optional<Parameter>& p) { return p && !p->by_label.empty(); };
     const bool by_label = per_label(scene.mass) || per_label(scene.stiffness) || per_label(scene.young) ||
                           per_label(scene.density) || !volume.segments.empty();
@@ -145,7 +145,7 @@ private:
         const GridSide side = nearest_grid_side(placement(region.source), *region.anatomical);
         region.axis = side.axis;
         region.upper = side.upper;
-        constexpr double said = 5;  // smaller angles are not noticeable
+        constexpr double said = 5;  // degrees; smaller deviations are not reported
         const std::string note = fmt::format("{} is taken for {}{}, which is {:.0f} degrees off",
                                              anatomical_sides[std::size_t(*region.anatomical)],
                                              "xyz"[side.axis], side.upper ? '+' : '-', side.degrees);
@@ -201,8 +201,8 @@ std::uint32_t bits_of(const std::vector<SpringGroup>& groups) {
     return bits;
 }
 
-/// Replaces young, density, gravity and loads in `scene`, which are in units of the world, by what they are
-/// in kg, s and the scene's unit of length.
+/// If `scene` gives Young's modulus: computes mass and stiffness from young and density, and converts gravity
+/// and loads from SI units to kg, s and the scene's unit of length. Otherwise returns empty.
 std::optional<WorldUnits> use_units(SceneFile& scene, const LabelledGrid& labelled,
                                     const std::optional<VolumeFacts>& volume, const std::string& file) {
     if (!scene.young) return std::nullopt;
@@ -353,8 +353,8 @@ std::vector<std::size_t> particles_in(const Region& region, const Lattice& latti
 }
 
 /// Moves `region` to the same side of the body's longest axis if the body has only one slice along the
-/// region's axis. Otherwise it would be pinned as a whole, such as a rod along z to which the region of
-/// `heart` is applied.
+/// region's axis. Otherwise the region would cover, and pin, the whole body: a rod along z, for example, with
+/// the region of `heart`.
 Region on_an_axis_with_slices(Region region, const Lattice& lattice) {
     std::array<int, 3> extent{};
     for (int axis = 0; axis < 3; ++axis) {
@@ -380,7 +380,8 @@ bool is_body_by_itself(const SceneFile& scene) {
     return scene.dataset.is_from_file() && !scene.dataset.file_source;
 }
 
-/// What is decided for the user of a volume without a scene file, apart from gravity (gravity_of()).
+/// A note on what was chosen for a user who gave no scene file with the volume or mesh, apart from gravity
+/// (gravity_of()).
 std::string chosen_for_user(const SceneFile& file_says, const Scene& scene) {
     const bool above_zero = !scene.mesh && !file_says.dataset.threshold && scene.volume->labels.empty();
     const Region& pinned = file_says.pinned.front();
@@ -423,7 +424,8 @@ void set_field(std::vector<glm::dvec3>& out, const InitialField& field, double s
     if (field.region) {
         for (const std::size_t i : particles_in(*field.region, problem.lattice)) chosen[i] = true;
     }
-    // Numbers are drawn for every particle, so that those of a particle do not depend on the region.
+    // Random numbers are drawn for every particle, also outside the region, so that the numbers of a particle
+    // do not depend on the region.
     std::mt19937_64 generator(field.seed);
     // The distribution is written out because the values of the standard's distributions differ between
     // libraries.
@@ -444,7 +446,7 @@ std::string why_nothing_oscillates(const Problem& problem) {
     return pinned.empty() ? "there are no springs" : "no particle that may move has a spring";
 }
 
-/// `limiting` is the problem as with_all_springs() returns it.
+/// `stable` is the stable time step of `limiting`, which with_all_springs() has returned.
 double choose_time_step(const TimeStep& chosen, double stable, const Problem& limiting,
                         const std::string& file) {
     if (chosen.absolute) return *chosen.absolute;
@@ -498,9 +500,10 @@ void keep_parts(VoxelGrid& grid, const SceneFile& scene, const std::string& file
     throw BadInput(file, "--parts", scene.dataset.parts->text(), accepted);
 }
 
-/// Damps the motion x'' + c x' = force / mass + gravity by `per_second` = c in central differences of second
-/// order. They divide forces and gravity by 1 - lambda / 2 = 1 / (1 + g), with g = c dt / 2; masses and
-/// gravity make up for that. The largest stable time step is then the undamped one.
+/// Damps the motion x'' + c x' = force / mass + gravity with c = `per_second`. Central differences of second
+/// order multiply forces and gravity by 1 - lambda / 2 = 1 / (1 + g), with g = c dt / 2. The integrator does
+/// not, so masses are multiplied and gravity is divided by 1 + g. The largest stable time step is then as
+/// large as without damping.
 void damp(Problem& problem, double per_second) {
     const double g = per_second * problem.time_step / 2;
     problem.damping = 2 * g / (1 + g);
@@ -508,7 +511,7 @@ void damp(Problem& problem, double per_second) {
     problem.gravity /= 1 + g;
 }
 
-/// What follows from the units, for the user to check.
+/// A note on the stiffness, mass, time step and damping that follow from the units, for the user to check.
 std::string what_follows(const WorldUnits& world, const Problem& problem) {
     double stiffest = 0, heaviest = 0;
     for (const Material& material : problem.materials) {
@@ -525,7 +528,8 @@ std::string what_follows(const WorldUnits& world, const Problem& problem) {
 /// The scene's gravity. Adds a note if the user has not chosen it.
 glm::dvec3 gravity_of(const SceneFile& scene, const glm::dvec3& spacing, std::vector<std::string>& notes) {
     if (scene.gravity_in_voxels && scene.young)
-        notes.push_back("gravity is 9.81 m/s^2 in the direction of the scene heart's; --gravity sets it");
+        notes.push_back(
+            "gravity is 9.81 m/s^2 in the direction of the scene heart's gravity; --gravity sets it");
     if (!scene.gravity_in_voxels || scene.young) return scene.gravity;
     const glm::dvec3 gravity = scene.gravity * spacing;
     notes.push_back(fmt::format(
@@ -557,7 +561,8 @@ Scene build(SceneFile file_says, const std::string& file, const SceneSizeLimits&
     scene.mesh = std::move(dataset.mesh);
     scene.notes = std::move(dataset.notes);
     if (file_says.corners && scene.mesh)
-        throw BadInput(file, "particles", "corners", "centres, whose springs say where a mesh is cut");
+        throw BadInput(file, "particles", "corners",
+                       "centres: a mesh is cut where springs between voxel centres are cut");
     scene.world = use_units(file_says, labelled, scene.volume, file);
     keep_parts(labelled.grid, file_says, file, scene.notes);
     Problem& problem = scene.problem;
@@ -600,7 +605,8 @@ Scene build(SceneFile file_says, const std::string& file, const SceneSizeLimits&
     if (scene.world) scene.notes.push_back(what_follows(*scene.world, problem));
     set_field(scene.state.displacement, file_says.displacement, 1, problem);
     set_field(scene.state.increment, file_says.velocity, problem.time_step, problem);
-    // A user who brings a body may not know these keys; a scene of a box is written with them.
+    // A user who brings a volume or mesh may not know the keys that pin or move a body. The author of a box
+    // scene knows them.
     if (file_says.dataset.is_from_file()) {
         if (std::string note = why_it_falls_or_rests(scene); !note.empty())
             scene.notes.push_back(std::move(note));
@@ -658,7 +664,7 @@ SceneFile body_with_parameters_of_heart(const std::string& file) {
     return scene;
 }
 
-/// Refuses an option of which the file has no use.
+/// Refuses an option that does not apply to this kind of file.
 void check(const VolumeOptions& options, const std::string& file) {
     const auto refuse = [&](const char* option, bool is_given, const std::string& accepted) {
         if (is_given) throw BadInput(file, option, "an option", accepted);
@@ -668,7 +674,7 @@ void check(const VolumeOptions& options, const std::string& file) {
                "--pitch as well: without it every voxel of a volume is full");
         return;
     }
-    const std::string none = "none for a mesh, whose voxels are made";
+    const std::string none = "none for a mesh: this option is for volume files";
     refuse("--labels", options.labels.has_value(), none);
     refuse("--threshold", options.threshold.has_value(), none);
     refuse("--frame", options.frame.has_value(), none);
@@ -723,9 +729,9 @@ Scene load_scene(const std::string& argument, const VolumeOptions& volume, const
     }
     if (volume.any())
         throw BadInput(argument, "scene", argument,
-                       "a volume file or a mesh: labels, threshold, frame, parts, pitch, fill, spacing, "
-                       "gravity, units and particles of "
-                       "another scene stand in its file");
+                       "a volume file or a mesh with these options: for another scene, labels, threshold, "
+                       "frame, parts, pitch, fill, spacing, gravity, units, damping and particles are set "
+                       "in its scene file");
     const Resize resize = split_resize(argument);
     const std::string_view* builtin = builtin_text(resize.base);
     if (builtin == nullptr && !resize.base.ends_with(".json")) {

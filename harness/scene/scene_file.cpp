@@ -51,7 +51,7 @@ PartsToKeep read_parts(const JsonValue& value) {
     if (value.is_string() && value.string() == "largest") return {};
     if (!value.is_number())
         value.refuse(
-            "\"largest\", or the particles that a part has at least to stay: a whole number from 2 on");
+            "\"largest\", or the least number of particles of a part to keep: a whole number from 2 on");
     return {std::size_t(value.integer(2, max_part_particles))};
 }
 
@@ -66,7 +66,8 @@ DatasetSpec read_dataset(JsonObject object) {
         const auto pitch = object.find("pitch"), fill = object.find("fill");
         if (pitch) dataset.pitch = positive(*pitch);
         if (fill) dataset.fill = fill->number(min_quantity, 1);
-        if (type == "volume" && fill && !pitch) fill->refuse("a pitch beside it: a volume's voxels are full");
+        if (type == "volume" && fill && !pitch)
+            fill->refuse("\"pitch\" as well: without it every voxel is full");
     }
     if (type == "volume") {
         const auto threshold = object.find("threshold");
@@ -163,7 +164,7 @@ void read_units(JsonObject& document, SceneFile& scene,
     if (scene.unit_source) scene.unit = scene.unit_source->one_of({"m", "cm", "mm", "um"});
     if (!young) {
         for (const auto& other : {density, scene.unit_source}) {
-            if (other) other->refuse("this key only beside \"young\", Young's modulus");
+            if (other) other->refuse("this key only together with \"young\", Young's modulus");
         }
         return;
     }
@@ -240,7 +241,8 @@ InitialField read_initial_field(const JsonValue& value) {
         return field;
     }
     const std::string accepted =
-        R"([x, y, z], {"vector": [x, y, z]} or {"random": AMPLITUDE, "seed": NUMBER}, to either a region)";
+        R"([x, y, z], {"vector": [x, y, z]} or {"random": AMPLITUDE, "seed": NUMBER})"
+        "; either object may have a \"region\"";
     if (!value.is_object()) value.refuse(accepted);
     JsonObject object = value.object();
     const auto same = object.find("vector");
@@ -344,7 +346,7 @@ EditSpec read_edit(const JsonValue& value) {
         edit.times = int(how.require("times", "a whole number").integer(1, max_edits));
         edit.every = int(how.require("every", "a number of steps").integer(1, max_edit_steps));
         if (const auto move = how.find("move")) {
-            if (!edit.shape) move->refuse("a repeat without it: pairs of voxels do not move");
+            if (!edit.shape) move->refuse("a repeat without \"move\": pairs of voxels cannot move");
             edit.move = vector(*move);
         }
         how.finish();

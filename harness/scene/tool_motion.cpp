@@ -103,7 +103,7 @@ ToolMotion parse_tool_motion(std::string_view text, const std::string& file, dou
         if (motion.empty()) start = sample;
         if (!motion.empty() && !(sample[0] > before[0])) {
             throw BadInput(file, where + ", time", fmt::format("{:g}", sample[0]),
-                           fmt::format("a time after {:g} of the line before", before[0]));
+                           fmt::format("a time after {:g}, the time of the line before", before[0]));
         }
         before = sample;
         motion.time.push_back(time_scale * (sample[0] - start[0]));

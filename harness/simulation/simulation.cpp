@@ -19,8 +19,8 @@ namespace {
 
 constexpr const char* not_finite = "the state is no longer finite";
 
-/// The share of the room left by the time step that the hand and the needle may each take. It is less than
-/// half, so that both together stay below the limit.
+/// The hand and the needle may each take this fraction of room_for_springs(). It is less than half, so that
+/// the time step stays stable with both.
 constexpr double share_of_room = 0.4;
 
 /// The omega^2 for which `time_step` is just stable with that damping.
@@ -90,7 +90,7 @@ std::string Simulation::refusal(const Backend& backend, const Problem& problem, 
     const auto leaves = [](const ScheduledEdit& scheduled) { return scheduled.edit.leaves_lattice(); };
     const auto first =
         std::find_if(scene_.edits.begin() + std::ptrdiff_t(next_edit), scene_.edits.end(), leaves);
-    // Edits within the lattice need nothing of the backend that the problem does not need already.
+    // A backend that supports the problem also supports edits that stay within the lattice.
     if (!why.empty() || first == scene_.edits.end()) return why;
     Problem joined = problem;
     for (auto scheduled = first; scheduled != scene_.edits.end(); ++scheduled) {
@@ -193,8 +193,9 @@ bool Simulation::is_broken() {
 std::string Simulation::take_hold(const glm::dvec3& place, double radius, double stiffness) {
     const double room = room_for_springs(scene_);
     if (room <= 0) {
-        return fmt::format("the time step, {:g}, leaves no room for a hand's springs: {:g} is the stable one",
-                           scene_.problem.time_step, scene_.stable_time_step);
+        return fmt::format(
+            "the time step {:g} leaves no room for a hand's springs: without them at most {:g} is stable",
+            scene_.problem.time_step, scene_.stable_time_step);
     }
     if (is_broken()) return not_finite;
     Tool tool;
@@ -292,7 +293,7 @@ Simulation::Change Simulation::stitch(const std::pair<std::uint32_t, std::uint32
         all.springs.push_back(added.spring);
         const double stable = frequency_squared_at(scene_.stable_time_step, scene_.problem.damping);
         if (frequency_bound_squared(all) > stable + share_of_room * room)
-            return {0, "with another stitch there the time step would no longer be a stable one"};
+            return {0, "another stitch there would make the time step unstable"};
     }
     Change change = by_hand([&](SpringEditor& editor) { return editor.join(edit.added); });
     if (is_new && change.springs > 0) stitches_.push_back(added.spring);
@@ -341,7 +342,7 @@ std::string Simulation::switch_to(const BackendSpec& spec) {
         try {
             if (is_broken()) return not_finite;
         } catch (const DeviceError&) {
-            // We treat it as any failure, and go on from the state that was kept last.
+            // We go on from the state that was kept last, as after an earlier DeviceError.
         }
     }
     Problem problem = without_hand();
@@ -364,7 +365,7 @@ std::string Simulation::switch_to(const BackendSpec& spec) {
     is_latest_ = false;
     use_tool_of(*uploaded);
     holds_ = false;
-    tick_ = -1;  // where upload() puts the scene's tool
+    tick_ = -1;  // the upload has put the scene's tool where it took hold
     steps_ = kept_.steps;
     next_edit_ = kept_.next_edit;
     if (kept_.springs_version != springs_version_) {
@@ -392,8 +393,9 @@ std::string Simulation::compare(bool on) {
         return {};
     }
     if (problem_.particle_count() > max_compared) {
-        return fmt::format("{} particles are more than the {} for which float64 keeps up",
-                           problem_.particle_count(), max_compared);
+        return fmt::format(
+            "{} particles are too many to compare with float64, which keeps up with at most {}",
+            problem_.particle_count(), max_compared);
     }
     if (is_broken()) return not_finite;
     Running other;

@@ -16,7 +16,8 @@
 namespace voxspring {
 namespace {
 
-/// Whether borders are stepped and sent first, so that they travel while the rest of a part is stepped.
+/// Whether a part's borders are stepped and sent first, so that they travel while the rest of the part is
+/// stepped.
 bool overlaps(const std::string& way) { return way.ends_with("_overlap"); }
 
 /// "2600" for 2612.3: a model's figure has no more than two significant digits.
@@ -27,10 +28,10 @@ std::string two_digits(double count) {
 
 /// The model of a row, in seconds per step and in particles.
 struct ScalingModel {
-    double particle;         ///< one particle, with one rank
-    double own, ghosts;      ///< of the largest part
-    double particles;        ///< of the body
-    double latency, border;  ///< of an exchange, without and for its bytes
+    double particle;         ///< time of one particle, with one rank
+    double own, ghosts;      ///< particles of the largest part
+    double particles;        ///< particles of the body
+    double latency, border;  ///< time of an exchange: fixed, and for its bytes
     bool overlaps;
 
     /// Seconds of a step of a body of the same shape, `scale` times as long along each axis.
@@ -99,7 +100,7 @@ void print_samples(const std::vector<ScalingRow>& rows, std::ostream& out) {
     for (const ScalingRow& row : rows) {
         const std::string& scene = row.identity.scene;
         if (!row.judged_particles || !printed.insert(scene).second) continue;
-        out << scene << ": errors, and whether bits are those of one rank, are known of a sample of "
+        out << scene << ": errors, and equality of bits with one rank, are measured on a sample of "
             << *row.judged_particles << " of " << row.workpiece->particles
             << " particles, at either end and in the middle\n";
     }

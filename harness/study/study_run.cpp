@@ -79,11 +79,12 @@ Study narrowed(Study study, const StudyOptions& options) {
     return study;
 }
 
-/// Loads scenes and keeps them, since each is asked for twice. It keeps up to a quarter of the machine's
-/// memory; if that is too little, the largest scenes are kept, which take the longest to build.
+/// Loads scenes and keeps them, since each is needed twice: to check the study, and to run it. It keeps up to
+/// a quarter of the machine's memory; if that is too little, the largest scenes are kept, which take the
+/// longest to build.
 class StudyScenes {
 public:
-    /// `volume` has the options for scenes that are volume files.
+    /// `volume` has the options for scenes that are volume files or meshes.
     StudyScenes(const StudyKind& kind, VolumeOptions volume) : kind_(kind), volume_(std::move(volume)) {}
 
     /// The scene of an item. Throws BadInput, TooLarge.
@@ -177,8 +178,8 @@ private:
     const StudyOptions& options_;
     const std::unique_ptr<StudyKind> kind_;
     StudyScenes scenes_;
-    std::map<std::string, std::string> too_large_;  ///< reason by scene
-    std::map<std::string, double> particles_;       ///< by scene, if it fits into memory
+    std::map<std::string, std::string> too_large_;  ///< why it is too large, by scene
+    std::map<std::string, double> particles_;       ///< number by scene; only of scenes that fit into memory
     Result result_;
     std::unique_ptr<Journal> journal_ = std::make_unique<Journal>();
     std::unique_ptr<Progress> progress_;
@@ -195,10 +196,11 @@ StudyRun::StudyRun(Study study, const StudyOptions& options)
                        "none: the suite has its own scenes");
     const auto is_body = [](const StudyScene& item) { return is_body_file(item.scene); };
     if (options.volume.any() && std::none_of(study_.scenes.begin(), study_.scenes.end(), is_body))
-        throw BadInput("command line",
-                       "--labels, --threshold, --frame, --parts, --pitch, --fill, --spacing or --gravity",
-                       study_.name,
-                       "a study with a volume file or a mesh among its scenes: --scene FILE adds one");
+        throw BadInput(
+            "command line",
+            "--labels, --threshold, --frame, --parts, --pitch, --fill, --spacing, --gravity, --young, "
+            "--density, --unit, --damping or --corners",
+            study_.name, "a study with a volume file or a mesh among its scenes: --scene FILE adds one");
     const auto only_scaling = [&](bool given, const char* name, const std::string& value) {
         if (given && study_.kind != "scaling")
             throw BadInput("command line", name, value,

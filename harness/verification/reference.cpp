@@ -111,7 +111,7 @@ void add(Hash& hash, const Scene& scene, int steps) {
     hash.add_number(time_step);
     add_start(hash, scene.state.displacement, scene.problem.particle_count());
     add_start(hash, scene.state.increment, scene.problem.particle_count());
-    // Added only if present, so that scenes without them keep their seeds.
+    // Ghosts, the tool and edits are added only if present, so that scenes without them keep their seeds.
     if (!ghosts.empty()) hash.add_numbers(ghosts);
     if (scene.problem.has_tool()) {
         hash.add_numbers(tool.particles);
@@ -226,7 +226,7 @@ Scene at_time_step(const Scene& scene, double time_step) {
             increment = glm::dvec3(0);
             continue;
         }
-        // a dt^2, with the scene's time step throughout.
+        // The acceleration times dt^2, where dt is the scene's time step, not the refined one.
         const glm::dvec3 accelerated = next.increment[i] - (1 - problem.damping) * increment;
         const glm::dvec3 velocity = scale * increment + accelerated / 2.0;
         increment = ratio * ((1 + g) * velocity - ratio / 2 / scale * accelerated);
@@ -261,7 +261,7 @@ void References::play(SceneRunner& runner, int steps, Backend& backend) const {
     using Clock = std::chrono::steady_clock;
     constexpr std::chrono::duration<double> often(0.1);
     const auto begin = Clock::now();
-    // The run is cut into pieces of about that duration. The state does not depend on how it is cut.
+    // The run is cut into pieces that take about `often` each. The state does not depend on how it is cut.
     for (int done = 0, piece = 1; done < steps;) {
         piece = std::min(piece, steps - done);
         const auto piece_begin = Clock::now();
@@ -287,8 +287,8 @@ void References::check_first_steps(const Scene& scene, int steps) const {
     const auto plain = BackendSpec::parse(reference).make();
     const auto parallel = make_perturbed_reference({});
     const State one = computed(scene, first, *plain), other = computed(scene, first, *parallel);
-    // Both round in float64 and sum forces in different orders. In so few steps they differ by no more than
-    // this.
+    // Both backends compute in float64, and sum forces in different orders. In so few steps they differ by no
+    // more than this, relatively.
     constexpr double agreement = 1e-9;
     const double apart = relative_difference(other.displacement, one.displacement);
     if (apart <= agreement) return;
@@ -406,11 +406,11 @@ Refined References::refined(const Scene& scene, const Span& span, std::vector<in
     constexpr double smallest = 1e-11;
     Refined result;
     if (!scene.edits.empty()) {
-        result.reason = "its springs change on the way, which makes the order in time one";
+        result.reason = "its springs change during the run, so that convergence in time is of first order";
         return result;
     }
     if (scene.problem.has_tool()) {
-        result.reason = "its tool moves by jerks, which makes the order in time one";
+        result.reason = "its tool moves in jumps, so that convergence in time is of first order";
         return result;
     }
     const std::size_t asked = counts.size();
@@ -426,7 +426,7 @@ Refined References::refined(const Scene& scene, const Span& span, std::vector<in
     for (std::size_t k = 0; k < counts.size(); ++k) {
         if (k == affordable) {
             result.reason = fmt::format(
-                "to refine the time step of float64 takes too many updates of particles: more than {:.0f}",
+                "smaller time steps in float64 would take too many particle updates: more than {:.0f}",
                 max_refined_updates);
             return result;
         }

@@ -58,7 +58,7 @@ public:
             left_out_ = claims.axes[axes_.front()].name;
             axes_.erase(axes_.begin());
         }
-        // Axes marked as space stay; of the others the last ones are dropped.
+        // Axes marked as space stay. Axes of unknown kind are dropped, the last ones first.
         for (std::size_t a = axes_.size(); a-- > 0 && axes_.size() > 3;) {
             if (kind(axes_[a]) == AxisKind::unknown) axes_.erase(axes_.begin() + std::ptrdiff_t(a));
         }
@@ -236,7 +236,7 @@ private:
                     std::string("a distance between voxels along each axis, other than 0") + or_spacing);
             }
             if (distance < 0)
-                say(fmt::format("{} is {}: it counts as its length, and {} runs the other way",
+                say(fmt::format("{} is {}: its absolute value is used, and {} runs the other way",
                                 claim.distance_key, claim.distance_text, axis_names[axis]));
         }
     }
@@ -267,7 +267,8 @@ private:
         volume().facts.placement = placement;
     }
 
-    /// Two fields may give the distance between voxels: notes it if they differ.
+    /// Adds a note if the header's two fields for the distance between voxels differ. `length`: the second
+    /// one.
     void check_length(int axis, double length) {
         constexpr double said = 1e-3;  // the accuracy of a header with four digits
         const double distance = volume().spacing[axis];

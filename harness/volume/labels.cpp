@@ -45,8 +45,8 @@ VoxelGrid inactive_grid(const Volume& volume) {
 
 bool is_integer(ScalarType type) { return type != ScalarType::float32 && type != ScalarType::float64; }
 
-/// Converts values to labels. If a file stores its values scaled, a label becomes the nearest number that the
-/// slope can represent, and slope and intercept have 24 bits.
+/// Converts values to labels. In a file with scaled integers a label is stored as the nearest multiple of the
+/// slope, and slope and intercept are rounded to 24 bits: so a value may be off its label.
 class Rounding {
 public:
     explicit Rounding(const Volume& volume)
@@ -59,9 +59,9 @@ public:
         return scaled_ ? std::ldexp(std::abs(value) + 2 * intercept_, -23) : 0;
     }
 
-    /// The whole number for which `value` was stored, if any. The value is accepted if it is as near to a
-    /// whole number as a scaled integer gets, plus 4 units in the last place of a 32-bit float, which a
-    /// resampled label map may be off by. It is never accepted if it is further than a twentieth away.
+    /// The label for which `value` was stored, if any. It is the nearest whole number, which a value may miss
+    /// by the rounding of scaled integers plus 4 units in the last place of a 32-bit float (resampled label
+    /// maps are off by that), but never by more than 0.05.
     std::optional<std::int64_t> label(double value) {
         if (!(std::abs(value) <= double(max_label))) return {};
         const double whole = std::round(value), off = std::abs(value - whole);
@@ -74,7 +74,7 @@ public:
     void say(std::vector<std::string>& notes) const {
         if (furthest_ > 0)
             notes.push_back(
-                fmt::format("values up to {:.1g} off a whole number are taken for that label", furthest_));
+                fmt::format("values within {:.1g} of a whole number are taken for that label", furthest_));
     }
 
 private:
@@ -82,7 +82,7 @@ private:
     double intercept_, step_, furthest_ = 0;
 };
 
-/// Refuses more labels than a material, which is a byte, can distinguish.
+/// Throws BadInput if there are more labels than max_labels.
 void check_count(const Volume& volume, std::size_t labels) {
     if (labels <= max_labels) return;
     throw BadInput(volume.file, "labels", "more than " + std::to_string(max_labels) + " labels",
@@ -131,7 +131,7 @@ std::string names_of(const std::vector<Label>& labels) {
 std::string first_labels(const Volume& volume) {
     constexpr std::size_t listed = 10;
     Rounding rounding(volume);
-    std::set<std::int64_t> lowest;  // one more than are listed
+    std::set<std::int64_t> lowest;  // one more than `listed`, to know whether there are more
     double latest = 0;
     for_each_value(volume, 0, [&](std::size_t, double value) {
         if (value == latest) return;
@@ -163,7 +163,7 @@ LabelledGrid with_numbers(const Volume& volume, const std::optional<std::vector<
         throw BadInput(volume.file, "labels", "a volume of zeros", "a label that some voxel carries");
 
     LabelledGrid result{inactive_grid(volume), {}};
-    std::map<std::int64_t, std::uint8_t> material;  // counted from 1
+    std::map<std::int64_t, std::uint8_t> material;  // label to material; materials count from 1
     for (const std::int64_t number : numbers) {
         result.labels.push_back(numbered_label(number));
         material.emplace(number, std::uint8_t(material.size() + 1));

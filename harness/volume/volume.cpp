@@ -20,8 +20,9 @@ VolumeClaims read_nifti_alone(std::istream& stream, const std::string& file) {
 
 struct Format {
     std::string ending;
-    VolumeClaims (*read)(std::istream&, const std::string&) = nullptr;  ///< null: part of a NIfTI pair
-    bool is_image = false;  ///< whether it is the image of a pair, whose header is read first
+    /// Null: the file is part of a NIfTI pair.
+    VolumeClaims (*read)(std::istream&, const std::string&) = nullptr;
+    bool is_image = false;  ///< whether the file is the image of a pair
 };
 
 const std::vector<Format>& formats() {
@@ -66,7 +67,7 @@ Volume read_pair(const std::filesystem::path& file, bool is_image, const VolumeC
     std::ifstream stream = opened(header, is_image ? "the header of " + file.string() : "a volume file");
     const VolumeClaims claims = read_nifti(stream, header, is_image ? file : partner);
     if (is_image && claims.place.files.empty()) {
-        throw BadInput(header, "magic", "of a file that has its voxels itself",
+        throw BadInput(header, "magic", "the mark of a file that holds its voxels itself",
                        "that of a pair, of which " + file.string() + " is the image");
     }
     return read_voxels(stream, claims, choice, limits);
@@ -137,7 +138,7 @@ std::filesystem::path partner_of(const std::filesystem::path& file) {
         return {};
     };
     if (auto alike = found(!is_header, gzipped); !alike.empty()) return alike;
-    // The other file of the pair may be compressed differently, unless it belongs to a file compressed alike.
+    // The partner may be compressed differently, unless it has another partner that is compressed as it is.
     return found(is_header, !gzipped).empty() ? found(!is_header, !gzipped) : std::filesystem::path{};
 }
 

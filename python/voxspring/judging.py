@@ -28,7 +28,7 @@ class Wrong(RuntimeError):
 
 @dataclasses.dataclass
 class Arrays:
-    """What judge() has to know of a library of arrays.
+    """What judge() needs to know about a library of arrays.
 
     to: makes an array of the library, which shares no memory with it, from one of numpy.
     host: makes an array of numpy from one of the library.
@@ -161,7 +161,8 @@ class Judge:
         self._start_velocity = body.start_velocity
 
     def _run(self, start: numpy.ndarray, velocity: numpy.ndarray, timed: bool) -> tuple[numpy.ndarray, numpy.ndarray]:
-        """The displacements and increments, in float64, after a batch from there."""
+        """The displacements and increments, in float64, after a batch that begins at `start` with
+        `velocity`."""
         arrays = self._arrays
         x, v = arrays.to(start.astype(self._type)), arrays.to(velocity.astype(self._type))
         arrays.wait(x, v)
@@ -205,7 +206,7 @@ class Judge:
         return displacement, v.astype(numpy.float64) * self._body.time_step
 
     def warm_up(self) -> None:
-        """Makes a batch that is not timed, in which kernels compile."""
+        """Runs a batch that is not timed, in which kernels are compiled."""
         self._run(self._start, self._start_velocity, timed=False)
 
     def repeat(self) -> None:
@@ -236,7 +237,8 @@ def _lines_of(step: Step) -> int | None:
 
 
 def count_lines(source: str) -> int:
-    """Lines that are neither blank nor a comment nor part of a docstring that begins a line."""
+    """The number of lines that are not blank, not a comment and not part of a text in triple quotes that begins
+    a line."""
     lines, in_text = 0, False
     for line in map(str.strip, source.splitlines()):
         quotes = line.count('"""')

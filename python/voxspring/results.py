@@ -56,7 +56,7 @@ class Result:
         return pandas.DataFrame(self.rows if rows is None else self.json[rows])
 
     def __str__(self) -> str:
-        # A row is not cut where its text goes into a file or a notebook.
+        # Rows are cut to the width of a terminal, but not in a file or a notebook.
         width = shutil.get_terminal_size().columns if sys.stdout.isatty() else 0
         return _core.table(json.dumps(self.json), width)
 
@@ -65,7 +65,7 @@ class Result:
 
     @classmethod
     def joined(cls, results: Iterable[Result], name: str) -> Result:
-        """One result with the rows of several, which are of the same build and machine."""
+        """One result with the rows of several results, which must be of the same build and machine."""
         whole: dict[str, Any] = {}
         for result in results:
             if not whole:

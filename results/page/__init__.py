@@ -4,5 +4,5 @@ import importlib.resources
 
 
 def text_of(name):
-    """A file of this package."""
+    """The text of a file in this package."""
     return (importlib.resources.files(__package__) / name).read_text(encoding="utf-8")

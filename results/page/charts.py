@@ -22,10 +22,10 @@ LANGUAGE = "https://vega.github.io/schema/vega-lite/v6.json"
 ABOUT = json.loads(text_of("figures.vegalite"))
 MARKS = ABOUT["marks"]
 TYPES = {"Q": "quantitative", "N": "nominal", "O": "ordinal"}
-# page.css has so many colours for backends, and charts so many shapes for families of them.
+# COLOURS: the number of colours for backends in page.css. SHAPES: the marks of families of backends.
 COLOURS = 22
 SHAPES = ("diamond", "triangle-right", "triangle-up", "circle", "square")
-# Chosen so that no two backends, and no two APIs, of this repository hash to one place.
+# Chosen so that no two backends, and no two APIs, of this repository hash to the same number.
 SALT = 3942899
 LABEL_SIZE = ABOUT["end_labels"][1]["mark"]["fontSize"]
 CONFIG = {
@@ -55,7 +55,7 @@ def shapes(families):
 
 
 def variables(names):
-    """The colours of the page's style that are called like these."""
+    """The colours of the page's style (CSS variables) with these names."""
     return {name: f"var(--{name})" for name in names}
 
 
@@ -73,7 +73,7 @@ def exact_scale(values):
 
 
 def told_apart(key, names):
-    """An encoding by a key: the names that it may have, and what each looks like."""
+    """An encoding that tells the values of `key` apart. `names` has the colour or shape of each value."""
     return {"field": key, "type": "nominal", "legend": None, "scale": {"domain": list(names), "range": list(names.values())}}
 
 
@@ -99,8 +99,8 @@ def columns(keys, named=None):
 
 
 def near_each_other(ends, x, shown):
-    """The last rows of lines in groups: a label to the right of one would reach into the next one's, so that they share places.
-    `shown`: all values along x."""
+    """Groups `ends`, the last rows of lines, whose labels would overlap: within a group each end is near the
+    next one along `x`. `shown`: all values along `x`."""
     reach = 0.25  # of the width of a chart; a label takes up to a third, but two seldom meet beyond this
     forth = numpy.log if scale(shown)["type"] == "log" else numpy.asarray
     ends = sorted(ends, key=lambda row: row[x])
@@ -139,7 +139,7 @@ class Chart:
             "family": told_apart("family", shapes(families.values())), "region": told_apart("region", variables(reading.REGIONS))}
 
     def encoding(self, channel, key):
-        """What a word stands for as an encoding."""
+        """The encoding that a word of figures.vegalite stands for."""
         if channel == "tooltip":
             told = self.told if key == "row" else columns(key)
             return [{"field": key, "title": title} |
@@ -150,7 +150,7 @@ class Chart:
         return told_apart(key, variables(MARKS[key]) if channel == "color" else MARKS[key])
 
     def completed(self, value):
-        """A part of a chart with what its words stand for."""
+        """A part of a chart, with its words replaced by what they stand for."""
         if isinstance(value, str):
             return self.values[value[1:]] if value.startswith("$") else value.format_map(self.values) if "{" in value else value
         if isinstance(value, list):
@@ -181,7 +181,8 @@ class Chart:
 
 
 def complete(about, families, told, rows, below, alternative):
-    """The chart of a panel: as wide as that, and of those rows alone that its reader's filters let through."""
+    """The chart of a panel. It is as wide as the panel, and shows only the rows that the reader's filters let
+    through."""
     chosen = {"filter": "indexof(shown, datum.backend) >= 0 && (scene == '' || datum.scene == scene)"}
     return {"$schema": LANGUAGE, "data": {"name": "rows"}, "transform": [chosen], "width": "container",
             "height": about.get("height") or about["step"][1], "autosize": {"type": "fit-x", "contains": "padding"},

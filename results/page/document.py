@@ -19,7 +19,7 @@ SMALL_ERROR = 1e-5
 
 
 def names(rows):
-    """Backends by name, or the first of them and how many more."""
+    """The names of the rows' backends; if there are many, the first names and the number of the others."""
     found = [row["backend"] for row in rows]
     few = figures.FEW
     return figures.listed(found if len(found) <= few else found[:few - 1] + [f"{len(found) - few + 1} others"])
@@ -57,7 +57,8 @@ def by_size(entries):
 
 
 def headline(found, runs, drawn):
-    """The machine, the answer in a line, and in a few more sentences; without any of times or errors the first finding."""
+    """(machine, the answer in a line, further sentences). The answer is about times, else about errors, else
+    the first figure's finding."""
     if found:
         machine, entries = next(iter(found.items()))
         told = [entry.best for entry in entries if entry.won]
@@ -103,7 +104,7 @@ def captions(results):
 
 
 def compact(figure):
-    """A figure as page.js takes it, with those keys of its rows that its table or its charts name."""
+    """A figure as page.js takes it. Its rows keep only the keys that its table or its charts name."""
     used = {column[0] for column in figure.columns}
     used |= {key for panel in figure.panels for key in [*panel.match, *(panel.step or ())[:1]]}
     drawn = json.dumps([panel.spec for panel in figure.panels])
@@ -116,7 +117,7 @@ def compact(figure):
 
 @functools.cache
 def template():
-    """page.html, in which a line break beside a tag or an expression stands for nothing."""
+    """page.html without the line breaks beside tags and expressions; others become blanks."""
     def source(name):
         return re.sub(r"\s*\n\s*", " ", re.sub(r"(?<=[>}])\s*\n\s*|\s*\n\s*(?=[<{])", "", text_of(name).strip()))
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, loader=jinja2.FunctionLoader(source))
@@ -137,8 +138,9 @@ def answer(own, entries, runs):
 
 
 def page(results, pictures, left_out):
-    """The whole page as text: pictures by dataset, and (datasets, why they have none)."""
-    # The model with most rows of time comes first everywhere, and of its machines the one with most.
+    """The whole page as text. pictures: by dataset. left_out: (datasets without a picture, reason)."""
+    # The model of machine with the most timed rows comes first everywhere, and among its machines the one with
+    # the most.
     weight = collections.Counter(name for result in results for name in {result.model, result.machine} for _ in result.lists["benchmarks"])
     results = sorted(results, key=lambda result: (-weight[result.model], -weight[result.machine]))
     shown, drawn = figures.all_figures(results)
@@ -166,7 +168,7 @@ def page(results, pictures, left_out):
 
 @functools.cache
 def script_safe_bundle():
-    """The chart library, whose source takes two seconds to put together."""
+    """The source of the chart library, kept because it takes two seconds to put together."""
     bundle = vl_convert.javascript_bundle()
     if "</script" in bundle or "<!--" in bundle:
         raise RuntimeError("the chart library cannot be inlined: it contains the end of a script")

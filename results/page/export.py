@@ -8,12 +8,13 @@ import vl_convert
 from . import charts, figures, text_of
 
 WIDTH = 480
-# Vega writes millionths of a pixel, in attributes.
+# Vega writes attributes to a millionth of a pixel. These find the digits beyond a hundredth.
 ATTRIBUTE, DIGITS = re.compile(r'="[^"]*"'), re.compile(r"(\d\.\d\d)\d+")
 
 
 def with_legends(spec, rows):
-    """The chart with a legend for what it tells apart by colour, shape or dash, of what its rows have alone."""
+    """The chart with legends for its colours, shapes and dashes. They list only the values that occur in its
+    rows."""
     if isinstance(spec, list):
         return [with_legends(one, rows) for one in spec]
     if not isinstance(spec, dict):

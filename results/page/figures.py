@@ -20,7 +20,7 @@ from .charts import ABOUT
 
 # Keeps a number and its unit on one line.
 SPACE = "\N{NO-BREAK SPACE}"
-# Counters that columns of figures.vegalite have in other units.
+# Counters that figures.vegalite shows already, in columns with other units.
 IN_COLUMNS = {"sustained_seconds_per_step", "limit_sum_seconds"}
 TARGETS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
 # The most names in a headline.
@@ -61,12 +61,12 @@ def counted(count, noun):
 
 
 def between(values, text):
-    """The least and the most of some values, once if they read the same."""
+    """The range of some values as text, or one value if both ends read the same."""
     return " to ".join(dict.fromkeys(text(value) for value in (min(values), max(values))))
 
 
 def sentence(text):
-    """With a capital, unless it begins with the name of a backend."""
+    """The text with a capital letter first, unless it begins with the name of a backend."""
     return text if "_" in text.split(" ")[0] else text[:1].upper() + text[1:]
 
 
@@ -127,9 +127,10 @@ def outcomes(results, rows):
 
 
 def ladder(entries):
-    """(dataset, [(backends, on chip, fewest and most particles)]): which backend wins which sizes, for the dataset with the most sizes.
-    None unless each backend wins sizes beside each other. Backends whose state stays on the chip count as one. Sizes that none wins are
-    left out."""
+    """Which backend wins which range of sizes: (dataset, [(backends, whether the state stays on the chip,
+    (fewest, most particles))]), for the dataset with the most sizes. Neighbouring ranges of backends that keep
+    the state on the chip are one range. Sizes that no backend wins are left out. None if a backend wins several
+    ranges, or if there are few sizes, many ranges or only one range."""
     families = groups((entry.best for entry in entries if entry.won), lambda row: row["scene"].split("@")[0])
     (family,), rows = max(families.items(), key=lambda item: len(item[1]), default=((None,), []))
     steps = []
@@ -146,7 +147,7 @@ def ladder(entries):
 # --- A figure ----------------------------------------------------------------------------------------------
 
 class Page:
-    """What figures are made of."""
+    """The results that all figures of a page are made of, with what is computed from them once."""
 
     def __init__(self, results):
         self.results, self.measured = results, reading.measured(results)
@@ -166,7 +167,8 @@ class Page:
 
     @functools.cached_property
     def histories(self):
-        """Files of one study on one machine by date, if there are several, and the verdicts of diff.py on the first and the last."""
+        """{(machine, study): (its results by date, and what judged() says of the first and the last)}, if there
+        are several results."""
         found = groups((result for result in self.results if result.lists["benchmarks"]), lambda one: one.machine, lambda one: one.study)
         found = {key: sorted(files, key=lambda file: file.date) for key, files in found.items() if len(files) > 1}
         return {key: (files, *judged(files[0], files[-1])) for key, files in found.items()}
@@ -181,17 +183,20 @@ class Panel:
 
 
 class Figure:
-    """A figure as it is drawn: the rows of its table, its panels, and what was found; a backend has one colour in all of them."""
+    """A figure as it is drawn: the rows of its table, its panels, and its findings. A backend has the same
+    colour in all figures."""
 
     def __init__(self, name, rows, page, tell, by, below):
         self.name, self.rows, self.page, self.below, self.about = name, rows, page, below, ABOUT["figures"][name]
         self.columns, self.legend = charts.columns(self.about["columns"], self.about.get("named")), self.about.get("legend", "backend")
         self.columns += page.counters(rows, {key for key, *_ in self.columns} | IN_COLUMNS)
-        # Captions name the results with a list, or of a study.
+        # The caption names the results of the figure: those with the list `having`, or of the study of that
+        # name.
         having = self.about.get("having", "benchmarks")
         self.results = [one for one in page.results if (one.lists[having] if having in one.lists else one.study == having)]
         groups_told = groups(rows, *by.split(" ")) if by else {(listed(distinct(rows, "machine")),): rows}
-        self.findings = [(machine, *tell(self, own)) for (machine, *_), own in groups_told.items()]  # a line, and more of it or nothing
+        # (machine, line, more words or "")
+        self.findings = [(machine, *tell(self, own)) for (machine, *_), own in groups_told.items()]
         keys = self.about["by"].split(" ")
         self.panels = [self.panel(dict(zip(keys, values)), group) for values, group in groups(rows, *keys).items()]
 
@@ -202,7 +207,7 @@ class Figure:
 
     @property
     def detail(self):
-        """All of it, machine by machine."""
+        """The findings in full, machine by machine; empty if the title says it all."""
         told = [(machine, more or line) for machine, line, more in self.findings]
         return by_machine(told) + "." if len(told) > 1 or self.findings[0][2] else ""
 
@@ -215,14 +220,15 @@ class Figure:
         return Panel(heading, match, spec, about.get("step"))
 
 
-# By figure: what makes its rows of the Page (without rows there is no figure), what tells its finding, and what draws layers below its
-# marks.
+# For each figure: (function that makes its rows from the Page, function that tells a finding, keys by which
+# findings are told, function that draws layers below the marks or None). A figure without rows is left out.
 MADE_BY = {}
 
 
 def figure_of(name, rows, below=None, by="machine"):
-    """Registers what makes a figure of figures.vegalite. The function that it decorates tells what was found in the rows of each
-    machine, or of other keys: a line, and more words or none."""
+    """Registers how a figure of figures.vegalite is made. The decorated function is called with the rows of
+    each machine, or of each combination of the keys `by`. It returns what was found there: a line, and more
+    words or an empty text."""
     def register(tell):
         MADE_BY[name] = (rows, tell, by, below)
         return tell
@@ -237,12 +243,14 @@ def labelled(rows):
 
 
 def latest_of(rows_of, *keys):
-    """Makes the latest rows of those that a function makes of the results, of those that differ in a key, as figures label them."""
+    """Returns a function of the Page: the latest row for each combination of the keys, of those that
+    rows_of(results) makes, labelled."""
     return lambda page: labelled(reading.latest(rows_of(page.results), "machine", *keys))
 
 
 def in_units(list_name, **factors):
-    """Makes rows of a list of the results, with keys that are others times a factor: name=(key, factor)."""
+    """Returns a function of the results: the rows of a list. name=(key, factor) adds the value of `key` times
+    `factor` as `name`."""
     return lambda results: [row | {name: row[key] * factor for name, (key, factor) in factors.items()}
                             for row in reading.rows_of(results, list_name)]
 
@@ -256,7 +264,8 @@ def latest_runs(page):
 
 
 def as_lines(name, rows_of, line, x, y, *keys):
-    """Makes rows with the names of their lines beside them, in a chart for each combination of the keys."""
+    """Returns a function of the Page: the rows, with names at the ends of their lines. Each combination of the
+    keys is a chart."""
     return lambda page: [row for own in groups(rows_of(page), "machine", *keys).values()
                          for row in charts.with_end_labels(own, line, x, y, ABOUT["figures"][name]["height"])]
 
@@ -338,7 +347,8 @@ def curves(_, runs):
 
 
 def limits_below(rows):
-    """Lines at the limit and at ten times it, named where they leave the chart, below them, where no point is."""
+    """Lines at the limit and at ten times the limit. Their names stand where they leave the chart, below the
+    line, where no points are."""
     low, high = (end(row["limit_microseconds"] for row in rows) for end in (min, max))
     slowest = max(row["microseconds"] for row in rows)
     layers = []
@@ -361,15 +371,18 @@ def roofline(_, group):
     return text, f"{text}; the median row reaches {percent(middle)}{binds}"
 
 
-# One panel per dataset: one that fits a card's cache, and one far beyond it. If neither was measured: the smallest and the largest.
+# The datasets with a panel: one that fits into a card's cache, and one far beyond it. If neither was measured,
+# the smallest and the largest dataset have one.
 INTENSITY_SCENES = ("box@32", "box@256")
 ROOF_DASHES = {"memory": [1, 0], "memory, half written": [4, 4], "cache": [1, 3]}
-# Strategies that move no bytes stand at this multiple of the right end of the roofs.
+# Strategies that move no bytes have no number of operations per byte: they are drawn at this multiple of the
+# roofs' right end.
 ON_CHIP = 1.9
 
 
 def intensities(page):
-    """Rows in float32 that say what they compute; each with its roofs, and with where these and the rows begin and end."""
+    """Rows in float32 that have a rate of operations, with the roofs of their chart, the roofs' right end
+    (`edge`) and the axis's range."""
     rows = [row for row in reading.strategies(page.measured) if row["precision"] == "float32" and row["operation_rate"]]
     rows.sort(key=lambda row: row["particles"])
     scenes = set(INTENSITY_SCENES) & set(distinct(rows, "scene")) or {row["scene"] for row in rows[:1] + rows[-1:]}
@@ -388,7 +401,8 @@ def intensities(page):
 
 
 def roofs_below(rows):
-    """The roofs with their names, and beyond them a strip where no number of operations per byte stands."""
+    """The roofs with their names and, beyond their right end, a strip for strategies on the chip, where the
+    axis has no meaning."""
     edge, (start, end) = rows[0]["edge"], rows[0]["domain"]
     layers = []
     if end > edge:
@@ -429,7 +443,7 @@ def map_cells(page):
 
 @figure_of("map", map_cells, by="machine scene")
 def stability_map(_, cells):
-    # The largest fraction of each damping up to which all are bounded.
+    # For each damping: the largest fraction of the limit up to which all cells are bounded.
     reach = {}
     for (damping,), line in groups(cells, "damping").items():
         first = min((cell["fraction"] for cell in line if cell["region"] != "bounded"), default=math.inf)
@@ -462,12 +476,13 @@ QUANTITIES = {"slower": ("Slow-down", "slower by (%)"), "edit_microseconds": ("L
 
 
 def by_edited_steps(rows):
-    """Groups by the number of steps beside which edits are dear or cheap, that with most rows first."""
+    """Rows by the number of steps in which their edits are made, the number with the most rows first."""
     return dict(sorted(groups(rows, "steps").items(), key=lambda item: -len(item[1])))
 
 
 def edited(page):
-    """A row for each quantity of each strategy: over the count of edits if there are several, as lines with their names."""
+    """A row for each quantity of each strategy. If there are several counts of edits, the rows are drawn as
+    lines over the count."""
     rows = [{**row, "base": row["without_edits"] * 1e6, "slower": 100 * (row["microseconds"] / (row["without_edits"] * 1e6) - 1)}
             for row in reading.strategies(page.measured) if row["edits"] and row["without_edits"]]
     found = []
@@ -549,7 +564,8 @@ def scaling_forecast(_, group):
 
 
 def drawing_costs(rows):
-    """By how much drawing lowers the steps that fit, of pairs of rows that differ in nothing else."""
+    """The share by which drawing lowers the number of steps that fit into a tick, from pairs of rows that
+    differ in drawing alone."""
     pairs = groups(rows, "scene", "contender", "hertz", "edited").values()
     fitting = [{row["drawn"]: row["steps_that_fit"] for row in pair} for pair in pairs]
     return [1 - pair["yes"] / pair["no"] for pair in fitting if pair.get("no") and "yes" in pair]
@@ -591,7 +607,8 @@ def latencies(_, group):
 
 
 def claims_below(rows):
-    """A dashed line for each case that claims an order, from its coarsest lattice."""
+    """A dashed line of the claimed order of convergence for each case that claims one, from the error on its
+    coarsest lattice on."""
     layers = []
     for own in groups((row for row in rows if row["claimed_order"]), "scene").values():
         first, last = (end(own, key=lambda row: row["across"]) for end in (min, max))
@@ -603,7 +620,7 @@ def claims_below(rows):
 @figure_of("truth", as_lines("truth", latest_of(reading.truth, "scene", "contender", "particles_at", "strain", "across"), "scene",
                              "across", "model_error", "particles_at", "strain"), below=claims_below)
 def truth(_, rows):
-    # An error that may be small by chance counts for nothing.
+    # Only cases with a claimed order are told: the errors of others may be small by chance.
     claimed = [row for row in rows if row["claimed_order"]]
     if not claimed:
         return "no order of convergence is claimed", ""
@@ -622,7 +639,8 @@ RULE = comparison.Rule()
 
 
 def judged(first, last):
-    """By (dataset, strategy) the row that diff.py has for two files, and what moved as a whole; empty, and why, where it refuses them."""
+    """({(dataset, strategy): the row of diff.py for two files}, shifts of whole runs, why diff.py refuses the
+    files or "")."""
     try:
         found = comparison.document(first.path, last.path, RULE)
     except reading.BadInput as error:
@@ -685,13 +703,14 @@ MIN_SHARE = 1e-6
 
 
 def latest_suites(results):
-    """A machine's latest suite stands for it, whole."""
+    """The latest stress suite of each machine. Rows of an older suite are never added to it."""
     return list({result.machine: result for result in results if result.lists["stress"]}.values())
 
 
 def gates(page):
     def share(row):
-        """The larger number is at most the gate; zero has no place on a logarithmic axis."""
+        """How much of a gate a measurement uses up: at most 1 if it passes. At least MIN_SHARE, since the axis
+        is logarithmic."""
         numbers = [row.get(key) for key in (("measured", "gate") if row["gate_is"] == "at most" else ("gate", "measured"))]
         return max(numbers[0] / numbers[1], MIN_SHARE) if all(numbers) else None
 

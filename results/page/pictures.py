@@ -22,10 +22,11 @@ from . import reading
 END = b"IEND\xaeB`\x82"
 COLOURED_BY = ("displacement", "error")
 SIZE = "560x420"
-# Particle updates per run (about two seconds of float64 on one core), and the most steps.
+# The most particle updates of a run (about two seconds of float64 on one core), and its most steps.
 UPDATES = 30_000_000
 MAX_STEPS = 2000
-# The largest of several sizes up to this one is drawn, so that it moves for some hundred steps; if all are larger, the smallest.
+# The size of a dataset that is drawn is the largest one up to this number of particles, for which UPDATES
+# allows some hundred steps. If all sizes are larger, it is the smallest one.
 FAMILIAR = 100_000
 # Larger bodies are not drawn.
 MAX_PARTICLES = 4_000_000
@@ -58,12 +59,13 @@ class Wanted:
                 "--backend", f"auto:formulation={self.formulation},precision={self.precision}", "--out", path]
 
 
-# What it says of itself, its file's bytes and its size.
+# about: what the picture says of itself (its text "voxspring"). data: the bytes of its file.
 Picture = collections.namedtuple("Picture", "about data width height")
 
 
 def choose(results):
-    """What to draw of the timed datasets, the least boxlike first, and (scenes, reason) of what is left out."""
+    """What to draw of the timed datasets, the heart first and the others by name, and (scenes, reason) of what
+    is left out."""
     runs = [{**run, "microseconds": run["seconds"] / run["steps"] * 1e6} for run in reading.pareto(results)
             if run["particles"]]
     best = {scene: min(own, key=lambda row: row["microseconds"])
@@ -87,7 +89,7 @@ def choose(results):
 
 
 def read(path):
-    """A picture whose bytes are whole to the last, by what it says of itself: its text "voxspring"."""
+    """Reads a picture. Refuses a file that is cut off or does not say in its text "voxspring" what it shows."""
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -110,7 +112,8 @@ def read(path):
 
 
 def draw(program, path, wanted, coloured_by):
-    """Draws a picture unless one is there that is younger than the program; why it could not, or nothing."""
+    """Draws a picture, unless a file is there that is younger than the program. Returns why it could not, or an
+    empty text."""
     try:
         if path.exists() and path.stat().st_mtime > program.stat().st_mtime:
             return ""
@@ -127,7 +130,8 @@ def draw(program, path, wanted, coloured_by):
 
 
 def gather(results, folder, program):
-    """By dataset its two pictures in the folder, drawn by the program if there is one; and (scenes, reason) left out."""
+    """Returns {dataset: its two pictures in the folder} and (scenes, reason) of what is left out. Draws them if
+    there is a program."""
     chosen, left_out = choose(results)
     if program:
         try:

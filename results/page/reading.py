@@ -48,7 +48,7 @@ class Result:
         self.counters = result_files.counters(data)
 
     def family(self, backend):
-        """The API that a backend's times are to be told apart by."""
+        """The name of a backend's API, which tells its times apart from those of other APIs."""
         return result_files.family(self.backends.get(backend, {}))
 
     @property
@@ -102,7 +102,8 @@ ROOF_LABELS = {"memory, half written": "memory (dashed: half written)", "cache":
 
 
 def rooflines(results, rows):
-    """The roofs above rows by the API that reached them: one for each device, that whose memory was the fastest."""
+    """{API: the roofs that it measured} on the devices of the rows. Each device has only the API that reached
+    the fastest memory."""
     of_devices = {}
     for result in results:
         for name in distinct(rows, "backend"):
@@ -145,7 +146,8 @@ def read_all(paths):
 
 
 def significant(value, digits=5):
-    """A number rounded as far as anybody reads it, which keeps the page small; all else as it is."""
+    """A number rounded to the digits that anybody reads, which keeps the page small; any other value
+    unchanged."""
     if isinstance(value, float):
         return float(f"{value:.{digits}g}") if math.isfinite(value) else None
     return value
@@ -158,7 +160,7 @@ def contender(row):
 
 
 def short_contender(name):
-    """A name of diff.py's as contender() has it."""
+    """Converts the name of a contender from diff.py's form into that of contender()."""
     words = name.split(" ")
     return " ".join(words[:2] + [word for word in words[2:3] if word != "float32"] + words[3:])
 
@@ -225,7 +227,8 @@ def is_bricks(row):
 
 
 def scaling(results):
-    """A row for each number of ranks and way that has an efficiency; what the model predicts is an efficiency as well."""
+    """A row for each number of ranks and way of exchange that has an efficiency. `predicted` is the efficiency
+    that the model predicts."""
     return [row | {"cut": row.get("cut", ""), "parts": "bricks" if is_bricks(row) else "slabs",
                    "microseconds": row["seconds_per_step"] * 1e6,
                    **{name: row[f"{name}_seconds"] * 1e6 for name in ("compute", "exchange", "waiting")},
@@ -243,13 +246,16 @@ def along_axes(row):
 
 
 def forecast(one, most):
-    """What the model of harness/study/scaling_row.cpp says of more ranks than the row `most` has, fitted to that row: a list of
-    (ranks, seconds per step, efficiency), and the number of ranks at half of the efficiency of one; None where that never comes.
+    """Extends the model of harness/study/scaling_row.cpp to more ranks than the row `most` has, fitted to that
+    row. Returns a list of (ranks, seconds per step, efficiency), and the number of ranks at which the
+    efficiency falls to one half, or None if it never does.
 
-    `one` is the row of one rank. A rank among others has ghosts at two sides of a slab or at six of a brick, at the time that a
-    particle takes on one rank; then come a latency, and as many borders at the bandwidth that was measured. Where both overlap the
-    longer of them counts alone. All of it is stretched by what `most` took longer than the model says. The sides of slabs are as
-    large as they were, those of bricks in a body of one size shrink with them. A part is no thinner than a layer.
+    `one` is the row of one rank. A rank computes its particles and its ghosts, which lie at two sides of a slab
+    or at six of a brick, in the time that a particle takes on one rank. Then it exchanges one border per side, at
+    the measured latency and bandwidth. If computing and exchanging overlap, only the longer one counts. The sum
+    is multiplied by the time of `most` over the model's time for it. With more ranks the sides of slabs stay as
+    large as they are, and those of bricks shrink if the body keeps its size. A part that would be thinner than
+    a layer of ghosts is left out.
     """
     ranks, weak, cut = most["ranks"], most["scaling"] == "weak", along_axes(most)
     bricks = is_bricks(most)
@@ -268,7 +274,7 @@ def forecast(one, most):
 
     counts = [(count, *predicted(particles / (ranks if weak else count))) for count in FORECAST_RANKS if count > ranks]
     found = [(count, seconds, efficiency) for count, seconds, efficiency, thick in counts if thick]
-    # Efficiency falls with the number of ranks.
+    # The efficiency at particles**exponent ranks, less one half. It falls with the exponent.
     def beyond_half(exponent):
         return predicted(particles ** (1 - exponent))[1] - 0.5
 
@@ -302,13 +308,13 @@ HISTOGRAM_BEGIN, BINS_A_DECADE = 1e-7, 20
 
 
 def bins_of(row):
-    """The histogram of a row: the number of a bin, and the share of the ticks that it has."""
+    """The histogram of a row: {number of a bin: its share of the ticks}."""
     counted = sum(count for _, count in row["histogram"])
     return {round(BINS_A_DECADE * math.log10(begin / HISTOGRAM_BEGIN)): count / counted for begin, count in row["histogram"]}
 
 
 def bin_begin(number):
-    """In microseconds."""
+    """The lower bound of a bin in microseconds."""
     return 1e6 * HISTOGRAM_BEGIN * 10 ** (number / BINS_A_DECADE)
 
 
@@ -327,5 +333,5 @@ def truth(results):
 
 
 def natural(text):
-    """Sorts box@8 before box@16."""
+    """A key that sorts box@8 before box@16."""
     return [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", text)]

@@ -27,7 +27,8 @@ ALIKE = 0.03
 LINEAR = 0.2
 # The verdict calls edits free if they slow steps down by at most this share.
 CHEAP = 0.05
-# Fragment shaders say nothing of OpenGL where compute shaders reach over this many times their arithmetic.
+# If compute shaders reach more than this multiple of the arithmetic of fragment shaders, the latter say nothing
+# about OpenGL.
 HELD_BACK = 4
 NOT_DECIDABLE = "not decidable on this card"
 NOT_MEASURED = "not measured yet"
@@ -66,12 +67,13 @@ def whole_percent(value):
 
 
 def each(function, *values):
-    """What a function says of each value, or of each combination of several lists of values."""
+    """The results of a function for each value of a list, or for each combination of the values of several
+    lists."""
     return [function(*one) for one in itertools.product(*values)]
 
 
 def span(values, written=figure):
-    """`1.10 to 1.23`, or one figure where both ends are written alike."""
+    """The range of some values: `1.10 to 1.23`, or one figure if both ends are written alike."""
     values = list(values)
     if not values:
         raise Missing("there is no row to take the range of")
@@ -80,7 +82,8 @@ def span(values, written=figure):
 
 
 def verdict(ratios):
-    """Holds if what the paper prefers is faster on all datasets; ratios are its time over the other's."""
+    """Whether a preference of the paper holds: whether what it prefers is faster on all datasets. `ratios`: its
+    time over the other's."""
     ratios = list(ratios)
     if not ratios:
         raise Missing("there is no row to judge by")
@@ -90,7 +93,7 @@ def verdict(ratios):
 # --- Where the files are from -----------------------------------------------------------------------------
 
 def provenance():
-    """From how many commits and cards the files of the card's machine come."""
+    """The numbers of commits and of cards that the results of the machine with the page's card come from."""
     results = tables.results_of()
     commits = {one["context"]["voxspring"]["commit"][:8] for one in results}
     cards = {uuid for one in results for uuid in tables.cards_of(one)}
@@ -108,7 +111,8 @@ def rows_above_limit():
 
 
 def repetitions_above_limit():
-    """How many single repetitions, of how many, and of which rows."""
+    """The number of single repetitions that are faster than their limit, the number of all, and the rows of the
+    former."""
     repetitions = [one for study in tables.results_of() for one in study["benchmarks"] if one["run_type"] == "iteration"]
     above = above_limit(repetitions)
     names = listed(sorted({f"{contender(one)} on {one['scene']}" for one in above}))
@@ -126,7 +130,7 @@ def fragment_share():
 # --- Explicit against implicit addressing, by size and by sparsity ----------------------------------------
 
 def of_paper(kind):
-    """The paper's CUDA strategies with a kind of addressing, in the paper's order."""
+    """The paper's CUDA strategies with "implicit" or "explicit" addressing, in the paper's order."""
     found = {row["backend"] for row in medians("table1") if row["family"] == "CUDA" and row["addressing"] == kind}
     return tuple(name for name in PAPER if name in found)
 
@@ -135,9 +139,11 @@ IMPLICIT, EXPLICIT = of_paper("implicit"), of_paper("explicit")
 
 
 def datasets(formulation="position", rows=None):
-    """The datasets, by size, on which both kinds of addressing ran without edits: of `rows`, or else of the study `fastest`.
+    """The datasets, by size, on which both kinds of addressing ran without edits, in `rows` or else in the
+    study `fastest`.
 
-    Each has rows of the paper's CUDA strategies and of later lists; `ratio` is the best explicit time over the best implicit one.
+    `implicit` and `explicit` are rows of the paper's CUDA strategies, `later` those of newer strategies with
+    lists. `ratio` is the best explicit time over the best implicit one.
     """
     rows = [row for row in (medians("fastest") if rows is None else rows)
             if row["formulation"] == formulation and row["precision"] == "float32" and not row.get("edits")]
@@ -156,14 +162,16 @@ def datasets(formulation="position", rows=None):
 
 
 def winner(ratios):
-    """What ratios of explicit over implicit times say together: "holds" if explicit wins, "inverts" if implicit does."""
+    """The verdict on ratios of times: "holds" if all are clearly below 1, "inverts" if all are clearly above,
+    else "is undecided"."""
     if all(ratio < 1 - ALIKE for ratio in ratios):
         return "holds"
     return "inverts" if all(ratio > 1 + ALIKE for ratio in ratios) else "is undecided"
 
 
 def addressing_verdict(of=None):
-    """`holds for small sparse bodies, inverts for large sparse and large full bodies`, of some datasets or those of the study fastest."""
+    """On which bodies explicit addressing wins, as `holds for small sparse bodies, inverts for large sparse and
+    large full bodies`. `of`: the datasets; by default those of the study `fastest`."""
     by_kind = groups(of or datasets(), "kind")
     ratios = {kind: winner([one["ratio"] for one in by_kind[kind,]]) for kind in KINDS if (kind,) in by_kind}
     if len(set(ratios.values())) == 1:
@@ -186,7 +194,7 @@ def addressing_ratios(kind):
 
 
 def largest_box(study):
-    """`256` of box@256, the largest of a study."""
+    """The edge of the largest box of a study: 256 for box@256."""
     return max(int(one["scene"][4:]) for one in medians(study) if re.fullmatch(r"box@\d+", one["scene"]))
 
 
@@ -200,7 +208,8 @@ def vertical(case):
 
 
 def opengl_verdict():
-    """The paper says that CUDA is faster than OpenGL's fragment shaders, with either addressing."""
+    """The verdict on the paper's statement that CUDA is faster than OpenGL's fragment shaders with either
+    addressing."""
     if fragment_share() > HELD_BACK:
         return NOT_DECIDABLE
     return verdict(ratio("table1", scene, cuda, gl) for scene in ("box@32", "heart") for cuda, gl in
@@ -213,7 +222,8 @@ FETCHES = {"cuda_implicit_cached": "texture", "cuda_implicit_shared": "shared me
 
 
 def fastest_first(times):
-    """`texture (2.4), shared memory (2.9)` of pairs of a time and a way to fetch a neighbour."""
+    """(time, strategy) pairs as `texture (2.4), shared memory (2.9)`: how each strategy fetches a neighbour,
+    fastest first."""
     return ", ".join(f"{FETCHES[way]} ({three_digits(time)})" for time, way in sorted(times))
 
 
@@ -251,7 +261,7 @@ def edit_verdict():
 
 
 def edit_us(case):
-    """Microseconds of one edit, from a device that waits to one that waits again."""
+    """Microseconds of one edit, from an idle device until the device is idle again."""
     scene = max(medians("edits"), key=lambda one: one["edits"])["scene"]
     return row("edits", scene, case, formulation="increment")["edit_seconds_median"] * 1e6
 
@@ -261,7 +271,8 @@ def papers_lists(one):
 
 
 def growth(cases=papers_cuda, smallest=0, rows=None):
-    """How far the time per particle of each case is from that on its largest box, over rows (Figure 8's by default) from a size."""
+    """The largest relative difference between a case's time per particle on a box and on its largest box.
+    `rows`: by default those of Figure 8. `smallest`: the least number of particles of a box that counts."""
     rows = [one for one in (medians("figure8") if rows is None else rows) if cases(one) and one["particles"] >= smallest]
     found = []
     for of_case in groups(sorted(rows, key=lambda one: one["particles"]), contender).values():
@@ -271,13 +282,14 @@ def growth(cases=papers_cuda, smallest=0, rows=None):
 
 
 def linear_from(cases=papers_cuda, rows=None):
-    """The fewest particles from which on the paper's CUDA strategies are linear."""
+    """The number of particles from which on the times of the paper's CUDA strategies are linear in size."""
     sizes = sorted({one["particles"] for one in (medians("figure8") if rows is None else rows) if cases(one)})
     return next(size for size in sizes if growth(cases, size, rows) <= LINEAR)
 
 
 def linear_verdict(cases=papers_cuda, rows=None):
-    """The paper says linear beyond 50,000 particles, of its lists alone."""
+    """The verdict on the paper's statement, made of its lists alone, that times are linear beyond 50,000
+    particles."""
     size = linear_from(cases, rows)
     if size <= 50_000:
         return "holds"
@@ -285,7 +297,7 @@ def linear_verdict(cases=papers_cuda, rows=None):
 
 
 def times_as_long(study, scene, case):
-    """A case over the paper's fastest CUDA strategy on a dataset."""
+    """The time of a case over that of the paper's fastest CUDA strategy on a dataset."""
     papers = [one for one in medians(study) if one["scene"] == scene and papers_cuda(one) and one["formulation"] == "position"]
     return us(study, scene, case) / fastest_of(papers)["real_time"]
 
@@ -297,12 +309,13 @@ def is_concatenated(one):
 
 
 def as_paper_machine():
-    """The machine whose study as_paper is judged: the page's own, otherwise another card; None before one has measured it."""
+    """The machine whose study as_paper is judged: the page's own, or else one with another card. None if no
+    machine has measured it."""
     return max(having("as_paper"), key=lambda machine: machine == GPU, default=None)
 
 
 def as_paper_card():
-    """The card of these rows and the commit, where they are not of the page's own card."""
+    """The card and the commit of the study as_paper; empty if it is of the page's own card."""
     if as_paper_machine() in (None, GPU):
         return ""
     context = result("as_paper", as_paper_machine())["context"]["voxspring"]
@@ -315,7 +328,8 @@ def as_paper():
 
 
 def of_as_paper(say):
-    """Makes a function that says, as `say` does, something of the rows with vertical lists, or that there are no rows."""
+    """Wraps `say`: the function returned calls it with the rows of as_paper that have no concatenated lists, or
+    returns NOT_MEASURED."""
     def said(*arguments):
         found = [one for one in as_paper() if not is_concatenated(one)]
         return say(found, *arguments) if found else NOT_MEASURED
@@ -352,13 +366,13 @@ def as_paper_opengl():
 # --- Between studies, formulations, errors -----------------------------------------------------------------
 
 def shared(first, second):
-    """The rows that two studies share, as ratios of the second's times over the first's."""
+    """For the rows that two studies share: the ratios of the second study's times over the first's."""
     one, other = by_name(result(first)), by_name(result(second))
     return [other[name]["real_time"] / one[name]["real_time"] for name in one if name in other]
 
 
 def signed_percent(value):
-    """+6% of a ratio of 1.06."""
+    """A ratio as a change in percent: +6% for 1.06."""
     return f"{100 * (value - 1):+.0f}%"
 
 
@@ -388,7 +402,7 @@ def front_of():
 
 
 def front_float64(machine=GPU):
-    """Below which error a front has float64 runs, over the scenes."""
+    """The largest error of a float64 run on each scene's front, as a range over the scenes."""
     exact = [one for one in front(machine) if one["precision"] == "float64"]
     return span((max(one["total_error_relative_l2"] for one in of) for of in groups(exact, "scene").values()), lambda error: f"{error:.0e}")
 
@@ -409,7 +423,7 @@ def float64_ratios(machine=CPU, backend="cpu_parallel"):
 
 
 def float64_cost():
-    """The median of all of them."""
+    """The median of float64_ratios() over all scenes."""
     return statistics.median(itertools.chain.from_iterable(float64_ratios().values()))
 
 
@@ -422,23 +436,25 @@ def stress_verdict(machine=GPU):
 
 
 def worst_small_start():
-    """How far the measured limits of starts of small amplitude are from theory, at most."""
+    """The largest relative difference between a measured stability limit and theory, over starts of small
+    amplitude."""
     rows = [one for one in result("stability")["stability"] if (one["start"]["amplitude"] or one["start"]["stretch"]) <= 0.001]
     return max(abs(one["ratio"] - 1) for one in rows)
 
 
 def resting_ratio(scene, case, formulation="increment"):
-    """A step that leaves out what rests over one of everything."""
+    """The time of a step that leaves out what is at rest over the time of a step of everything."""
     return ratio("skips", scene, f"{case} rest=skip", f"{case} rest=step", formulation=formulation)
 
 
 def launching_all(scene):
-    """What launching every block, as the paper did, takes over launching those that hold a particle, of each implicit kernel."""
+    """For each implicit kernel: the time with every block launched, as in the paper, over that with only blocks
+    that hold a particle."""
     return [ratio("skips", scene, f"{case} launched=all", case, formulation="increment") for case in IMPLICIT]
 
 
 def joules(scene, case):
-    """What a step takes in the study energy."""
+    """The energy of a step in joules, from the study energy."""
     return row("energy", scene, case, rows=result("energy")["energy"])["joules_per_step"]
 
 

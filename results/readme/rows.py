@@ -40,7 +40,7 @@ def machines(study):
 
 
 def limits_of_machine(machine=GPU):
-    """The best of each limit over all studies of a machine."""
+    """The best value of each limit over all studies of a machine."""
     return result_files.best_limits(loaded(path) for path in result_files.within(RESULTS / machine))
 
 
@@ -52,7 +52,8 @@ def about_backend(one, row):
 
 
 def medians_of(one):
-    """The median row of each case of a result with the spread of its times (us per step), and with what is said of its backend."""
+    """The median row of each case of a result, with the relative spread of its times and what the result says
+    of its backend."""
     return [row | {"spread": result_files.spread_of(row["times"])} | about_backend(one, row)
             for row in result_files.medians(one["benchmarks"], one.get("verification", []))]
 
@@ -66,32 +67,35 @@ def by_name(one):
 
 
 def tuning_of(row):
-    """What of a row's tuning is not at its default."""
+    """The tuning parameters of a row that are not at their defaults."""
     return name_of(row).split("/")[4:]
 
 
 def contender(row):
-    """`cuda_implicit_cached fetch=l1`: the backend, its precision unless float32, and what tuning is not at its default."""
+    """A row's strategy, such as `cuda_implicit_cached fetch=l1`: backend, precision unless float32, tuning not
+    at its default."""
     _, backend, _, precision, *tuning = name_of(row).split("/")
     return " ".join([f"`{backend}`"] + [precision] * (precision != "float32") + tuning)
 
 
 def is_papers(row):
-    """Whether a row is a strategy as the paper had it; plain L1-cached loads came after 2008."""
+    """Whether a row is a strategy of the paper. Plain L1-cached loads are not: they came after it (2008)."""
     return row["backend"] in PAPER and "fetch=l1" not in tuning_of(row)
 
 
 def alike(rows, row):
-    """The rows of a row's dataset, formulation and precision: what a best-of row was chosen from."""
+    """The rows with the dataset, formulation and precision of `row`, from which the fastest is chosen."""
     return [other for other in rows if all(other[key] == row[key] for key in ("scene", "formulation", "precision"))]
 
 
-# With fewer repetitions, all of them choose and are reported, as in harness/study/fastest.cpp.
+# With fewer repetitions they are not divided: all of them choose the row and are reported, as in
+# harness/study/fastest.cpp.
 FEWEST_TO_DIVIDE = 4
 
 
 def divided(row):
-    """The median of the repetitions that a row is chosen by, every other from the first on, and that of the others, its time."""
+    """(median of every other repetition from the first on, by which a row is chosen; median of the others,
+    which is its time)."""
     times = row.get("times", ())
     if len(times) < FEWEST_TO_DIVIDE:
         return row["real_time"], row["real_time"]
@@ -99,7 +103,8 @@ def divided(row):
 
 
 def held_out(row):
-    """A row with the time of the repetitions that it is not chosen by, and the rates and the share of the limit that follow."""
+    """A row with the time of the repetitions by which it is not chosen, and with the rates and share of its
+    limit for that time."""
     time = divided(row)[1]
     rates = {key: row[key] * row["real_time"] / time
              for key in ("particle_updates_per_second", "spring_updates_per_second", "fraction_of_limit") if row.get(key)}
@@ -107,10 +112,11 @@ def held_out(row):
 
 
 def fastest_of(rows):
-    """The fastest of several rows, as the study `fastest` has it: one half of the repetitions chooses, the other half is reported.
+    """The fastest of several rows, as the study `fastest` has it: one half of the repetitions chooses, the
+    other half is reported.
 
-    The least of many medians is as short as it is by luck as well, which the other half did not have. One row alone is not chosen
-    and keeps all its repetitions.
+    The least of many medians is partly due to chance. The other half of the repetitions does not have that
+    bias. A single row needs no choice and keeps all its repetitions.
     """
     if len(rows) == 1:
         return rows[0]
@@ -126,7 +132,7 @@ def giga(value):
 
 
 def figure(value):
-    """A ratio or a time in a sentence, always with as many digits."""
+    """A ratio or a time as text for a sentence: two decimals from 0.1 to 10, else three significant digits."""
     return f"{value:.2f}" if 0.1 <= abs(value) < 10 else three_digits(value)
 
 
@@ -161,18 +167,18 @@ def share_of_sum(row):
 
 
 def sustained(row):
-    """The time of a step while steps follow each other for seconds, in us; a dash where that was not measured."""
+    """The time of a step in us while steps run for seconds without a pause; a dash if that was not measured."""
     seconds = row.get("sustained_seconds_per_step")
     return microseconds(seconds * 1e6 if seconds else None)
 
 
 def without_sustained(rows):
-    """Why no row has a sustained time, once for a table; nothing if one has."""
+    """A sentence on why no row of a table has a sustained time; empty if a row has one."""
     old = all("sustained_seconds_per_step" not in row for row in rows)
     return "A dash under *sustained*: files of this commit have bursts alone. " * old
 
 def marked(row, text):
-    """A figure, with the mark of a row that its run says is not to be trusted."""
+    """A figure, with a mark (~) if the row's run says that its times are not to be trusted."""
     return "~" * bool(row.get("noisy")) + text
 
 

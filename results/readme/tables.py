@@ -37,13 +37,15 @@ def fastest_first(rows):
 
 
 def headings(rows, *texts):
-    """The texts of each scene, with what its first row has in braces; `edge` is the 32 of box@32."""
+    """`texts` for each scene, as formats: {key} is the value in the scene's first row, and {edge} is 32 for
+    box@32."""
     firsts = [own[0] | {"edge": own[0]["scene"][4:]} for own in groups(rows, "scene").values()]
     return [text.format_map(row) for row in firsts for text in texts]
 
 
 def thresholds(rows):
-    """What the errors of rows were judged by, and which rows were not judged in all repetitions."""
+    """The thresholds by which the errors of rows were judged, and the rows of which not all repetitions were
+    judged."""
     scenes = {}
     for (scene, formulation, precision), own in groups(rows, "scene", "formulation", "precision").items():
         name = formulation + f" {precision}" * (precision != "float32")
@@ -77,7 +79,8 @@ def slow_down(row):
 
 
 def tunings():
-    """(default or None, best, number tried) of each strategy and scene."""
+    """(row with the default tuning or None, row with the best one, number of tunings tried) of each strategy
+    and scene."""
     for _, rows in sorted(groups(medians("tuning"), "backend", "scene").items()):
         default = next((row for row in rows if not tuning_of(row)), None)
         if default and len(rows) > 1:
@@ -88,7 +91,8 @@ def tunings():
 
 
 def multiples():
-    """(case, row of `position`, row or None of each formulation) of cases with nothing but the fetch path tuned."""
+    """(case, its row of `position`, its row or None for each of FORMULATIONS) of cases that tune at most the
+    fetch path."""
     rows = [row for row in medians("formulations") if all(part.startswith("fetch=") for part in tuning_of(row))]
     for (scene, count, name), group in groups(rows, "scene", "steps", contender).items():
         known = {row["formulation"]: row for row in group}
@@ -97,7 +101,8 @@ def multiples():
 
 
 def worst_measurements():
-    """(measurement, (largest error, gate or None) of each formulation) of the gates about rounding."""
+    """(measurement, (largest error, gate or None) for each of FORMULATIONS), from the parts of the stress suite
+    about rounding."""
     rows = [row for row in result("stress")["stress"] if row["part"] in (7, 9) and row["precision"] == "float32"]
     for (measurement, scene, count), group in groups(rows, "measurement", "scene", "steps").items():
         own = {formulation: (max(math.inf if row["measured"] is None else row["measured"] for row in of), of[-1]["gate"])
@@ -112,7 +117,7 @@ def start_of(row):
 
 
 def aims(one):
-    """The measured targets of a result, each with its block."""
+    """(entry of the list `fastest`, target) for the measured targets of a result."""
     return [(block, target) for block in one["fastest"] for target in block["targets"] if target["met"] is not None]
 
 
@@ -141,16 +146,16 @@ def milliseconds(row, key):
 
 
 def starts_of(row):
-    """Milliseconds from nothing to the first step: with no kernel on disk, what compiling takes of them, and with all kernels there.
-
-    Where a study left them out, a dash.
+    """Milliseconds from the start to the first step: with no kernel in the disk cache (of which compiling, in
+    parentheses), and with all kernels there. A dash stands for a start that the study left out.
     """
     compiling = f" ({milliseconds(row, 'compile_seconds')})" if row.get("compile_seconds") else ""
     return [milliseconds(row, "ready_seconds") + compiling, milliseconds(row, "warm_ready_seconds")]
 
 
 def resting():
-    """By case and scene the row of all tiles, that which leaves out those at rest, and what share of them it took in the end."""
+    """[(case, {scene: (row that steps all tiles, row that skips tiles at rest, share of the tiles that the
+    latter stepped)})]."""
     work = {row["name"]: row["work"] for row in result("skips")["verification"] if "work" in row}
     times, cases = by_name(result("skips")), {}
     for name, skipping in times.items():
@@ -163,7 +168,8 @@ def resting():
 
 
 def cross_check(row):
-    """How far samples of the power are from the energy counter, where the device gives any."""
+    """The difference between the sampled power and that of the energy counter in percent, or "no" if the device
+    has no samples."""
     if row.get("sampled_watts") is None:
         return "no"
     return f"yes, {100 * abs(row['sampled_watts'] / row['watts'] - 1):.1f} %"
@@ -179,8 +185,9 @@ def cards_of(one):
 
 
 def files():
-    """(study, result, letters of its cards, least and most repetitions, counts of rows) of each file. Counted are the rows that
-    their run marked, all, and those that it marked for other processes on the card."""
+    """(study, result, letters of its cards, least and most repetitions, counts) of each file. The counts are
+    those of rows that their run marked, of all rows, and of rows that it marked because of other processes on
+    the card."""
     cards = {}
     for path in result_files.within(RESULTS / GPU):
         one = loaded(path)

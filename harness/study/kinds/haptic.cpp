@@ -54,7 +54,8 @@ struct HapticRow : Row {
     int ticks = 0;
     double median_seconds = 0, worst_seconds = 0;
     std::optional<double> p99_seconds = {}, p999_seconds = {};  ///< empty: too few ticks
-    std::optional<bool> from_due = {};  ///< true; not in older files, whose ticks begin later
+    /// Always true; absent from older files, whose times begin when a tick was played.
+    std::optional<bool> from_due = {};
     int missed = 0, steps_that_fit = 0;
     std::optional<double> force_error = {};
     bool real_time = false;
@@ -89,8 +90,8 @@ struct HapticRow : Row {
     }
 };
 
-/// A percentile that at least ten values exceed; empty if there are too few values. With fewer it would be a
-/// name for one of the worst.
+/// A percentile that at least ten values exceed; empty if there are too few values. With fewer it would just
+/// be one of the largest values.
 std::optional<double> percentile_of_many(const std::vector<double>& sorted, double fraction) {
     constexpr long least_beyond = 10;
     const bool enough = std::lround(double(sorted.size()) * (1 - fraction)) >= least_beyond;
@@ -208,7 +209,7 @@ public:
             const Playing playing{question.at("hertz"), question.at("edited"), question.at("drawn"),
                                   question.at("seconds")};
             HapticRow row = play(backend, playing);
-            // The ticks measured here have no edits, so playings with edits use the same number.
+            // steps_that_fit() makes no edits, so motions played with and without edits share its result.
             const auto [fit, is_new] = fit_.try_emplace(playing.hertz, 0);
             if (is_new) fit->second = steps_that_fit(backend, 1 / playing.hertz);
             row.steps_that_fit = fit->second;
@@ -239,8 +240,9 @@ private:
     /// is sent, one step is made, and the force is read. Ticks whose time has passed before they can begin
     /// are left out.
     ///
-    /// A tick takes from the time when it is due until the next force is there, whether it was played or left
-    /// out. Otherwise one long tick would hide those that it prevents.
+    /// The latency of a tick, played or left out, is the time from when it is due until the next force is
+    /// there. If only played ticks counted, one long tick would hide the delay of those left out because of
+    /// it.
     HapticRow play(Backend& backend, const Playing& playing) {
         HapticRow row;
         row.playing = playing;
@@ -329,8 +331,9 @@ private:
         }
     }
 
-    /// One tick, after the fraction `part` of the motion. A tick in which a picture is due begins by handing
-    /// over what the picture needs. If that were done after the force, the next tick would be missed.
+    /// Plays one tick, at the fraction `part` of the motion's duration. If a picture is due, the tick begins
+    /// by handing over the data that the picture needs. Done after the force, that would make the next tick
+    /// late.
     glm::dvec3 tick_once(Backend& backend, double part, int steps) {
         const ToolMotion& motion = scene_.tool_motion;
         if (drawing_) drawing_->hand_over_if_due();
@@ -341,8 +344,8 @@ private:
 
     /// The largest number of steps per tick for which a tick, with the tool's place sent and the force read,
     /// takes no longer than the period. Ticks run back to back, with pictures if the motion had some. The
-    /// median brackets the number; the mean decides, over enough time that some pictures, if drawn, fall into
-    /// it.
+    /// median of few ticks brackets the number. The mean decides, over a time in which some pictures, if
+    /// drawn, are made.
     int steps_that_fit(Backend& backend, double period) {
         constexpr int most = 1 << 16, least_ticks = 9;
         const double long_enough = drawing_ ? 0.1 : 0.03;
@@ -374,8 +377,9 @@ private:
         return std::min(low, most);
     }
 
-    const std::unique_ptr<Shared> shared_;  ///< null: not drawn. Its threads start before real_time_
-    const RealTime real_time_;              // before anything that starts threads for steps
+    /// Null unless the case is drawn. Declared before real_time_, so that its threads have normal priority.
+    const std::unique_ptr<Shared> shared_;
+    const RealTime real_time_;  // before the members that start threads for steps
     const Scene& scene_;
     const int steps_;
     std::array<SpringEdit, 2> edits_;
@@ -395,8 +399,9 @@ const RegisteredCaseRunner haptic_runner("haptic", [](const BackendSpec& spec, c
 /// How the motion is played: settings of the study, which a scene may override.
 struct Motions {
     std::vector<double> rates{1000, 5000, 10000};
-    double seconds = 2;                     ///< how long the motion is played
-    std::optional<double> longest_seconds;  ///< likewise at the highest rate, without edits and drawing
+    double seconds = 2;  ///< how long the motion is played
+    /// Replaces `seconds` at the highest rate, without edits and drawing.
+    std::optional<double> longest_seconds;
 
     void read(JsonObject& from) {
         if (const auto listed = from.find("rates")) {
@@ -576,11 +581,12 @@ void HapticStudy::print(const Result& result, std::ostream& out, TableWidth widt
         width, out);
     if (!rows.empty())
         out << "The host's thread was " << (real_time ? "" : "not ")
-            << "real-time (SCHED_FIFO). Missed: ticks that began before the force of the one before was "
+            << "real-time (SCHED_FIFO). Missed: ticks that began before the previous tick's force was "
                "there. Pictures/s: of the body, drawn meanwhile on the same card.\n";
     if (!pictures.empty())
-        out << "A picture takes " << si(median(pictures), "s") << ", and handing the displacements over "
-            << si(median(hand_overs), "s") << " of the stepping thread: medians of the rows.\n";
+        out << "A picture takes " << si(median(pictures), "s")
+            << ", and handing the displacements over takes " << si(median(hand_overs), "s")
+            << " of the stepping thread (medians over the rows).\n";
     print_unmeasured(result, out);
 }
 

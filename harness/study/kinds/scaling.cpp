@@ -35,8 +35,8 @@ namespace {
 
 // --- In the process of a case ---------------------------------------------------------------------------
 
-/// Whether the backend has any number of threads on the processor. On a card `threads` means something else,
-/// and has a list of values.
+/// Whether the backend takes any number of threads on the processor. For a card, the option `threads` means
+/// something else, and has a list of values.
 bool has_host_threads(const BackendSpec& spec) {
     const auto found = spec.entry->tuning.find("threads");
     return found != spec.entry->tuning.end() && found->second.empty();
@@ -81,8 +81,8 @@ std::string hash_of_state(const State& state) {
     return hash.text();
 }
 
-/// Takes all times from the batch that is the median. The time of a step is that of the rank that ends last;
-/// its parts are those of the rank that had most to do.
+/// Takes all times from the batch with the median time. The time of a step is that of the rank that ends
+/// last. The times of computing, exchanging and waiting are those of the rank with the most work.
 void take_times(const std::vector<RankReport>& reports, int steps, ScalingRow& row) {
     std::vector<double> totals;
     for (std::size_t b = 0; b < reports.front().batches.size(); ++b) {
@@ -91,7 +91,7 @@ void take_times(const std::vector<RankReport>& reports, int steps, ScalingRow& r
         totals.push_back(longest);
     }
     row.noisy = reasons_of_noise({.seconds = totals});
-    // Takes the upper one of two in the middle: their mean would be no batch.
+    // If two times are in the middle, we take the larger one: their mean would belong to no batch.
     std::vector<double> sorted = totals;
     std::sort(sorted.begin(), sorted.end());
     const double middle = sorted[sorted.size() / 2];
@@ -149,7 +149,7 @@ int ranks_of_a_device(const std::vector<RankReport>& reports) {
     return most;
 }
 
-/// The ways in which the borders of several ranks travel.
+/// The ways in which ranks exchange their borders.
 const std::vector<std::string> known_ways = {
     "memory", "mpi", "peer", "peer_overlap", "stores", "stores_overlap", "nccl", "nccl_overlap"};
 
@@ -188,7 +188,7 @@ public:
         const int layers = item.settings.at(sample_key);
         if (const std::string why = Sample::refusal(scene, layers); !why.empty())
             throw BadInput("study " + study.name, std::string(sample_key) + " of " + scene.name,
-                           std::to_string(layers), "a sample of its layers: " + why);
+                           std::to_string(layers), "a possible number of layers to verify: " + why);
     }
     bool takes(const Capabilities& capabilities) const override {
         return capabilities.has_borders || !capabilities.border_ways.empty();
@@ -234,11 +234,12 @@ private:
     std::vector<int> counts_ = {1, 2};
     std::vector<std::string> ways_ = known_ways;
     std::vector<std::string> cuts_ = known_cuts;
-    std::map<int, std::vector<glm::ivec3>> cuts_of_ranks_;  ///< of the current scene: parts along x, y and z
+    /// Cuts of the current scene, by number of ranks; a cut is the number of parts along x, y and z.
+    std::map<int, std::vector<glm::ivec3>> cuts_of_ranks_;
     int begun_ = 0;
 };
 
-/// The largest number of ranks in the study that the command line admits.
+/// The study's largest number of ranks that is not above `limit`, which the command line sets.
 int ScalingStudy::most_ranks(const Study& study, int limit) const {
     int most = 1;
     for (const StudyScene& item : study.scenes) {
@@ -288,16 +289,16 @@ std::vector<std::string> ScalingStudy::ways_of(int ranks, const MpiRanks* mpi,
 /// The results of all ranks.
 struct Found {
     std::vector<RankReport> reports = {};
-    State state = {};  ///< room_for_state()
+    State state = {};  ///< allocated by room_for_state()
 };
 
 /// The reference for a state, or for one part of a Sample.
 struct Judgement {
     Problem problem;  ///< after all edits
     State start;
-    std::vector<std::uint32_t> particle;             ///< of the scene, ascending; empty for the whole body
-    std::vector<std::uint32_t> place;                ///< indices of these in the state that ranks leave
-    std::string reference;                           ///< name of the reference
+    std::vector<std::uint32_t> particle;  ///< indices in the scene, ascending; empty: the whole body
+    std::vector<std::uint32_t> place;     ///< their indices in the state that ranks leave
+    std::string reference;                ///< name of the reference
     std::optional<ReferenceSolution> solution = {};  ///< for `problem`
 };
 
@@ -366,7 +367,7 @@ void RankedCase::make_judgements() {
         const State after = bench_.references().after(sample.around, steps);
         part.solution.emplace(
             ReferenceSolution{part.problem, steps, part_of(after, sample.in_around), {}, part.start});
-        part.solution->refined.reason = "it is of a sample";
+        part.solution->refined.reason = "only a sample of the body is verified";
         const RoundingModel model = rounding_model_of(spec_);
         part.solution->spreads.emplace_back(model,
                                             bench_.references().spread(sample.around, steps, after, model));
@@ -495,8 +496,8 @@ void RankedCase::measure(glm::ivec3 cut, const std::string& way) {
             try {
                 const Found found =
                     by_mpi ? run_by_mpi(*entered, task, mailroom, shared) : run_as_threads(*entered, shared);
-                // Tiles at rest are left out of steps, and tiles depend on the cut: then bits may differ from
-                // those of one rank.
+                // If a backend leaves tiles at rest out of steps, bits may differ from those of one rank,
+                // since the tiles depend on the cut.
                 const bool keeps_bits = capabilities_of(entered->capabilities()).deterministic &&
                                         spec_.admitted_spacings_per_step() == 0;
                 scope.keep(name, judged(found, plan, way, keeps_bits));
@@ -520,8 +521,8 @@ void RankedCase::measure(glm::ivec3 cut, const std::string& way) {
     bench_.add("scaling", kept->at("row"));
 }
 
-/// Reports the other ways as skipped. For a backend whose borders travel within its steps, and which has only
-/// `ways`.
+/// Reports as skipped the ways that are not in `ways`. To be called for a backend that exchanges borders
+/// within its steps, and so has only `ways`.
 void ScalingStudy::skip_other_ways(StudyBench& bench, const BackendSpec& spec, int ranks,
                                    const std::vector<std::string>& ways) const {
     std::vector<std::string> others = ways_;
@@ -549,11 +550,11 @@ void ScalingStudy::run_backend(StudyBench& bench, const BackendSpec& spec, int t
     }
     const bool by_device = !capabilities.border_ways.empty();
     if (by_device && bench.options().mpi == nullptr && bench.options().devices.empty()) {
-        bench.refuse(of_rank, "its ranks are on devices: --devices says on how many, or on which");
+        bench.refuse(of_rank, "its ranks run on CUDA devices: choose them with --devices");
         return;
     }
     if (!capabilities.has_borders && !by_device) {
-        bench.refuse(of_rank, "it cannot step a part of a body: it gives no borders");
+        bench.refuse(of_rank, "it cannot step a part of a body: it cannot exchange borders");
         return;
     }
     RankedCase ranked(bench, of_rank);

@@ -30,12 +30,13 @@
 namespace voxspring {
 namespace {
 
-/// A lattice counts as at rest when its deflection changes by less than this, relatively, twice in
-/// succession: at large strain it swings a little, and turns. What is left then is about a seventh of it.
+/// A lattice counts as at rest when its deflection changes by less than this fraction twice in succession.
+/// Once would not do: at large strain the lattice swings a little, and turns back. The remaining error is
+/// about a seventh of this.
 constexpr double rest_change = 3e-5;
 constexpr int most_looks = 60;
-/// How far below its claim a measured order may be: claims are of 4 to 12 voxels across, and other pitches
-/// differ by about a tenth.
+/// A measured order of convergence may be below the claimed one by this much. Claims are for 4 to 12 voxels
+/// across; at other pitches the order differs by about a tenth.
 constexpr double order_tolerance = 0.2;
 
 glm::dvec3 pattern_at(char pattern, glm::dvec3 place) {
@@ -153,8 +154,8 @@ TruthLattice truth_lattice(const TruthCase& of, double load, int across, bool co
         const glm::dvec3 place = problem.rest_position[i];
         pinned[i] = place.z == 0;
         if (place.z < top) continue;
-        // Four voxels around a corner of the side give it an eighth of their mass and a quarter of their
-        // face each.
+        // Four voxels meet at a corner on the highest side. Each gives the particle there an eighth of its
+        // mass and a quarter of its face.
         const double share = problem.material_of(i).mass / pitch * (corners ? 2 : 1);
         const glm::dvec3 pattern = pattern_at(of.pattern, place + shift);
         lattice.end.push_back(i);
@@ -166,14 +167,16 @@ TruthLattice truth_lattice(const TruthCase& of, double load, int across, bool co
     if (of.is_body_load) {
         problem.gravity = load * pattern_at(of.pattern, {});
     } else {
-        // A staircase's side has another area than the circle that it stands for, but the same force.
+        // The highest side of a ball made of voxels has another area than the circle that it stands for. The
+        // total force is the circle's.
         const double radius_squared = 0.25 - of.height * of.height / 4;
         const double wanted = of.is_ball ? std::numbers::pi * radius_squared : 1;
         problem.load.resize(problem.particle_count());
         for (std::size_t n = 0; n < lattice.end.size(); ++n)
             problem.load[lattice.end[n]] = load * wanted / area * lattice.pattern[n];
     }
-    // Critical for the slowest motion. Damping lowers the limit of the time step, on coarse lattices.
+    // The damping is critical for the slowest motion. On coarse lattices it lowers the stable time step,
+    // which is therefore computed again.
     const double g = of.slowest * TruthLattice::fraction_of_stable * stable_time_step(problem);
     problem.damping = 2 * g / (1 + g);
     problem.time_step = TruthLattice::fraction_of_stable * stable_time_step(problem);
@@ -226,7 +229,8 @@ std::vector<std::string> judge_truth(std::vector<TruthRow>& rows) {
                          std::log(double(row->across) / coarsest.across);
         }
         TruthRow& finest = *sequence.back();
-        // Below this a row has converged as far as the finite elements and rest tell.
+        // Smaller errors do not count: the finite elements and the test for rest are no more accurate than
+        // this.
         const double floor = 3 * finest.continuum_error + rest_change;
         if (finest.order && finest.claimed_order && finest.model_error > floor &&
             *finest.order < *finest.claimed_order - order_tolerance)
@@ -241,7 +245,7 @@ const TruthRow* fastest_truth(const std::vector<TruthRow>& rows, const std::stri
     const TruthRow* best = nullptr;
     for (const TruthRow& row : rows) {
         if (row.identity.scene != name || row.strain != "small" || row.model_error > error) continue;
-        if (!row.claimed_order) continue;  // its error may be small by chance
+        if (!row.claimed_order) continue;  // without a claim the error may be small by chance
         if (best == nullptr || row.seconds < best->seconds) best = &row;
     }
     return best;
@@ -270,8 +274,8 @@ void print_truth(const Result& result, std::ostream& out, TableWidth width) {
     for (const TruthCase& one : truth_cases()) {
         if (const TruthRow* best = fastest_truth(rows, one.name, wanted))
             out << fmt::format(
-                "{}: {} of the continuum's deflection soonest by {}, particles at {}, {} voxels "
-                "across, in {}\n",
+                "{}: an error of {} of the continuum's deflection is reached soonest by {}, particles at "
+                "{}, {} voxels across, in {}\n",
                 one.name, percent_text(wanted), best->label(), best->particles_at, best->across,
                 si(best->seconds, "s"));
     }
@@ -279,8 +283,8 @@ void print_truth(const Result& result, std::ostream& out, TableWidth width) {
         for (const TruthRow& row : rows) {
             if (row.identity.scene != one.name || !row.neo_hookean) continue;
             out << fmt::format(
-                "{} at large strain: neo-Hookean material with the same E and nu moves {:+.1f}%, "
-                "St. Venant-Kirchhoff {:+.1f}% against springs, at any pitch\n",
+                "{} at large strain, compared with springs of any pitch: neo-Hookean material with the "
+                "same E and nu moves {:+.1f}%, St. Venant-Kirchhoff material {:+.1f}%\n",
                 one.name, 100 * *row.neo_hookean, 100 * *row.st_venant_kirchhoff);
             break;
         }

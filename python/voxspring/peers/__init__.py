@@ -26,8 +26,8 @@ from ..results import Result, scene, study
 PEERS = ("numpy", "numba", "torch", "jax", "cupy", "warp", "taichi", "newton")
 # Scenes of the study `fastest`, with as many steps as the slowest peer makes in seconds on a card.
 SCENES = {"box@32": 200, "heart": 200, "box@48": 100, "box@96": 20}
-# A processor makes a quarter of the steps, and without --scene no larger scene: Newton builds a body spring by spring, and
-# box@96 has 27 times those of box@32.
+# On a processor peers make a quarter of the steps, and by default only these scenes: Newton builds a body
+# spring by spring, and box@96 has 27 times the springs of box@32.
 ON_PROCESSOR, SHARE_ON_PROCESSOR = ("box@32", "heart"), 4
 # As in a study, a case stops repeating once its repetitions have taken this long together, after at least two.
 MOST_SECONDS = 10
@@ -52,7 +52,7 @@ def _serve(peer: str, argument: str, steps: int, repetitions: int, device: str, 
                 pipe.send(judge.result().json)
             except Wrong as wrong:
                 pipe.send(wrong.result.json)
-    except BaseException as failure:  # of whatever kind: the parent says so
+    except BaseException as failure:  # of any kind: the parent process reports it
         with contextlib.suppress(OSError):
             absent = isinstance(failure, (ImportError, _core.Unavailable))
             kind = "" if isinstance(failure, _core.Unavailable) else f"{type(failure).__name__}: "
@@ -119,7 +119,7 @@ def run(peers: list[str], scenes: dict[str, int], repetitions: int, device: str,
     for argument, steps in scenes.items():
         print(f"{argument}: {', '.join(backends)}", file=sys.stderr)
         results.append(study("fastest", scene(argument), steps=steps, backends=backends, repetitions=repetitions))
-        results[-1].json.pop("fastest")  # which of many backends is: here is one per formulation
+        results[-1].json.pop("fastest")  # which of many backends is the fastest: here each formulation has one
         cases, ended = [], results[-1].json
         try:
             for peer in peers:
@@ -156,18 +156,19 @@ def run(peers: list[str], scenes: dict[str, int], repetitions: int, device: str,
 
 
 def scenes_of(device: str, names: Sequence[str] | None = None) -> dict[str, int]:
-    """The steps of each scene on a device; of those by default where none is named."""
+    """{scene: number of steps} on a device. Without `names` these are the device's default scenes."""
     on_card = device == "cuda"
     return {name: SCENES[name] // (1 if on_card else SHARE_ON_PROCESSOR) for name in names or (SCENES if on_card else ON_PROCESSOR)}
 
 
 def main(arguments: list[str] | None = None) -> int:
     options = argparse.ArgumentParser(prog="voxspring study peers", description=__doc__.splitlines()[0])
-    options.add_argument("--peer", action="append", metavar="GLOB", help=f"of {', '.join(PEERS)}; repeatable")
-    options.add_argument("--scene", action="append", metavar="GLOB", help=f"of {', '.join(SCENES)}; "
+    options.add_argument("--peer", action="append", metavar="GLOB", help=f"only these of {', '.join(PEERS)}; repeatable")
+    options.add_argument("--scene", action="append", metavar="GLOB", help=f"only these of {', '.join(SCENES)}; "
                          f"repeatable (default: all with --device cuda, else {' and '.join(ON_PROCESSOR)})")
     options.add_argument("--device", choices=("cpu", "cuda"), default="cpu", help="what the peers compute on (default: cpu)")
-    options.add_argument("--backend", action="append", help="of Voxspring's own; repeatable (default: cpu_parallel, or what auto takes, "
+    options.add_argument("--backend", action="append", help="a backend of Voxspring to compare with; "
+                         "repeatable (default: cpu_parallel, or what auto takes, "
                          "by position, as the paper, and by increment, which keeps a velocity as the peers do)")
     options.add_argument("--repetitions", type=int, default=9)
     options.add_argument("--out", metavar="FILE.json")
