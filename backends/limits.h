@@ -49,8 +49,8 @@ struct DeviceLimits {
     /// Rate of independent multiply-adds, each counted as one operation.
     double float32_operations_per_second = 0;
     std::optional<double> float64_operations_per_second;
-    /// float32_operations_per_second of a compute shader. Some cards run fragment shaders on only a few of
-    /// their processors.
+    /// The rate of a compute shader, if float32_operations_per_second is that of a fragment shader. Some
+    /// cards run fragment shaders on only a few of their processors.
     std::optional<double> compute_shader_float32_operations_per_second;
 };
 

@@ -66,7 +66,8 @@ STRESS_ERRORS = ("relative", "spacings")  # units of errors; growth, energies an
 
 FALSE_ALARMS = 0.05  # the fraction of files without any change in which some row is still called slower or faster
 CONFIDENCE = 0.95
-# The least numbers of rows from which the shift of a run, and the noise between runs, are estimated.
+# The shift of a run is a factor that all of its times share. It is estimated from at least SHIFT_ROWS rows, and
+# the noise between runs from at least NOISE_ROWS rows.
 SHIFT_ROWS, NOISE_ROWS = 8, 4
 # Degrees of freedom of Student's t for the noise between runs. With at most FEW_ROWS rows the scale of the
 # noise is uncertain, too: then they are half of the rows less one, which by simulation keeps false alarms below

@@ -921,7 +921,7 @@ TEST(SceneOf, RefusesWhatBackendsDoNotCheck) {
              {"dims of 0", [](P p) { p.lattice.dims = glm::ivec3(0); }},
              // Masks that would make backends read outside of the body, and values that would spread.
              {"outside of its grid", [](P p) { p.lattice.mask[0] |= 1U; }},
-             {"outside of its group_bits", [](P p) { p.lattice.mask[0] |= 1U << 7; }},
+             {"none of the problem's spring groups (group_bits)", [](P p) { p.lattice.mask[0] |= 1U << 7; }},
              {"one of its ends only", [](P p) { p.lattice.mask[0] &= ~2U; }},
              {"active bit", [](P p) { p.lattice.mask[0] &= ~ACTIVE_BIT; }},
              {"pinned bit", [](P p) { p.lattice.mask[0] |= PINNED_BIT; }},

@@ -101,7 +101,8 @@ protected:
     const Array* own(unsigned binding) { return own_[binding].get(); }
     /// The arrays that together hold a list.
     std::vector<const Array*> parts_of(unsigned binding);
-    /// Lays out the lists of the edited problem anew. The particles stay where they are. Waits.
+    /// Waits for everything enqueued, then makes all lists of the edited problem anew. The particles keep
+    /// their places in memory.
     void lay_out_anew();
     /// Writes new bits of particles. Every step copies the bits from the words that it reads.
     void write_bits(std::span<const std::uint32_t> particles, std::span<const std::uint32_t> bits);

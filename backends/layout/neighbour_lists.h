@@ -19,7 +19,9 @@ template <class Real>
 struct NeighbourLists {
     ListShape shape;
     std::vector<std::uint32_t> neighbour;
-    std::vector<SpringConstants<Real>> constants;  ///< the secondary list; empty without one
+    /// The secondary list: stiffness and rest length for each entry of `neighbour`. Empty if those of the
+    /// spring groups suffice.
+    std::vector<SpringConstants<Real>> constants;
     /// How springs beyond the lattice lie at rest, for displacements. Empty if there are none.
     std::vector<SpringRest<Real>> off_lattice_rest;
     std::vector<std::uint32_t> bits;            ///< one per particle: spring counters, active and pinned bits

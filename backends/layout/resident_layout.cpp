@@ -414,8 +414,9 @@ private:
             beyond |= elsewhere;
         }
         if (out_.turns > 1) return beyond == 0 ? 0 : mixed_border;
-        // A direction in which the warp has no neighbours may count as part of the border or not. Counting
-        // all such directions leads to fewer kinds of border in a block.
+        // If the warp has no neighbours in a direction, that direction may count as part of the border or
+        // not. All such directions are counted: then more warps of a block have the same kind of border, and
+        // share its code.
         int best = mixed_border;
         for (int y = -1; y <= 1; ++y) {
             for (int z = -1; z <= 1; ++z) {

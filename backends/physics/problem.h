@@ -119,8 +119,8 @@ struct Problem {
     bool has_tool() const { return !tool.particles.empty(); }
     /// Stiffness of the lattice spring from `particle` along `direction` to `neighbour`.
     double spring_stiffness(std::size_t particle, std::size_t neighbour, const Direction& direction) const;
-    /// |d|^2 below which two particles count as coincident (spring.h): (1e-6 of the shortest spacing, or of
-    /// the shortest spring of an unstructured network)^2.
+    /// The least |d|^2 that a spring's force is computed with, so that coincident particles give no NaN
+    /// (spring.h): (1e-6 of the shortest spacing, or of the shortest spring of an unstructured network)^2.
     double shortest_squared() const;
 };
 

@@ -9,8 +9,8 @@
 
 namespace voxspring::cuda {
 
-/// Where the places (positions or displacements) of some particles are in a state, which is stored in words
-/// or in structure of arrays.
+/// Where the places (positions or displacements) of some particles are in a state. The state is an array of
+/// words, each with x, y and z of one particle, or a structure of arrays: all x, then all y, then all z.
 template <class Real>
 struct BorderPlaces {
     const std::uint32_t* element;  ///< the element of each particle

@@ -201,8 +201,8 @@ void add_volume_options(CLI::App& command, VolumeOptions& volume) {
             [&volume](const std::string& text) {
                 volume.gravity = vector_of("--gravity", text, -max_quantity, max_quantity, false);
             },
-            "Acceleration as X,Y,Z, in m/s2 with --young (default: that of the scene heart, times the "
-            "spacing; with --young, 9.81 in the same direction)"),
+            "Acceleration as X,Y,Z (default: the gravity of the scene heart, times the spacing). With "
+            "--young it is in m/s2 (default: 9.81 in the direction of that gravity)"),
         add_text(
             "--parts", "largest|N",
             [&volume](const std::string& text) {

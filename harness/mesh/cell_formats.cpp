@@ -131,7 +131,8 @@ private:
             }
             return all;
         }
-        // From version 5 on: where each cell begins, then all corners.
+        // VTK files of version 5 and later have two lists: OFFSETS says where each cell begins, and
+        // CONNECTIVITY has the corners of all cells.
         bytes_ = ahead;
         const std::string_view offset_type = begin_data();
         std::vector<std::int64_t> offsets;

@@ -27,8 +27,8 @@ public:
 /// How many processes measure what depends on where the system puts a process's memory and threads.
 constexpr int host_processes = 3;
 
-/// A backend with its options that runs a scene. Its process starts with the first question that the journal
-/// cannot answer.
+/// One backend, with its options, that is measured on one scene. It runs in a worker process, which starts
+/// only when something is asked that the journal of finished measurements does not have.
 class Case {
 public:
     /// `workers`, which have the scene, must outlive the case.

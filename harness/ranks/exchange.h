@@ -76,7 +76,8 @@ Routes routes_from_json(const nlohmann::json& json);
 /// All mailboxes of a run, and the reason if it failed.
 class Mailroom {
 public:
-    /// `memory` has lines(routes) Lines, which are zero at first.
+    /// `memory`, which the ranks share, is an array of lines(routes) Lines. It must be zero before a rank
+    /// uses it.
     Mailroom(Line* memory, const Routes& routes);
     static std::size_t lines(const Routes& routes);
 

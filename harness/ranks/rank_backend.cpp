@@ -67,7 +67,7 @@ void RankBackend::step_and_exchange(int count) {
         meet(exchange_);
         const auto here = Clock::now();
         inner_.step(std::min(count, most));
-        meet(exchange_);  // the devices are stepping meanwhile
+        meet(exchange_);  // waits until all ranks have enqueued; the devices step meanwhile
         if (waits_) inner_.synchronize();
         seconds_.waiting += seconds_from(begin, here);
         seconds_.compute += seconds_from(here, Clock::now());

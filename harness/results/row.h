@@ -193,9 +193,9 @@ struct VerdictPart {
     /// Whether the state passed, and enough springs were strained that wrong springs would have failed.
     /// Empty: not known.
     std::optional<bool> verified() const;
-    /// The largest accepted rms error, or the largest accepted error if rms is not judged, as a fraction of
-    /// the body's motion. It is that of the run from the strained start if there is one. Empty: neither is
-    /// judged.
+    /// The largest accepted rms error as a fraction of the body's rms motion. If the rms error is not judged:
+    /// the largest accepted error of a particle as a fraction of the largest motion. If there is a run from
+    /// the strained start, the bound is that run's. Empty if no error is judged.
     std::optional<double> threshold() const;
 
     static void fields(auto& part, auto& of) {

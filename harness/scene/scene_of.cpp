@@ -52,7 +52,7 @@ void check_masks(const Problem& problem) {
         require(((mask & PINNED_BIT) != 0) == problem.is_pinned(i),
                 "a mask's pinned bit is not what pinned says (pin())");
         require((mask & ~(problem.group_bits | ACTIVE_BIT | PINNED_BIT)) == 0,
-                "a mask has a bit outside of its group_bits");
+                "a mask has a bit that belongs to none of the problem's spring groups (group_bits)");
         const glm::ivec3 at = lattice.coordinates(lattice.voxel[i]);
         visit_directions(mask, [&](const Direction& direction) {
             const glm::ivec3 to = at + direction.offset;

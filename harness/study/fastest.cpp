@@ -91,8 +91,9 @@ constexpr std::array quantities = {
     QuantityName{"speed_ratio", "", nullptr},
 };
 
-/// The target's quantity for `row`, the fastest one; a speed_ratio is relative to the fastest row of `over`.
-/// Empty if it is not known.
+/// The value of the target's quantity in `row`, which is the fastest row of the target's backends. A
+/// speed_ratio says how many times as fast `row` is as the fastest row of backends that match `target.over`.
+/// Empty if the value is not known.
 std::optional<double> measured(const Target& target, const Row& row, const SplitCases& rows) {
     if (const auto of = quantities.at(std::size_t(target.quantity)).of) return of(row);
     const Row* base = fastest_row(rows, by_glob(target.over));

@@ -51,7 +51,9 @@ Drift drift(const Conserved& run, const Conserved& reference);
 struct Statistic {
     enum Kind : std::size_t { centre_of_mass, kinetic_energy, spring_energy, spectrum, count };
     double difference = 0;
-    double size = 0;  ///< what the difference is compared with
+    /// A magnitude of the reference (see statistics()). The tolerance of `difference` lies between two shares
+    /// of it (statistic_gate()).
+    double size = 0;
 };
 using Statistics = std::array<Statistic, Statistic::count>;
 std::string to_string(Statistic::Kind kind);

@@ -16,7 +16,8 @@ namespace voxspring {
 
 namespace {
 
-/// The error that the options of `spec` ask for, in units of length.
+/// How far a particle may fall behind in `steps` steps, in units of length, because the options of `spec`
+/// allow it (a sleep threshold).
 double admitted_error(const Problem& problem, const BackendSpec& spec, int steps) {
     const glm::dvec3 spacing = problem.lattice.spacing;
     return steps * spec.admitted_spacings_per_step() * std::min({spacing.x, spacing.y, spacing.z});

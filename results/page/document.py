@@ -48,8 +48,8 @@ def by_size(entries):
     for index, (backends, on_chip, (fewest, most)) in enumerate(steps):
         is_last = index == last
         size, start = figures.engineering(most, "particles"), figures.engineering(fewest, "particles")
-        until = f"from {start}" if is_last else f"to {size.removesuffix(' particles')}"
-        headline_words.append(f"{'on chip' if on_chip else figures.listed(backends)} {until}")
+        size_range = f"from {start}" if is_last else f"to {size.removesuffix(' particles')}"
+        headline_words.append(f"{'on chip' if on_chip else figures.listed(backends)} {size_range}")
         verb = "" if index else " are the fastest" if len(backends) > 1 else " is the fastest"
         sizes = f"from {start.removesuffix(' particles')} to {size}" if is_last else f"up to {size}"
         words.append(f"{figures.listed(backends)}{verb} {sizes}{', with the state on the chip,' * on_chip}")

@@ -89,7 +89,8 @@ def choose(results):
 
 
 def read(path):
-    """Reads a picture. Refuses a file that is cut off or does not say in its text "voxspring" what it shows."""
+    """Reads a picture: a PNG file whose text with the key "voxspring" says what it shows. Refuses a file without
+    such a text, and one that is cut off."""
     try:
         data = path.read_bytes()
     except OSError as error:

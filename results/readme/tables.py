@@ -54,8 +54,8 @@ def thresholds(rows):
     texts = (f"{scene} " + ", ".join(text if one else f"{name} {text}" for name, text in models.items())
              for scene, models in scenes.items())
     partly = groups((row for row in rows if row["partly"]), "partly").items()
-    names = (f" {text}: {listed(contender(row) + ' on ' + row['scene'] for row in own)}." for (text,), own in partly)
-    return f"Threshold on the error over the motion: {'; '.join(texts)}.{''.join(names)}"
+    judged_in_part = (f" {text}: {listed(contender(row) + ' on ' + row['scene'] for row in own)}." for (text,), own in partly)
+    return f"Threshold on the error over the motion: {'; '.join(texts)}.{''.join(judged_in_part)}"
 
 
 def across_cards():

@@ -47,7 +47,9 @@ struct BrickShape {
     VOXSPRING_HOST_DEVICE constexpr int shared_words() const { return guard + 2 * half(); }
     VOXSPRING_HOST_DEVICE constexpr int shared_bytes() const { return int(sizeof(float)) * shared_words(); }
 
-    /// The slot of particle (i, Y, Z) of the tile at `tile_x`, in the first half and the first axis.
+    /// The slot of a particle: the index in shared memory, in words, of its x in the first half (half()). The
+    /// particle has coordinate i along x in its tile, which is number `tile_x` along x. Y and Z are
+    /// coordinates in the brick.
     VOXSPRING_HOST_DEVICE constexpr int slot(int tile_x, int i, int Y, int Z) const {
         return guard + (Z + 1) * plane() + (Y + 1) * pitch() + column(i) + tile_x;
     }

@@ -168,7 +168,7 @@ VOXSPRING_HOST_DEVICE void visit_springs(Visit& visit) {
             visit.half(bit++, 0, r, c, 1, r, x);
         }
     }
-    // Springs from plane to plane.
+    // Springs from the thread's particles in the plane that arrived to those in the plane before.
     UNROLLED
     for (int r = 0; r < rows; ++r) {
         UNROLLED

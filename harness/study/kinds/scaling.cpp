@@ -496,8 +496,8 @@ void RankedCase::measure(glm::ivec3 cut, const std::string& way) {
             try {
                 const Found found =
                     by_mpi ? run_by_mpi(*entered, task, mailroom, shared) : run_as_threads(*entered, shared);
-                // If a backend leaves tiles at rest out of steps, bits may differ from those of one rank,
-                // since the tiles depend on the cut.
+                // With the option `sleep` a tile that barely moves stops. The cut decides which tiles stop,
+                // so bits may differ from those of one rank.
                 const bool keeps_bits = capabilities_of(entered->capabilities()).deterministic &&
                                         spec_.admitted_spacings_per_step() == 0;
                 scope.keep(name, judged(found, plan, way, keeps_bits));
