@@ -240,9 +240,10 @@ public:
         return force;
     }
 
-    /// Rewrites the masks of the particles that the edit touches, and the slots in which lanes find
-    /// neighbours across cut or joined springs. Nothing else changes, since the tables have room for every
-    /// spring of the lattice's groups. A launch reads both when it begins.
+    /// Rewrites the masks of the particles that the edit touches. Also rewrites the table of slots, which
+    /// tells a lane where its neighbours are, for cut or joined springs. Nothing else changes, since the
+    /// tables have room for every spring of the lattice's groups. A launch reads masks and slots when it
+    /// begins.
     void edit(const Problem& edited, const SpringEdit& edit) override {
         set_problem(edited);
         if (edit.empty()) return;

@@ -130,7 +130,8 @@ class Row:
     # Name: values of the repetitions. Only counters of which more or less is better.
     counters: dict = dataclasses.field(default_factory=dict)
     chaotic: bool = False
-    limitless: bool = False  # whether the file lacks the limit that a comparison across devices needs
+    # In a comparison across devices: the file does not say which share of its device's limit the row reaches.
+    limitless: bool = False
     noisy: list = dataclasses.field(default_factory=list)  # why its run marked its times as not to be trusted
     failure: str = ""
     unjudged: str = ""  # why some of its times may be those of wrong states; empty: none

@@ -17,7 +17,8 @@ namespace voxspring::layout {
 /// One word per particle, with a guard at either end for the neighbours of the first and the last particle.
 Placement place_guarded(const Problem& problem);
 
-/// Where the lattice neighbours of every particle are.
+/// Tells where a particle's lattice neighbours are. A delta is added to the particle's index to get that of a
+/// neighbour (RowDeltas).
 struct DeltaLists {
     std::vector<Slice> slices;  ///< springs beyond the lattice are not in them yet
     std::vector<RowDeltas> lists;

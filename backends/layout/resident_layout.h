@@ -89,7 +89,7 @@ ResidentLayout lay_out_resident(const Problem& problem, const ResidentCard& card
 
 /// ResidentStep::slot for the springs that `mask`, a Lattice::mask, has.
 std::vector<std::uint16_t> slots_with(const ResidentLayout& layout, const std::vector<std::uint32_t>& mask);
-/// ResidentStep::own_slot for the pins that `mask` has.
+/// ResidentStep::own_slot for the particles that `mask`, a Lattice::mask, marks as pinned.
 std::vector<std::uint16_t> own_slots_with(const ResidentLayout& layout,
                                           const std::vector<std::uint32_t>& mask);
 

@@ -18,8 +18,9 @@ public:
     /// `tick`: the first tick gets the next number.
     explicit TickDesk(std::uint32_t tick = 0) { order_.tick = tick; }
 
-    /// From now on orders go to `asked` and answers come from `answers`, which has one element per particle
-    /// that the tool holds, and at least one. Overwrites both. No kernel may be running.
+    /// From now on order() writes to `asked`, and answered() reads `answers`, where the kernel writes.
+    /// `answers` has one element per particle that the tool holds, and at least one. The contents of both are
+    /// overwritten. No kernel may be running.
     void open(OrderWords* asked, std::span<AnswerWords> answers);
 
     /// Orders `steps` steps, at least one, with the tool at `moved`.

@@ -49,11 +49,11 @@
 #define SHARED(ReturnType)            \
     template <class Vec3, class Real> \
     VOXSPRING_HOST_DEVICE inline ReturnType
-/// A function of vectors only.
+/// A function whose arguments name the vector type only.
 #define SHARED_VECTOR(ReturnType) \
     template <class Vec3>         \
     VOXSPRING_HOST_DEVICE inline ReturnType
-/// A function of scalars only.
+/// A function whose arguments name the scalar type only.
 #define SHARED_SCALAR(ReturnType) \
     template <class Real>         \
     VOXSPRING_HOST_DEVICE inline ReturnType

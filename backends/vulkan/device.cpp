@@ -44,7 +44,8 @@ bool names(const Properties& all, const char* name) {
     });
 }
 
-/// An instance, with what validation needs if `messages` are to receive its messages.
+/// Creates an instance. If `messages` is not null, the instance has the validation layer, which sends its
+/// messages there.
 vk::raii::Instance create_instance(const vk::raii::Context& loader, Messages* messages) {
     if (loader.enumerateInstanceVersion() < needed_version)
         throw Unavailable("no Vulkan: the loader is older than version 1.2");

@@ -24,7 +24,8 @@ class Resting {
 public:
     explicit Resting(const Options& options);
 
-    /// Empty, or why `problem` has more blocks than kernels can index.
+    /// The reason to refuse a lattice: it has more blocks of this shape than kernels that leave out blocks
+    /// can index. Empty if it is not refused.
     std::string refused(const Lattice& lattice, BlockShape shape) const;
     /// An upper bound of the bytes on the device.
     std::uint64_t bytes_needed(const Problem& problem, BlockShape shape) const;

@@ -108,8 +108,8 @@ VOXSPRING_HOST_DEVICE void add_predicated(Vector<Real> offset, Real density, std
     add_where(offset, density, there != 0, force);
 }
 
-/// Which springs count when a plane arrives: those within the plane, those between it and the plane before,
-/// or both kinds.
+/// Which springs are evaluated when a plane arrives: those within the plane, those between it and the
+/// plane before, or both kinds.
 enum class PlaneSpringsOf { plane, both, between };
 
 /// The springs that a thread evaluates when a plane arrives, added to the forces on its particles in that
@@ -256,10 +256,11 @@ VOXSPRING_HOST_DEVICE void add_springs(const MarchStep<Real>& step, const Sides<
 ///
 /// - arrive(): waits for the next plane and returns its window.
 /// - release(): says that the window before the newest one is no longer needed.
-/// - before(): waits for the window of what the next plane's step overwrites; release_before() ends its use.
-/// - store(to, pair): stores what that plane's step computes.
+/// - before(): waits for the old values that the step of the next plane overwrites, and returns their window.
+/// - release_before(): says that this window is no longer needed.
+/// - store(to, pair): stores what the step of that plane computes.
 ///
-/// - refill(plane): called before `plane` arrives, to ask for later planes.
+/// - refill(plane): may ask for later planes. It is called just before the arrive() that waits for `plane`.
 /// - any(here): whether `here` holds for any thread that steps together with this one.
 ///
 /// Windows begin at the thread's own particles.

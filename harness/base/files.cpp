@@ -21,8 +21,8 @@ namespace {
 char unfinished_file[PATH_MAX];
 volatile std::sig_atomic_t unfinished_file_is_known = 0;
 
-/// While this object lives, remove_unfinished_file() removes the file. A path longer than PATH_MAX is not
-/// removed.
+/// While this object lives, remove_unfinished_file() removes the file at `path`. The destructor leaves the
+/// file alone. A path of PATH_MAX bytes or more is not removed.
 class Unfinished {
 public:
     explicit Unfinished(const std::string& path) {

@@ -27,8 +27,8 @@ std::size_t around(glm::ivec3 offset) {
     return std::size_t(index);
 }
 
-/// The n-th of the eight voxels around a corner of a voxel, as an offset from that voxel. Offsets are 0 or 1
-/// along each axis, where 1 is the direction towards the corner.
+/// Eight voxels share a corner of a voxel. This is the offset from that voxel to the n-th of them. Along each
+/// axis it is 0, or 1 for one voxel further towards the corner.
 glm::ivec3 place_of(unsigned n) { return {n & 1, n >> 1 & 1, n >> 2}; }
 
 /// The vertex of "surface nets" in a cube of eight voxel centres, where bit n of `inside` tells whether voxel

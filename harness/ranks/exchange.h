@@ -57,7 +57,8 @@ public:
     /// A rank always has routes to the ranks before and behind it, since meet() needs them (exchange.h).
     explicit Routes(int ranks);
 
-    /// Adds a route from one rank to another, for messages of up to `capacity` bytes, and a route back.
+    /// Adds a route from one rank to another, for messages of up to `capacity` bytes. If there is no route
+    /// back, adds one for empty messages.
     void add(int from, int to, std::size_t capacity);
 
     int ranks() const { return ranks_; }

@@ -20,7 +20,8 @@ class MpiRanks;
 /// One scene of a study.
 struct StudyScene {
     std::string scene;  ///< argument of load_scene(), or a name that the kind interprets
-    /// Number of steps per batch. Errors are measured after it, unless the kind says otherwise.
+    /// Number of steps per batch. Errors are measured after one batch, unless the kind of study says
+    /// otherwise.
     int steps = 0;
     std::vector<std::string> backends;             ///< backend patterns; empty: those of the study
     std::vector<std::string> only = {};            ///< globs of --backend for this scene (select_backends())

@@ -130,7 +130,8 @@ public:
 
 private:
     Case case_of(const BackendSpec& spec, const CaseProgram& program);
-    /// The case; empty if it cannot run the scene.
+    /// Returns the case, or nothing if it cannot run the scene or the study is interrupted. `limits`: also
+    /// measures the limits of its device.
     std::optional<Case> entered(Case one, bool limits);
     void introduce_at_once(std::vector<Case>& cases) const;
     void expect_less(const BackendSpec& spec);

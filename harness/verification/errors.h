@@ -32,7 +32,7 @@ struct ReferenceSolution {
     mutable std::optional<StateSummary> summary = {};
     mutable std::map<double, double> strained_shares = {};  ///< results of strained_share(), by its bound
 };
-/// The spread of `model`, or null if `solution` has none.
+/// The spread of the runs that are rounded as `model` says, or null if `solution` has none for this model.
 const Spread* spread_of(const ReferenceSolution& solution, const RoundingModel& model);
 
 /// What judge() finds.

@@ -25,7 +25,7 @@ namespace {
 
 const std::string reference = reference_backend + ":formulation=increment";
 
-/// For scenes with more particles no list of springs is made.
+/// References of scenes with more particles are neither cached nor checked against cpu_reference.
 constexpr std::size_t max_listed_particles = std::size_t(1) << 22;
 /// Particles times steps that cpu_reference computes in about a second.
 constexpr double max_plain_updates = 1e7;
@@ -36,7 +36,7 @@ constexpr double max_refined_updates = 5e9;
 /// may diverge.
 constexpr int max_checked_steps = 100;
 
-/// Whether the scene is too large for lists of springs and for the cache.
+/// Whether the scene is too large for the cache and for the check against cpu_reference.
 bool is_large(const Scene& scene) { return scene.problem.particle_count() > max_listed_particles; }
 bool is_plain(const Scene& scene, int steps) {
     return double(scene.problem.particle_count()) * std::max(steps, 1) <= max_plain_updates;

@@ -157,8 +157,9 @@ struct alignas(8) BrickPoll {
     bool operator==(const BrickPoll&) const = default;
 };
 
-/// The bits of a thread's masks: one for each spring of visit_brick_springs(), early ones first, then one for
-/// each particle of the tile that moves, and one for each that exists. A word of TileSides follows.
+/// The bits of a thread's masks, from the lowest on: one per spring of visit_brick_springs(), first those
+/// visited with `late` false; one per particle of the tile, set if it moves; and one per particle, set if it
+/// exists. After the words of bits comes one word, a TileSides.
 struct BrickMask {
     int early, springs, particles;
     VOXSPRING_HOST_DEVICE constexpr int moves(int n) const { return springs + n; }

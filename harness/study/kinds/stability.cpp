@@ -283,7 +283,8 @@ void print_map(const nlohmann::json& map, std::ostream& out) {
     print_columns(columns, grid, 0, out);
 }
 
-/// Prints one line per scene, start and damping, with the range of the cases' results, and each map.
+/// Prints one line per scene, start and damping, with the least and the greatest result of the cases. Then
+/// prints each map, which tells for each damping and time step whether the run is bounded, heats or diverges.
 void print_stability(const Result& result, std::ostream& out, TableWidth width) {
     // One line per scene, start and damping, since the results of the cases differ by a few 1e-4 only.
     using Key = std::array<std::string, 4>;
