@@ -245,7 +245,7 @@ Rows StabilityStudy::search(const BackendSpec& spec, Backend& backend, Search& s
     row.passed = !search.exact || std::abs(ratio - 1) <= tolerance;
     Rows rows;
     if (!row.passed) {
-        Row failed = row;
+        Row failed = row_of(scene_, spec);
         failed.reason = "is stable up to " + fixed_text(ratio, 4) + " of the limit at damping " +
                         fixed_text(search.damping, 1) + ", not within 0.2% of it";
         rows["failed"].push_back(to_json(failed));
