@@ -364,7 +364,7 @@ public:
         for (std::size_t n = 0; n < rows.size(); ++n) {
             bench.add("truth", rows[n]);
             if (reasons[n].empty()) continue;
-            Row failed = rows[n];
+            Row failed = static_cast<const Row&>(rows[n]);
             failed.reason = reasons[n];
             bench.add("failed", failed);
         }
