@@ -71,8 +71,8 @@ TEST(Units, RefusesWhatDoesNotMakeAMaterial) {
         refuses_scene(box_text(keys), why);
     };
     refuses(R"("young": 5000)", "density");
-    refuses(R"("density": 1000)", "beside \"young\"");
-    refuses(R"("damping": 0)", "beside \"young\"");  // the unit alone
+    refuses(R"("density": 1000)", "together with \"young\"");
+    refuses(R"("damping": 0)", "together with \"young\"");  // the unit alone
     refuses(R"("young": 5000, "density": 1000, "stiffness": 1)", "stiffness");
     refuses(R"("young": 5000, "density": 1000, "mass": 1)", "mass");
     refuses(R"("young": "5 bar", "density": 1000)", "kPa");

@@ -907,7 +907,7 @@ TEST(VolumeRules, LabelsThatAreStoredScaledAreWholeNumbers) {
         EXPECT_EQ(labelled.counts, (Counts{{"1", 2}, {"2", 2}, {"5", 2}}));
         EXPECT_EQ(names(with_labels(volume, std::nullopt)), (Words{"1", "2", "5"}));
         ASSERT_EQ(labelled.notes.size(), 1u);
-        EXPECT_THAT(labelled.notes[0], StartsWith("values up to "));
+        EXPECT_THAT(labelled.notes[0], StartsWith("values within "));
     }
     const auto stored_as = [&](double slope, std::vector<double> numbers) {
         grid.slope = slope;
