@@ -88,7 +88,7 @@ TEST_F(Vulkan, ADeviceIsTakenByNumberOrName) {
     }
     const Variable asked(device_variable("vulkan"), "no such card");
     EXPECT_THAT(absence("vulkan_implicit"),
-                AllOf(HasSubstr("no Vulkan device is 'no such card'"), HasSubstr(names_of(devices))));
+                AllOf(HasSubstr("no Vulkan device matches 'no such card'"), HasSubstr(names_of(devices))));
 }
 
 // --- Messages of validation layers ------------------------------------------------------------------------
