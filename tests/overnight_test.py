@@ -438,7 +438,7 @@ class JournalFile(Overnight):
                 (r'"program":"\w+"', '"program":"0123"', ["program", "0123"]),
                 (r'"cpu":"[^"]+"', '"cpu":"Another CPU"', ["cpu", "Another CPU"]),
                 (r'"device":"[^"]+"', '"device":"Another card"', ["device of", "Another card"]),
-                (r'"journal":1', '"journal":2', ["journal", "version 1"])):
+                (r'"journal":2', '"journal":1', ["journal", "version 2"])):
             self.change(pattern, replacement)
             self.assert_refused(self.run_study("--resume", code=2), ".journal", *words)
             self.journal.write_bytes(good)

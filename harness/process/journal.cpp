@@ -19,7 +19,7 @@
 namespace voxspring {
 namespace {
 
-constexpr int version = 1;
+constexpr int version = 2;
 constexpr std::string_view check_key = R"({"check":")";
 /// The line of `object`, which is not empty. It begins with a check of the rest of the line.
 std::string line_of(const nlohmann::json& object) {
