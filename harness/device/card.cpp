@@ -113,8 +113,7 @@ std::optional<std::vector<pid_t>> Card::processes() const {
         unsigned long long used_memory;
         unsigned gpu_instance, compute_instance;
     };
-    const auto list =
-        library_->find<int(void*, unsigned*, Process*)>("nvmlDeviceGetComputeRunningProcesses_v3");
+    const auto list = library_->find<int(void*, unsigned*, void*)>("nvmlDeviceGetComputeRunningProcesses_v3");
     if (list == nullptr) return std::nullopt;
     // The list has room for processes that begin between two calls.
     std::vector<Process> found(64);
