@@ -131,7 +131,6 @@ public:
     }
 };
 
-
 /// Microseconds that depend on the process.
 double of_process(int) { return 100 + double(getpid() % 97); }
 
