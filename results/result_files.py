@@ -297,9 +297,9 @@ def listed(parts):
 
 
 def medians(benchmarks, verification):
-    """The median rows of `benchmarks`, in their order, with three more keys. times: those of the repetitions,
-    or the median if there are none. threshold: the bound on its error. partly: how many repetitions were
-    verified; empty if all were."""
+    """The median rows of `benchmarks`, in their order, with four more keys. times: those of the repetitions,
+    or the median if there are none. bound: the bound on its error. partly: how many repetitions were verified;
+    empty if all were. threshold: both, as tables show them."""
     times = groups((row for row in benchmarks if row.get("run_type") == "iteration"), "run_name", "steps")
     verdicts = {row["name"]: row for row in verification}
 
@@ -308,7 +308,8 @@ def medians(benchmarks, verification):
         verdict = verdicts.get(name_of(row), {})
         judged = verdict.get("repetitions_judged", len(own))
         partly = f"{judged} of {len(own)} repetitions verified" * (judged < len(own))
-        return row | {"times": own, "threshold": threshold_of(verdict) + f" ({partly})" * bool(partly), "partly": partly}
+        bound = threshold_of(verdict)
+        return row | {"times": own, "bound": bound, "partly": partly, "threshold": f"{bound} ({partly})" if partly else bound}
 
     return [with_times(row) for row in benchmarks if row.get("aggregate_name") == "median"]
 

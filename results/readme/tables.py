@@ -49,7 +49,7 @@ def thresholds(rows):
     scenes = {}
     for (scene, formulation, precision), own in groups(rows, "scene", "formulation", "precision").items():
         name = formulation + f" {precision}" * (precision != "float32")
-        scenes.setdefault(scene, {})[name] = " or ".join(dict.fromkeys(row["threshold"].split(" (")[0] for row in own))
+        scenes.setdefault(scene, {})[name] = " or ".join(distinct(own, "bound"))
     one = len(set().union(*scenes.values())) == 1
     texts = (f"{scene} " + ", ".join(text if one else f"{name} {text}" for name, text in models.items())
              for scene, models in scenes.items())
