@@ -47,7 +47,7 @@ public:
     /// change that later.
     void start(bool checks, bool chooses);
 
-    /// What `rest` amounts to: "step", "skip", or "skip_or_step" where it changes from step to step.
+    /// What a step does with tiles at rest: "step", "skip", or "skip_or_step" if that may change.
     std::string choice() const {
         if (chooses_) return "skip_or_step";
         return checks_ ? "skip" : "step";

@@ -39,7 +39,7 @@ struct ResidentLayout {
     bool in_rows = false;  ///< whether the partition is `rows`; otherwise it is `bisection`
     int blocks = 0;
     int lanes = 0;  ///< per block: `turns` per thread, and threads make whole warps
-    int turns = 1;  ///< particles per thread, which steps one after the other
+    int turns = 1;  ///< particles per thread, which steps them one after the other
     int pollers = 0;
     int rounds = 0;  ///< polls per poller
     int slots = 0;   ///< per block: points in shared memory
