@@ -116,6 +116,9 @@ public:
     /// several parts share may wait for one of these parts, and everything that waits for this device waits
     /// too.
     virtual int steps_per_call() const { return 0; }
+    /// Whether the devices wait for each other, so that the parts may call send() and receive() in any order:
+    /// BorderFacet::step_and_exchange() then needs no messages between the hosts.
+    virtual bool waits_on_device() const { return false; }
     /// Enqueues the transfer of the places, after the steps enqueued so far, to the parts beside this one. If
     /// borders travel within steps, this and receive() do nothing.
     virtual void send() = 0;
@@ -178,6 +181,16 @@ public:
                                                           const std::string& /*way*/) {
         return nullptr;
     }
+
+    /// Whether step_and_exchange() can make the next `count` steps with `borders`, which are the latest of
+    /// device_borders(). The answer is the same for all parts of a body. Does everything that
+    /// step_and_exchange() must not do while a device waits for another part: it allocates memory and loads
+    /// kernels.
+    virtual bool prepare_exchanges(DeviceBorders& /*borders*/, int /*count*/) { return false; }
+    /// Enqueues `count` steps, each followed by borders.send() and borders.receive(), without waiting for the
+    /// hosts of other parts. Every part must have called prepare_exchanges() before any part calls this, and
+    /// must have returned from this before any part asks for anything else.
+    virtual void step_and_exchange(DeviceBorders& /*borders*/, int /*count*/) {}
 
 protected:
     ~BorderFacet() = default;

@@ -70,17 +70,6 @@ private:
     std::shared_ptr<Buffer<TaggedPoint>> exchange_ = std::make_shared<Buffer<TaggedPoint>>();
 };
 
-/// Throws Unavailable if a word of 16 bytes might not arrive whole (kernels/exchange.h). Support for atomics
-/// between the devices tells NVLink from PCIe.
-void require_whole_words(int own, int other) {
-    if (own == other) return;
-    int atomics = 0;
-    check(cudaDeviceGetP2PAttribute(&atomics, cudaDevP2PAttrNativeAtomicSupported, own, other));
-    if (atomics == 0)
-        throw Unavailable("devices " + std::to_string(own) + " and " + std::to_string(other) +
-                          " are not joined by NVLink, and resident kernels need their words whole");
-}
-
 /// The borders of a part of a body. The part's kernel sends the points at its borders into the exchanges of
 /// the parts beside it.
 class ResidentBorders final : public DeviceBorders {

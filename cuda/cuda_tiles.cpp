@@ -93,18 +93,20 @@ private:
     }
 
     template <class... Blocks>
-    void launch(const Kernel& kernel, const Stream& in, std::size_t blocks, int reading,
+    void launch(const Kernel& kernel, const Stream& in, std::size_t blocks, int reading, bool dependent,
                 Blocks... listed) const {
         const Real* const at = this->positions(std::size_t(reading));
         const MarchOutput<Real> output{this->positions(std::size_t(1 - reading)), this->increment()};
         const dim3 grid{unsigned(blocks)}, block{block_threads};
-        if (dependent_) {
+        if (dependent) {
             kernel.launch_dependent(in, grid, block, 0, step_, at, output, reading == 1, listed...);
         } else {
             kernel.launch(in, grid, block, 0, step_, at, output, reading == 1, listed...);
         }
     }
-    void enqueue_step(int reading) override { launch(*kernel_, this->stream(), lists_->blocks(), reading); }
+    void enqueue_step(int reading) override {
+        launch(*kernel_, this->stream(), lists_->blocks(), reading, dependent_);
+    }
 
     bool gives_borders() const override { return true; }
     bool splits_steps() const override { return true; }
@@ -125,7 +127,8 @@ private:
         const std::size_t count = parts_.count_of(part);
         if (count == 0) return;
         const std::uint32_t* const blocks = blocks_.data() + parts_.begin_of(part);
-        launch(*part_kernel_, in, count, reading, blocks);
+        // A part also waits for what is in another stream, before which it cannot begin.
+        launch(*part_kernel_, in, count, reading, false, blocks);
     }
 
     std::string refused(const Problem& problem) const override {

@@ -429,19 +429,27 @@ const Registered backends[] = {registered<Placed>("rank_placed"), registered<Num
                                registered<Faulty>("rank_hangs", "hangs"),
                                registered<Faulty>("rank_without", "without")};
 
-/// Borders that travel within steps, simulated by a device that waits for its neighbours.
+/// Borders that a simulated device exchanges, which waits for its neighbours: `within_steps`, or after a step
+/// without its host.
 class BordersInSteps final : public DeviceBorders {
 public:
-    explicit BordersInSteps(std::shared_ptr<DeviceBorders> of) : inner_(std::move(of)) {}
+    BordersInSteps(std::shared_ptr<DeviceBorders> of, bool within_steps)
+        : inner_(std::move(of)), within_steps_(within_steps) {}
     std::size_t bytes() const override { return inner_->bytes(); }
     void connect(const std::vector<std::shared_ptr<DeviceBorders>>& parts, std::size_t part) override {
         std::vector<std::shared_ptr<DeviceBorders>> inner;
         for (const auto& other : parts) inner.push_back(dynamic_cast<BordersInSteps&>(*other).inner_);
         inner_->connect(inner, part);
     }
-    int steps_per_call() const override { return 3; }
-    void send() override { throw std::logic_error("sent between steps"); }
-    void receive() override { throw std::logic_error("received between steps"); }
+    int steps_per_call() const override { return within_steps_ ? 3 : 0; }
+    bool waits_on_device() const override { return !within_steps_; }
+    void send() override {
+        if (within_steps_) throw std::logic_error("sent between steps");
+    }
+    void receive() override {
+        if (within_steps_) throw std::logic_error("received between steps");
+        exchange();
+    }
 
     void exchange() {
         inner_->send();
@@ -451,14 +459,15 @@ public:
 
 private:
     const std::shared_ptr<DeviceBorders> inner_;
+    const bool within_steps_;
 };
 
 /// Its edits take long on one rank; meanwhile no other rank may be in the steps after them. Another rank is
 /// late for its steps; no rank may edit before it has begun them, since an edit may wait for everything on a
-/// device.
+/// device. Getting ready for steps with exchanges is such work as an edit.
 class WithinSteps final : public Wrapped {
 public:
-    WithinSteps() {
+    explicit WithinSteps(bool within_steps) : within_steps_(within_steps) {
         const std::lock_guard lock(mutex_);
         all_.push_back(this);
     }
@@ -474,11 +483,31 @@ public:
     }
     std::shared_ptr<DeviceBorders> device_borders(const std::vector<SharedParticles>& borders,
                                                   const std::string&) override {
-        borders_ = std::make_shared<BordersInSteps>(Wrapped::device_borders(borders, "peer"));
+        borders_ = std::make_shared<BordersInSteps>(Wrapped::device_borders(borders, "peer"), within_steps_);
         return borders_;
     }
+    bool prepare_exchanges(DeviceBorders& borders, int count) override {
+        if (!borders.waits_on_device() || count < 2) return false;
+        alone([] {});
+        return true;
+    }
+    void step_and_exchange(DeviceBorders& borders, int count) override {
+        replays_ = true;
+        ++replayed;
+        step(count);
+        replays_ = false;
+        static_cast<void>(borders);
+    }
+    /// Counts calls of step_and_exchange() over all ranks.
+    static inline std::atomic<int> replayed = 0;
     void edit(const Problem& edited, const SpringEdit& edit) override {
         if (edit.empty()) throw std::logic_error("an edit of nothing");
+        alone([&] { Wrapped::edit(edited, edit); });
+    }
+
+private:
+    /// Does work that no rank may do while another steps.
+    void alone(const std::function<void()>& work) {
         {
             const std::lock_guard lock(mutex_);
             for (const WithinSteps* other : all_) {
@@ -487,11 +516,9 @@ public:
         }
         edits_ = true;
         if (is_first_) std::this_thread::sleep_for(std::chrono::milliseconds(5));
-        Wrapped::edit(edited, edit);
+        work();
         edits_ = false;
     }
-
-private:
     void begin(const Problem& problem, const State& state) override {
         is_first_ = problem.rest_position.front().z == 0;
         is_last_ = problem.rest_position.back().z == 28;
@@ -508,19 +535,22 @@ private:
         }
         for (int n = 0; n < count; ++n) {
             Wrapped::integrate(1);
-            if (borders_) borders_->exchange();
+            if (borders_ && (within_steps_ || replays_)) borders_->exchange();
         }
     }
 
     inline static std::mutex mutex_;
     inline static std::vector<const WithinSteps*> all_;
+    const bool within_steps_;
+    bool replays_ = false;
     std::shared_ptr<BordersInSteps> borders_;
     bool is_first_ = false, is_last_ = false;
     std::atomic<bool> edits_ = false;
     std::atomic<int> calls_ = 0;
 };
 
-const Registered within_steps = registered<WithinSteps>("rank_within_steps");
+const Registered within_steps[] = {registered<WithinSteps>("rank_within_steps", true),
+                                   registered<WithinSteps>("rank_replays", false)};
 
 /// Records the largest number of steps in one call, over all ranks.
 class Counting final : public Wrapped {
@@ -655,6 +685,25 @@ TEST(RankRuns, GiveTheBitsOfOneRankWhereBordersTravelWithinSteps) {
     EXPECT_THAT(error_of("rank_within_steps", "peer"), HasSubstr("it cannot exchange borders by peer"));
     for (const char* backend : {"rank_within_steps", "rank_without"})
         EXPECT_THAT(error_of(backend), HasSubstr("it cannot exchange borders"));
+}
+
+TEST(RankRuns, GiveTheBitsOfOneRankWhereDevicesWaitForEachOther) {
+    Scene whole = scene();
+    whole.edits.clear();
+    const State one = run_ranks("rank_replays", whole, plan_of(1, "stores")).state;
+    for (int ranks = 2; ranks <= 4; ++ranks) {
+        WithinSteps::replayed = 0;
+        const auto [reports, state] = run_ranks("rank_replays", whole, plan_of(ranks, "stores"));
+        // All repetitions but the one that measures the parts.
+        EXPECT_EQ(WithinSteps::replayed, (plan.repetitions + 1) * ranks);
+        for (const RankReport& report : reports) {
+            ASSERT_EQ(report.batches.size(), std::size_t(plan.repetitions));
+            EXPECT_GT(report.batches.back().compute, 0);
+            EXPECT_GT(report.batches.back().exchange, 0);
+            EXPECT_GT(report.latency, 0);
+        }
+        expect_same_bits(state, one);
+    }
 }
 
 TEST(RankRuns, SayWhyDevicesHaveNoWayToEachOther) {

@@ -67,7 +67,7 @@ inline std::map<std::string, std::string> class_macros(const Problem& problem, F
 }
 
 template <class Real>
-class AxesBackend : public CudaBackend, public BorderFacet {
+class AxesBackend : public CudaBackend {
 public:
     explicit AxesBackend(Formulation formulation) : formulation_(formulation) {}
 
@@ -181,6 +181,7 @@ private:
                                                   .axis_pitch = axis_};
                     },
                 .written = [] {},
+                .wait = border_wait(),
                 .first = first};
     }
 

@@ -12,6 +12,7 @@
 #include "cuda/device/buffer.h"
 #include "cuda/device/stream.h"
 #include "cuda/kernels/border.h"
+#include "cuda/kernels/layout.h"
 
 namespace voxspring::cuda {
 
@@ -22,6 +23,7 @@ struct BorderState {
     /// Where the places are after the steps so far; `element` and `count` are unset.
     std::function<BorderPlaces<Real>()> now;
     std::function<void()> written;  ///< called once places have been written between steps
+    WaitLimit wait;                 ///< of a kernel that waits for another part
     BordersFirst* first = nullptr;  ///< set if borders are stepped first; null: `stream` does all
 
     /// The stream in which borders are sent and received.
@@ -42,13 +44,29 @@ struct BorderState {
     }
 };
 
-// Each of these functions enqueues one kernel, or none if there are no particles. A message may be in device
-// memory, a peer's included, or in pinned memory of the host.
+/// A launch of exchange_places().
+struct ExchangeLaunch {
+    unsigned blocks;  ///< per link
+    bool stores;      ///< whether it sends
+    bool takes;       ///< whether it waits for messages and writes them to the state
+    bool dependent;   ///< whether the launch may begin while the step before still runs
+    /// How many threads serve one link.
+    std::size_t threads() const { return std::size_t(blocks) * threads_per_block; }
+    static constexpr unsigned threads_per_block = 512;
+};
+
+// Each of these functions enqueues one kernel, or none if there are no particles or links. A message may be
+// in device memory, a peer's included, or in pinned memory of the host.
 
 template <class Real>
 void gather_places(const BorderPlaces<Real>& places, Real* message, const Stream& stream);
 template <class Real>
 void scatter_places(const BorderPlaces<Real>& places, const Real* message, const Stream& stream);
+/// Sends one message over each of the `links`, which are in device memory, and takes one. A kernel that takes
+/// ends once the other parts have sent.
+template <class Real>
+void exchange_places(const BorderPlaces<Real>& places, const Buffer<BorderLink<Real>>& links,
+                     const ExchangeLaunch& launch, const WaitLimit& limit, const Stream& stream);
 
 /// `elements`: elements of the state that hold the border's particles. The stream must outlive the border.
 template <class Real>

@@ -47,11 +47,15 @@ public:
         if (!std::exchange(is_ahead_, false)) wait_for_main_stream();
     }
     /// Called once the receive is enqueued in stream(). What follows in the backend's stream then finds the
-    /// ghosts as the neighbouring parts sent them.
+    /// ghosts as the neighbouring parts sent them, unless a step follows (step_follows()).
     void end_receive() {
+        if (step_follows_) return;
         arrived_.record(own_);
         arrived_.hold(whole_);
     }
+    /// Whether the next receive is followed by a step and by nothing else. The interior of that step then
+    /// waits for no ghosts, since it reads none.
+    void step_follows(bool follows) { step_follows_ = follows; }
 
 private:
     void wait_for_main_stream() {
@@ -64,7 +68,8 @@ private:
     Event begun_ = Event::without_time();    ///< in the backend's stream: everything enqueued before is done
     Event stepped_ = Event::without_time();  ///< in the second stream: the border of the latest step is done
     Event arrived_ = Event::without_time();  ///< in the second stream: the ghosts of that step have arrived
-    bool is_ahead_ = false;                  ///< whether the latest work that was enqueued is a step
+    bool step_follows_ = false;
+    bool is_ahead_ = false;  ///< whether the latest work that was enqueued is a step
 };
 
 }  // namespace voxspring::cuda

@@ -62,11 +62,24 @@ void CudaBackend::wait_for_stream() {
 
 void CudaBackend::check_waits() const {
     if (const std::string note = failure_note(); !note.empty()) throw DeviceError(note);
+    if (border_stall_.size() == 0) return;
+    const std::uint64_t mark = *static_cast<const volatile std::uint64_t*>(border_stall_.data());
+    if (mark != 0)
+        throw DeviceError(fmt::format("waited {} seconds in vain for border {} of another part of the body",
+                                      max_wait_nanoseconds / 1'000'000'000,
+                                      ResidentStall::unpacked(mark).step));
+}
+
+WaitLimit CudaBackend::border_wait() {
+    border_stall_.resize(1);
+    *border_stall_.data() = 0;
+    return {border_stall_.data(), max_wait_nanoseconds};
 }
 
 void CudaBackend::forget_graphs() {
     stream_.synchronize();  // a captured graph may still run
     graphs_ = {};
+    exchanging_graphs_ = {};
 }
 
 void CudaBackend::begin_upload() {
@@ -79,11 +92,13 @@ void CudaBackend::begin_upload() {
     start_.clear();
     compile_time_ = {};
     is_split_ = false;
+    if (border_stall_.size() > 0) *border_stall_.data() = 0;
 }
 
 BordersFirst* CudaBackend::enable_border_stream(const std::vector<SharedParticles>& borders,
                                                 const std::string& way) {
     is_split_ = false;
+    exchanging_graphs_ = {};
     if (!overlaps(way)) return nullptr;
     std::vector<std::uint32_t> particles;
     for (const SharedParticles& shared : borders) {
@@ -134,20 +149,41 @@ void CudaBackend::reset_to_step_zero() {
     if (monitor_.every > 0) first_divergence_.upload(std::span(&none, 1), stream_);
 }
 
-void CudaBackend::step(int count) {
+template <class Enqueue>
+void CudaBackend::between_checks(int count, Enqueue enqueue) {
     // With a check after every graph of the greatest length, checks cost less than 1% of a graph, even where
     // a step takes no longer than its launch. A caller that asks for more checks pays for them.
     const bool often = monitor_.every > 0 && monitor_.every < 32;
     while (count > 0) {
         const int steps = often ? std::min(count, monitor_.every - int(steps_ - last_check_)) : count;
-        enqueue_steps(steps);
+        enqueue(steps);
         count -= steps;
+    }
+}
+
+void CudaBackend::step(int count) {
+    between_checks(count, [this](int steps) { enqueue_steps(steps); });
+}
+
+template <class GraphOf>
+void CudaBackend::launch_graphs(int count, GraphOf graph) {
+    for (int k = graph_lengths - 1; k >= 0; --k) {
+        for (; count >= 1 << k; count -= 1 << k) {
+            graph(k).launch(stream_);
+            if (k == 0) current_ = 1 - current_;
+            stepped(1 << k);
+        }
     }
 }
 
 void CudaBackend::enqueue_steps(int count) {
     if (is_split_ && splits_next_step()) {
-        enqueue_split_steps(count);
+        // These are not captured: another stream could go on only at the end of a graph, but a border that
+        // the host sends is to be sent before that.
+        for (; count > 0; --count) {
+            enqueue_split_step();
+            stepped(1);
+        }
         return;
     }
     if (borders_first_) borders_first_->order_after_main_stream();
@@ -159,33 +195,64 @@ void CudaBackend::enqueue_steps(int count) {
         }
         return;
     }
-    for (int k = graph_lengths - 1; k >= 0; --k) {
-        for (; count >= 1 << k; count -= 1 << k) {
-            std::optional<Graph>& graph =
-                graphs_[std::size_t(kind_of_step())][std::size_t(current_)][std::size_t(k)];
-            if (!graph) {
-                graph.emplace(Graph::capture(stream_, [&] {
-                    for (int n = 0; n < 1 << k; ++n) launch_step((current_ + n) % 2);
-                }));
-            }
-            graph->launch(stream_);
-            if (k == 0) current_ = 1 - current_;
-            stepped(1 << k);
+    launch_graphs(count, [this](int k) -> Graph& {
+        std::optional<Graph>& graph =
+            graphs_[std::size_t(kind_of_step())][std::size_t(current_)][std::size_t(k)];
+        if (!graph) {
+            graph.emplace(Graph::capture(stream_, [&] {
+                for (int n = 0; n < 1 << k; ++n) launch_step((current_ + n) % 2);
+            }));
         }
-    }
+        return *graph;
+    });
 }
 
-// Split steps are not captured in a graph: another stream could go on only at the end of the graph, but a
-// border is to be sent before that.
-void CudaBackend::enqueue_split_steps(int count) {
-    for (; count > 0; --count) {
-        enqueue_tool(current_);
-        borders_first_->step(
-            [this](const Stream& stream) { enqueue_part(current_, StepPart::border, stream); },
-            [this](const Stream& stream) { enqueue_part(current_, StepPart::interior, stream); });
-        current_ = 1 - current_;
-        stepped(1);
+void CudaBackend::enqueue_split_step() {
+    enqueue_tool(current_);
+    borders_first_->step(
+        [this](const Stream& stream) { enqueue_part(current_, StepPart::border, stream); },
+        [this](const Stream& stream) { enqueue_part(current_, StepPart::interior, stream); });
+    current_ = 1 - current_;
+}
+
+Graph& CudaBackend::exchanging_graph(DeviceBorders& borders, int k) {
+    std::optional<Graph>& graph = exchanging_graphs_[std::size_t(current_)][std::size_t(k)];
+    if (graph) return *graph;
+    const int reading = current_;
+    graph.emplace(Graph::capture(stream_, [&] {
+        for (int n = 0; n < 1 << k; ++n) {
+            if (is_split_) {
+                enqueue_split_step();
+                borders_first_->step_follows(n + 1 < 1 << k);
+            } else {
+                launch_step(current_);
+                current_ = 1 - current_;
+            }
+            borders.send();
+            borders.receive();
+        }
+    }));
+    current_ = reading;
+    return *graph;
+}
+
+bool CudaBackend::prepare_exchanges(DeviceBorders& borders, int count) {
+    if (!borders.waits_on_device() || !replays_steps() || !make_steps_alike()) return false;
+    // Checks may cut the steps anywhere, so that all graphs up to that length may be needed.
+    const int first = current_;
+    for (current_ = 0; current_ < 2; ++current_) {
+        for (int k = 0; k < graph_lengths && 1 << k <= count; ++k) exchanging_graph(borders, k);
     }
+    current_ = first;
+    // A step that is not in a graph orders the two streams by itself.
+    if (borders_first_) borders_first_->order_after_main_stream();
+    return true;
+}
+
+void CudaBackend::step_and_exchange(DeviceBorders& borders, int count) {
+    between_checks(count, [&](int steps) {
+        launch_graphs(steps, [&](int k) -> Graph& { return exchanging_graph(borders, k); });
+    });
 }
 
 void CudaBackend::stepped(int count) {

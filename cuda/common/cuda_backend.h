@@ -11,6 +11,7 @@
 
 #include "backends/backend.h"
 #include "backends/layout/border_blocks.h"
+#include "backends/layout/records/resident.h"
 #include "cuda/common/borders_first.h"
 #include "cuda/common/divergence_check.h"
 #include "cuda/common/support_kernels.h"
@@ -20,6 +21,8 @@
 #include "cuda/device/graph.h"
 #include "cuda/device/kernel.h"
 #include "cuda/device/limits.h"
+#include "cuda/device/pinned.h"
+#include "cuda/kernels/layout.h"
 
 namespace voxspring::cuda {
 
@@ -34,7 +37,7 @@ StateArray state_array(const Buffer<T>& buffer) {
 }
 
 /// A backend whose two position buffers swap roles: a step reads one and overwrites x(t - dt) in the other.
-class CudaBackend : public Backend, public LimitsFacet {
+class CudaBackend : public Backend, public LimitsFacet, public BorderFacet {
 public:
     Capabilities capabilities() const override;
     std::string unsupported(const Problem& problem) const final;
@@ -47,6 +50,8 @@ public:
     CompileTime compile_time() const final { return compile_time_; }
     LimitsFacet* limits() final { return this; }
     DeviceLimits measure_limits() final { return cuda::measure_limits(device_, stream_); }
+    bool prepare_exchanges(DeviceBorders& borders, int count) final;
+    void step_and_exchange(DeviceBorders& borders, int count) final;
 
 protected:
     const Device& device() const { return device_; }
@@ -67,6 +72,8 @@ protected:
     BordersFirst* enable_border_stream(const std::vector<SharedParticles>& borders, const std::string& way);
     /// Whether borders are stepped first.
     bool is_split() const { return is_split_; }
+    /// For kernels that wait for another part of the body. If one waits in vain, check_waits() says so.
+    WaitLimit border_wait();
 
     /// Makes a kernel end that runs on and waits for further steps. Called before anything but steps and
     /// moves of the tool is enqueued.
@@ -139,7 +146,18 @@ private:
     virtual bool replays_steps() const { return true; }
     /// Whether the next step can be made in two parts.
     virtual bool splits_next_step() const { return true; }
-    void enqueue_split_steps(int count);
+    /// Makes all steps until rewind() or the next upload alike, so that graphs with exchanges can hold them.
+    /// Returns false if the backend's options forbid that.
+    virtual bool make_steps_alike() { return true; }
+    void enqueue_split_step();
+    /// Splits the next `count` steps where the state is to be checked often, and calls enqueue(steps).
+    template <class Enqueue>
+    void between_checks(int count, Enqueue enqueue);
+    /// Enqueues `count` steps by graphs of 2^k steps: calls graph(k) for each, which returns it.
+    template <class GraphOf>
+    void launch_graphs(int count, GraphOf graph);
+    /// The graph of 2^k steps with their exchanges, the first of which reads buffer current().
+    Graph& exchanging_graph(DeviceBorders& borders, int k);
     /// The kind of the next step, 0 or 1, for strategies with two kinds of step. Each kind has its graphs.
     virtual int kind_of_step() const { return 0; }
 
@@ -170,6 +188,9 @@ private:
     /// first launched, so a batch of steps that was run once since upload() captures nothing when it is
     /// timed.
     std::array<std::array<std::array<std::optional<Graph>, graph_lengths>, 2>, 2> graphs_;
+    /// [b][k]: graphs of 2^k steps, each followed by an exchange of borders.
+    std::array<std::array<std::optional<Graph>, graph_lengths>, 2> exchanging_graphs_;
+    Pinned<std::uint64_t> border_stall_;  ///< WaitLimit::stall of border_wait()
     /// Set once a caller has asked for borders that are stepped first.
     std::optional<BordersFirst> borders_first_;
     bool is_split_ = false;

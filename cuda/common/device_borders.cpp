@@ -54,6 +54,14 @@ Borders& same_kind(const std::shared_ptr<DeviceBorders>& other) {
     return *borders;
 }
 
+/// The only one of a part's links for which is_it() holds.
+template <class Links, class IsIt>
+auto find_side(const Links& links, IsIt is_it) {
+    const auto link = std::find_if(links.begin(), links.end(), is_it);
+    if (link == links.end()) throw std::logic_error("a part borders on a part that has no such border");
+    return link;
+}
+
 /// Bytes that this part sends over all its borders in one exchange.
 template <class Real, class Links>
 std::size_t bytes_sent(const Links& links) {
@@ -84,8 +92,7 @@ void say_once(const std::string& line) {
     if (said.insert(line).second) std::fprintf(stderr, "%s\n", line.c_str());
 }
 
-/// Messages that a device writes into the memory of the device that receives them: by copies, or by the
-/// kernel that gathers them.
+/// Messages that copies take to the device that receives them.
 ///
 /// Every part sends a message over every border in every exchange. Before a part sends message n + 2, its
 /// stream has waited for message n + 1 from the other side, and the other side has sent that only after it
@@ -94,16 +101,14 @@ void say_once(const std::string& line) {
 template <class Real>
 class PeerBorders final : public DeviceBorders {
 public:
-    /// `stores`: the kernel that gathers a message stores it into the other device's memory. Otherwise it
-    /// gathers into Link::leaving, which is then copied.
-    PeerBorders(const std::vector<SharedElements>& borders, bool stores, const Device& device,
+    PeerBorders(const std::vector<SharedElements>& borders, const Device& device,
                 const BorderState<Real>& state)
-        : stores_(stores), device_(device.number()), state_(state), stream_(state.lane()) {
+        : device_(device.number()), state_(state), stream_(state.lane()) {
         for (const SharedElements& elements : borders) {
             Link& link = links_.emplace_back(elements, state);
             link.own = std::make_shared<BorderInbox>();
             for (Buffer<Real>& message : link.own->arrived) message.resize(link.side.to_receive());
-            if (!stores) link.leaving.resize(link.side.to_send());
+            link.leaving.resize(link.side.to_send());
         }
     }
 
@@ -122,11 +127,9 @@ public:
         const std::size_t turn = sent_++ % 2;
         state_.begin_send();
         for (Link& link : links_) {
-            Real* const message = link.theirs->arrived[turn].data();
-            link.side.gather(stores_ ? message : link.leaving.data());
-            if (!stores_)
-                copy_message(message, link.their_device, link.leaving.data(), device_, link.leaving.bytes(),
-                             stream_);
+            link.side.gather(link.leaving.data());
+            copy_message(link.theirs->arrived[turn].data(), link.their_device, link.leaving.data(), device_,
+                         link.leaving.bytes(), stream_);
             link.own->sent[turn].record(stream_);
         }
     }
@@ -151,31 +154,144 @@ private:
     struct Link {
         Link(const SharedElements& elements, const BorderState<Real>& state) : side(elements, state) {}
         Side<Real> side;
-        Buffer<Real> leaving;  ///< the message before it is copied; unused with stores
+        Buffer<Real> leaving;  ///< the message before it is copied
         std::shared_ptr<BorderInbox> own, theirs = nullptr;
         int their_device = 0;
     };
 
-    /// A kernel can store into the other device's memory only through peer access. A copy uses peer access
-    /// if there is any; otherwise the driver copies through the host's memory.
+    /// A copy uses peer access if there is any; otherwise the driver copies through the host's memory.
     void connect_to(int device) const {
-        if (stores_) return require_peer_access(device_, device);
         if (enable_peer_access(device_, device)) return;
         say_once(without_peer_access(device_, device) + ": copies between them go through the host's memory");
     }
     const Link& link_with(int part) const {
-        const auto link = std::find_if(links_.begin(), links_.end(),
-                                       [&](const Link& one) { return one.side.part() == part; });
-        if (link == links_.end()) throw std::logic_error("a part borders on a part that has no such border");
-        return *link;
+        return *find_side(links_, [&](const Link& one) { return one.side.part() == part; });
     }
 
-    const bool stores_;
     const int device_;
     const BorderState<Real> state_;
     const Stream& stream_;
     std::vector<Link> links_;
     std::size_t sent_ = 0, received_ = 0;  ///< calls of send() and of receive()
+};
+
+/// Messages that a kernel stores into the memory of the device that receives them. A kernel of that device
+/// waits for them and writes them to the state. If no two parts share a device, no host takes part, so that
+/// graphs can hold exchanges. Parts that share a device must not wait there, since one might keep the other
+/// from running: each sends by one launch and takes by another, and events order these.
+///
+/// Buffers are free in time for the same reason as those of PeerBorders: a part sends message n + 2 only
+/// after message n + 1 has arrived, which the other part has sent after it had taken message n.
+template <class Real>
+class StoredBorders final : public DeviceBorders {
+public:
+    StoredBorders(const std::vector<SharedElements>& borders, const Device& device,
+                  const BorderState<Real>& state)
+        : device_(device.number()),
+          state_(state),
+          launch_{.blocks = blocks_for(borders, device),
+                  .stores = true,
+                  .takes = true,
+                  .dependent = device.has_dependent_launches()} {
+        for (const SharedElements& elements : borders) {
+            Side& side = sides_.emplace_back();
+            side.part = elements.part;
+            side.sent.upload(elements.sent, state.lane());
+            side.received.upload(elements.received, state.lane());
+            side.taken.resize(launch_.threads());
+            side.taken.fill_with_zeros(state.lane());
+            side.own = std::make_shared<BorderInbox>();
+            for (Buffer<TaggedPoint>& message : side.own->arrived) {
+                message.resize(state.places(side.received).words());
+                message.fill_with_zeros(state.lane());
+            }
+        }
+        state.lane().synchronize();  // inboxes must be empty before another part writes to them
+    }
+
+    std::size_t bytes() const override {
+        std::size_t words = 0;
+        for (const Side& side : sides_) words += state_.places(side.sent).words();
+        return words * sizeof(TaggedPoint);
+    }
+
+    void connect(const std::vector<std::shared_ptr<DeviceBorders>>& parts, std::size_t part) override {
+        std::set<int> devices;
+        for (const auto& other : parts) devices.insert(same_kind<StoredBorders>(other).device_);
+        waits_on_device_ = devices.size() == parts.size();
+        std::vector<BorderLink<Real>> links;
+        for (Side& side : sides_) {
+            const auto& borders = same_kind<StoredBorders>(parts.at(std::size_t(side.part)));
+            require_whole_words(device_, borders.device_);
+            require_peer_access(device_, borders.device_);
+            side.theirs =
+                find_side(borders.sides_, [&](const Side& one) { return one.part == int(part); })->own;
+            links.push_back({.sent = side.sent.data(),
+                             .received = side.received.data(),
+                             .sent_count = side.sent.size(),
+                             .received_count = side.received.size(),
+                             .outbox = {side.theirs->arrived[0].data(), side.theirs->arrived[1].data()},
+                             .inbox = {side.own->arrived[0].data(), side.own->arrived[1].data()},
+                             .taken = side.taken.data()});
+        }
+        links_.upload(links, state_.lane());
+    }
+
+    bool waits_on_device() const override { return waits_on_device_; }
+    void send() override {
+        state_.begin_send();
+        if (waits_on_device_) return;
+        enqueue(true, false);
+        const std::size_t turn = sent_++ % 2;
+        for (const Side& side : sides_) side.own->sent[turn].record(state_.lane());
+    }
+    void receive() override {
+        if (!waits_on_device_) {
+            const std::size_t turn = received_++ % 2;
+            for (const Side& side : sides_) side.theirs->sent[turn].hold(state_.lane());
+        }
+        enqueue(waits_on_device_, true);
+        if (links_.size() > 0) state_.written();
+        state_.end_receive();
+    }
+
+private:
+    /// The two buffers for messages that arrive at one side of a border, and the events that this side
+    /// records after its sends if the hosts order the launches. Both sides share it; it is freed when neither
+    /// needs it any more.
+    struct BorderInbox {
+        std::array<Buffer<TaggedPoint>, 2> arrived;
+        std::array<Event, 2> sent{Event::without_time(), Event::without_time()};
+    };
+    struct Side {
+        int part = 0;
+        Buffer<std::uint32_t> sent, received, taken;
+        std::shared_ptr<BorderInbox> own, theirs;
+    };
+
+    /// Enough for one thread per particle, unless the device has fewer multiprocessors.
+    static unsigned blocks_for(const std::vector<SharedElements>& borders, const Device& device) {
+        constexpr std::size_t threads = ExchangeLaunch::threads_per_block;
+        std::size_t most = 1;
+        for (const SharedElements& elements : borders)
+            most = std::max({most, elements.sent.size(), elements.received.size()});
+        return unsigned(
+            std::min((most + threads - 1) / threads, std::size_t(std::max(1, device.multiprocessors()))));
+    }
+    void enqueue(bool stores, bool takes) {
+        ExchangeLaunch launch = launch_;
+        launch.stores = stores;
+        launch.takes = takes;
+        exchange_places(state_.now(), links_, launch, state_.wait, state_.lane());
+    }
+
+    const int device_;
+    const BorderState<Real> state_;
+    const ExchangeLaunch launch_;
+    bool waits_on_device_ = false;
+    std::vector<Side> sides_;
+    Buffer<BorderLink<Real>> links_;
+    std::size_t sent_ = 0, received_ = 0;  ///< calls of send() and of receive() that the hosts order
 };
 
 /// Messages that NCCL carries.
@@ -270,6 +386,15 @@ bool enable_peer_access(int own, int other) {
     return true;
 }
 
+void require_whole_words(int own, int other) {
+    if (own == other) return;
+    int atomics = 0;
+    check(cudaDeviceGetP2PAttribute(&atomics, cudaDevP2PAttrNativeAtomicSupported, own, other));
+    if (atomics == 0)
+        throw Unavailable("devices " + std::to_string(own) + " and " + std::to_string(other) +
+                          " are not joined by NVLink, so that words of 16 bytes might not arrive whole");
+}
+
 void require_peer_access(int own, int other) {
     if (!enable_peer_access(own, other)) throw Unavailable(without_peer_access(own, other));
 }
@@ -290,7 +415,8 @@ std::shared_ptr<DeviceBorders> make_device_borders(const std::vector<SharedEleme
                                                    const std::string& way, const Device& device,
                                                    const BorderState<Real>& state) {
     if (way.starts_with("nccl")) return std::make_shared<NcclBorders<Real>>(borders, device, state);
-    return std::make_shared<PeerBorders<Real>>(borders, way.starts_with("stores"), device, state);
+    if (way.starts_with("stores")) return std::make_shared<StoredBorders<Real>>(borders, device, state);
+    return std::make_shared<PeerBorders<Real>>(borders, device, state);
 }
 
 template std::shared_ptr<DeviceBorders> make_device_borders(const std::vector<SharedElements>&,

@@ -22,6 +22,9 @@ bool overlaps(const std::string& way);
 /// Lets the current device, `own`, read and write the memory of `other`. Returns false if the hardware does
 /// not connect the two in this way.
 bool enable_peer_access(int own, int other);
+/// Throws Unavailable if a word of 16 bytes might not arrive whole (kernels/exchange.h). Support for atomics
+/// between the devices tells NVLink from PCIe.
+void require_whole_words(int own, int other);
 /// Calls enable_peer_access() and throws Unavailable where that returns false.
 void require_peer_access(int own, int other);
 

@@ -160,6 +160,9 @@ private:
                             step, reading);
     }
     bool splits_next_step() const override { return !resting_.checks(); }
+    /// A message over a border wakes all blocks (border_written()), so that none is left out anyway. Only
+    /// `flush` has other bits than a step of all blocks, and `skip` promises to look for blocks at rest.
+    bool make_steps_alike() override { return resting_.stop(); }
 
     void rewound() override { resting_.rewind(this->stream()); }
     int kind_of_step() const override { return resting_.checks() ? 1 : 0; }

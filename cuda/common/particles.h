@@ -97,7 +97,7 @@ std::string launch_refusal(std::size_t words, const Device& device, const Kernel
 /// kernel's first argument and has a member `motion`. The other arguments are a reader of positions, a reader
 /// of their low parts, and the arrays that the step writes (kernels/*.cu).
 template <class Real, class Step>
-class ParticleBackend : public CudaBackend, public BorderFacet, public FeedFacet, public ToolFacet {
+class ParticleBackend : public CudaBackend, public FeedFacet, public ToolFacet {
 public:
     State download() final {
         this->synchronize();
@@ -424,6 +424,7 @@ private:
                             .axis_pitch = 1};
                     },
                 .written = [this] { border_written(); },
+                .wait = border_wait(),
                 .first = first};
     }
 

@@ -126,6 +126,12 @@ void Resting::rewind(const Stream& stream) {
     copy(first_counts_, counts_, stream);
 }
 
+bool Resting::stop() {
+    if (rest_ == Rest::skip || rest_ == Rest::flush) return false;
+    policy_.start(false, false);
+    return true;
+}
+
 void Resting::wake(int reading, const Stream& stream) {
     if (!may_check()) return;
     const auto now = std::size_t(reading), next = std::size_t(1 - reading);

@@ -41,6 +41,9 @@ public:
     void start_checked(const Stream& stream);
     /// Prepares a run that starts from the same state as the last one: the first step takes the same blocks.
     void rewind(const Stream& stream);
+    /// Steps take all blocks until rewind() or the next upload, unless the tuning forbids that (`skip`,
+    /// `flush`). Returns whether they do.
+    bool stop();
     /// The next step takes all blocks. It reads buffer `reading` of the particles.
     void wake(int reading, const Stream& stream);
 

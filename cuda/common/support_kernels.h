@@ -13,7 +13,7 @@ namespace voxspring::cuda {
 /// The kernels, named as in between_steps.cu.
 // clang-format off
 #define SUPPORT_KERNELS(X) \
-    X(gather_border) X(scatter_border) X(check_words) X(check_axes) \
+    X(gather_border) X(scatter_border) X(exchange_borders) X(check_words) X(check_axes) \
     X(write_particle_bits) X(write_bare_words) X(write_slots_and_bits) \
     X(write_rows) X(write_slices) X(write_springs) \
     X(write_short_argument) X(write_long_argument) \

@@ -5,14 +5,24 @@
 #include "cuda/kernels/border.h"
 #include "cuda/kernels/divergence_check.h"
 #include "cuda/kernels/edit.h"
+#include "cuda/kernels/exchange.h"
 #include "cuda/kernels/feed.h"
+#include "cuda/kernels/layout.h"
 #include "cuda/kernels/tool.h"
+#include "cuda/kernels/wait.h"
 
 namespace voxspring::cuda {
 
 using Real = REAL;
 
 #define KERNEL extern "C" __global__ void
+
+// A kernel that begins so may be launched while the step before it still runs.
+#if __CUDA_ARCH__ >= 900
+#define BEGIN_AFTER_THE_STEP asm volatile("griddepcontrol.wait;" ::: "memory")
+#else
+#define BEGIN_AFTER_THE_STEP
+#endif
 
 __device__ inline std::size_t thread_number() { return std::size_t(blockIdx.x) * blockDim.x + threadIdx.x; }
 
@@ -21,6 +31,39 @@ KERNEL gather_border(BorderPlaces<Real> places, Real* message) {
 }
 KERNEL scatter_border(BorderPlaces<Real> places, const Real* message) {
     if (thread_number() < places.count) scatter_place(places, thread_number(), message);
+}
+
+// Each row of blocks serves one link. A thread stores its share of the message first and waits afterwards, so
+// that a wait depends on nothing but the stores of the other part. With `stores` or `takes` unset a launch
+// does one half, for parts that must not wait for each other.
+KERNEL exchange_borders(BorderPlaces<Real> places, const BorderLink<Real>* links, bool stores, bool takes,
+                        WaitLimit limit) {
+    BEGIN_AFTER_THE_STEP;
+    const BorderLink<Real> link = links[blockIdx.y];
+    const std::size_t threads = std::size_t(gridDim.x) * blockDim.x;
+    const std::uint32_t number = link.taken[thread_number()], tag = number + 1;
+    if (stores) {
+        const BorderPlaces<Real> leaving = link.leaving(places);
+        for (std::size_t n = thread_number(); n < leaving.count; n += threads) {
+            TaggedPoint* const to = link.outbox[number % 2] + n;
+            split_place(leaving, n, [&](int k, Vector<float> numbers) {
+                store_word_system(to + std::size_t(k) * leaving.count, numbers, tag);
+            });
+        }
+    }
+    if (!takes) return;
+    const BorderPlaces<Real> arriving = link.arriving(places);
+    BoundedWait wait(limit, tag);
+    for (std::size_t n = thread_number(); n < arriving.count; n += threads) {
+        const TaggedPoint* const from = link.inbox[number % 2] + n;
+        join_place(arriving, n, [&](int k) {
+            TaggedPoint word = load_word_system(from + std::size_t(k) * arriving.count);
+            while (word.tag != tag && !wait.is_over())
+                word = load_word_system(from + std::size_t(k) * arriving.count);
+            return word.point;
+        });
+    }
+    link.taken[thread_number()] = tag;
 }
 
 KERNEL check_words(ParticlesInWords<Real> particles, std::size_t count, Real max_squared, long long step,

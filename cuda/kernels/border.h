@@ -1,11 +1,14 @@
 // The bodies of the kernels that copy the places of a border's particles from a state into a message, and
-// from a message into another state.
+// from a message into another state. A message is an array, or consists of words that a device stores into
+// the memory of another.
 #pragma once
 
 #include <cstddef>
 #include <cstdint>
 
+#include "backends/layout/records/resident.h"
 #include "backends/physics/portable.h"
+#include "cuda/kernels/layout.h"
 
 namespace voxspring::cuda {
 
@@ -21,6 +24,17 @@ struct BorderPlaces {
 
     /// Numbers in a message: x of all particles, then y, then z, and then their low parts in the same order.
     VOXSPRING_HOST_DEVICE std::size_t numbers() const { return (low != nullptr ? 6 : 3) * count; }
+    /// Words in a message that has a tag in each word.
+    VOXSPRING_HOST_DEVICE std::size_t words() const {
+        return numbers() * sizeof(Real) / sizeof(Vector<float>);
+    }
+};
+
+/// The bits of a vector as vectors of three numbers of 32 bits.
+template <class Real>
+struct SplitVector {
+    static constexpr int parts = sizeof(Real) / sizeof(float);
+    Vector<float> part[parts];
 };
 
 /// Copies particle n from the state into the message.
@@ -46,5 +60,60 @@ VOXSPRING_HOST_DEVICE void scatter_place(const BorderPlaces<Real>& places, std::
         if (places.low != nullptr) places.low[to] = message[(3 + axis) * places.count + n];
     }
 }
+
+/// Calls put(k, numbers) with the place of particle n, three numbers of 32 bits at a time, k = 0, 1, …
+template <class Real, class Put>
+VOXSPRING_HOST_DEVICE void split_place(const BorderPlaces<Real>& places, std::size_t n, Put put) {
+    const std::size_t first = places.element[n] * places.element_pitch;
+    int k = 0;
+    for (const Real* const part : {places.at, places.low}) {
+        if (part == nullptr) continue;
+        const Real* const at = part + first;
+        const Vector<Real> place{at[0], at[places.axis_pitch], at[2 * places.axis_pitch]};
+        const auto split = __builtin_bit_cast(SplitVector<Real>, place);
+        for (const Vector<float>& numbers : split.part) put(k++, numbers);
+    }
+}
+
+/// Writes the place of particle n, which get(k) returns as split_place() passed it.
+template <class Real, class Get>
+VOXSPRING_HOST_DEVICE void join_place(const BorderPlaces<Real>& places, std::size_t n, Get get) {
+    const std::size_t first = places.element[n] * places.element_pitch;
+    int k = 0;
+    for (Real* const part : {places.at, places.low}) {
+        if (part == nullptr) continue;
+        SplitVector<Real> split;
+        for (Vector<float>& numbers : split.part) numbers = get(k++);
+        const auto place = __builtin_bit_cast(Vector<Real>, split);
+        Real* const at = part + first;
+        at[0] = place.x;
+        at[places.axis_pitch] = place.y;
+        at[2 * places.axis_pitch] = place.z;
+    }
+}
+
+/// One border as the kernel `exchange_borders` sees it from one of the two parts. A message has words as
+/// kernels/exchange.h describes them: the first of all particles, then the second, as split_place() numbers
+/// them. Messages take turns between two buffers. The tag of a message is its number, from 1 on.
+template <class Real>
+struct BorderLink {
+    const std::uint32_t *sent, *received;  ///< elements of the particles, as in BorderPlaces
+    std::size_t sent_count, received_count;
+    TaggedPoint* outbox[2];       ///< in the memory of the other part's device
+    const TaggedPoint* inbox[2];  ///< in this device's memory
+    std::uint32_t* taken;         ///< by thread: the number of messages that it has taken its share of
+
+    /// `all` with the particles that this part sends, or that it receives.
+    VOXSPRING_HOST_DEVICE BorderPlaces<Real> leaving(BorderPlaces<Real> all) const {
+        all.element = sent;
+        all.count = sent_count;
+        return all;
+    }
+    VOXSPRING_HOST_DEVICE BorderPlaces<Real> arriving(BorderPlaces<Real> all) const {
+        all.element = received;
+        all.count = received_count;
+        return all;
+    }
+};
 
 }  // namespace voxspring::cuda

@@ -61,17 +61,16 @@ int RankBackend::steps_per_call() const { return goes_by_device() ? own_borders(
 /// kernel, may wait until its device is idle, and meanwhile keep other ranks from enqueueing. To avoid a
 /// deadlock a rank does such work only before the first meet() or after the second one. Between them it only
 /// enqueues its steps.
-void RankBackend::step_and_exchange(int count) {
-    for (int most = steps_per_call(); count > 0; count -= most) {
-        const auto begin = Clock::now();
-        meet(exchange_);
-        const auto here = Clock::now();
-        inner_.step(std::min(count, most));
-        meet(exchange_);  // waits until all ranks have enqueued; the devices step meanwhile
-        if (waits_) inner_.synchronize();
-        seconds_.waiting += seconds_from(begin, here);
-        seconds_.compute += seconds_from(here, Clock::now());
-    }
+template <class Enqueue>
+void RankBackend::step_together(Enqueue enqueue) {
+    const auto begin = Clock::now();
+    meet(exchange_);
+    const auto here = Clock::now();
+    enqueue();
+    meet(exchange_);  // waits until all ranks have enqueued; the devices step meanwhile
+    if (waits_) inner_.synchronize();
+    seconds_.waiting += seconds_from(begin, here);
+    seconds_.compute += seconds_from(here, Clock::now());
 }
 
 /// Steps as without ranks: one rank is the baseline for several, and must not be slowed down.
@@ -83,8 +82,15 @@ void RankBackend::step_alone(int count) {
 }
 
 void RankBackend::step(int count) {
-    if (exchanges_in_steps()) return step_and_exchange(count);
+    if (const int most = steps_per_call(); most > 0) {
+        for (; count > 0; count -= most) step_together([&] { inner_.step(std::min(count, most)); });
+        return;
+    }
     if (subdomain_.borders.empty()) return step_alone(count);
+    if (goes_by_device() && !waits_ && inner_.borders()->prepare_exchanges(*own_borders(), count)) {
+        step_together([&] { inner_.borders()->step_and_exchange(*own_borders(), count); });
+        return;
+    }
     for (int n = 0; n < count; ++n) {
         const auto begin = Clock::now();
         inner_.step(1);
@@ -96,17 +102,18 @@ void RankBackend::step(int count) {
 
 void RankBackend::exchange_borders() { goes_by_device() ? exchange_by_device() : exchange_by_host(); }
 
-/// A mailbox has room for two messages, so the host of a rank can be at most two steps ahead of its
-/// neighbour's.
+/// Unless the devices wait for each other, the hosts do. A mailbox has room for two messages, so the host of
+/// a rank can be at most two steps ahead of its neighbour's.
 void RankBackend::exchange_by_device() {
     const auto begin = Clock::now();
     DeviceBorders& borders = *own_borders();
-    for (const Subdomain::Border& border : subdomain_.borders) (void)exchange_.outbox(border.subdomain, 0);
+    const std::vector<int> others = borders.waits_on_device() ? std::vector<int>() : neighbours();
+    for (const int rank : others) (void)exchange_.outbox(rank, 0);
     borders.send();
-    for (const Subdomain::Border& border : subdomain_.borders) exchange_.post(border.subdomain);
-    for (const Subdomain::Border& border : subdomain_.borders) (void)exchange_.inbox(border.subdomain);
+    for (const int rank : others) exchange_.post(rank);
+    for (const int rank : others) (void)exchange_.inbox(rank);
     borders.receive();
-    for (const Subdomain::Border& border : subdomain_.borders) exchange_.release(border.subdomain);
+    for (const int rank : others) exchange_.release(rank);
     if (waits_) inner_.synchronize();
     seconds_.exchange += seconds_from(begin, Clock::now());
 }

@@ -96,7 +96,9 @@ private:
     std::shared_ptr<DeviceBorders>& own_borders() const { return parts_->at(std::size_t(exchange_.rank())); }
     int steps_per_call() const;
     void step_alone(int count);
-    void step_and_exchange(int count);
+    /// Calls enqueue() while all ranks do the same, and none does anything else.
+    template <class Enqueue>
+    void step_together(Enqueue enqueue);
     void exchange_by_host();
     void exchange_by_device();
 
