@@ -575,7 +575,7 @@ TEST_F(StudyKinds, ScalingReadsItsOwnKeys) {
           {R"("ways": ["ship"])",
            "memory, mpi, peer, peer_overlap, stores, stores_overlap, nccl, nccl_overlap"},
           {R"("ways": [])", "ways"},
-          {R"("cuts": ["halves"])", "slabs, bricks"}})
+          {R"("cuts": ["halves"])", "slabs, layers, bricks"}})
         expect_contains(refusal([&, &key = keys] { (void)scaling(short_reference + ", " + key); }), words);
     const Study timing = timing_of({{"box@4", 4, {}}});
     StudyOptions options;

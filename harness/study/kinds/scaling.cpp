@@ -153,8 +153,9 @@ int ranks_of_a_device(const std::vector<RankReport>& reports) {
 const std::vector<std::string> known_ways = {
     "memory", "mpi", "peer", "peer_overlap", "stores", "stores_overlap", "nccl", "nccl_overlap"};
 
-/// The ways to cut a scene into subdomains (Decomposition).
-const std::vector<std::string> known_cuts = {"slabs", "bricks"};
+/// The ways to cut a scene into subdomains (Decomposition). `layers` are slabs across z, whichever axis is
+/// the longest: every backend stores the particles of a layer side by side.
+const std::vector<std::string> known_cuts = {"slabs", "layers", "bricks"};
 
 /// A cut as text: "2x2x1".
 std::string text_of(glm::ivec3 cut) { return fmt::format("{}x{}x{}", cut.x, cut.y, cut.z); }
@@ -250,15 +251,18 @@ int ScalingStudy::most_ranks(const Study& study, int limit) const {
     return most;
 }
 
-/// The cuts for a number of ranks. Decomposition::bricks() returns the slabs if bricks would not send less;
-/// then slabs are the only cut.
+/// The cuts for a number of ranks, each once. Decomposition::bricks() returns the slabs if bricks would not
+/// send less; then there are no bricks.
 std::vector<glm::ivec3> ScalingStudy::cuts_for(const Problem& problem, int ranks) const {
     const glm::ivec3 slabs = Decomposition::slabs(problem, ranks);
     if (ranks == 1) return {slabs};
     std::vector<glm::ivec3> cuts;
     for (const std::string& cut : cuts_) {
-        const glm::ivec3 parts = cut == "slabs" ? slabs : Decomposition::bricks(problem, ranks);
-        if (cut == "slabs" || parts != slabs) cuts.push_back(parts);
+        const glm::ivec3 parts = cut == "slabs"    ? slabs
+                                 : cut == "layers" ? glm::ivec3(1, 1, ranks)
+                                                   : Decomposition::bricks(problem, ranks);
+        const bool is_new = std::find(cuts.begin(), cuts.end(), parts) == cuts.end();
+        if (is_new && (cut != "bricks" || parts != slabs)) cuts.push_back(parts);
     }
     return cuts;
 }
