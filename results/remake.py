@@ -7,7 +7,7 @@ FOLDER (results/<machine>) gets STUDY.json.gz of each study. A file that this pr
 stays, so that a second call goes on where the first was cut short: within a study, too. --check measures nothing: it says which
 files are stale, and why.
 
-The machine is the GPU if CUDA has one, else the processor; its studies are in the table below. `peers` is measured where it is named,
+The machine is the GPU if CUDA has one, several of them, or else the processor; its studies are in the table below. `peers` is measured where it is named,
 by the command of the Python package: remake.py --program env/bin/voxspring results/<machine> peers. It refuses a program that
 was built from a tree with changes, since no commit has what it would measure.
 
@@ -32,13 +32,15 @@ HERE = pathlib.Path(__file__).resolve().parent
 # Headline tables first, so that a run that is cut short has them. haptic plays in real time, for some four minutes.
 GPU_STUDIES = ("table1", "fastest", "figure8", "figure7", "as_paper", "edits", "skips", "formulations", "tuning", "pareto", "stability",
                "stress", "overhead", "energy", "haptic")
+# On several cards: what these change, which is how steps are divided between them.
+MULTI_GPU_STUDIES = ("scaling",)
 # Studies of the Python package's command (docs/python.md). They are measured only if they are named.
 PYTHON_STUDIES = ("peers",)
 CPU_STUDIES = ("fastest", "pareto", "stability", "stress", "haptic")
 # On a GPU server some studies leave out the processor, whose results are in another folder: it took nearly half
 # of the time of pareto, and a quarter of that of stress.
 OPTIONS_ON_GPU = dict.fromkeys(("pareto", "stability", "stress", "energy"), ["--backend", "!cpu_*"])
-OPTIONS_ON_GPU |= {"peers": ["--device", "cuda"]}
+OPTIONS_ON_GPU |= {"peers": ["--device", "cuda"], "scaling": ["--backend", "!cpu_*"]}
 # On a processor `fastest` leaves out graphics in software: its threads wait for each other and for a processor, so that a
 # quarter of its rows are noisy, and it takes sixteen of seventeen minutes.
 OPTIONS_ON_CPU = {"fastest": ["--backend", "!gl_*", "--backend", "!vulkan_*"]}
@@ -56,6 +58,7 @@ class Machine:
         cards = [one for one in present if one.get("uuid") and one["api"].startswith("CUDA")]
         processors = [one for one in present if one["api"] == "CPU"]
         self.has_gpu = bool(cards)
+        self.devices = max((one.get("devices", 1) for one in cards), default=1)
         self.device, self.uuid = next(((one["device"], one.get("uuid", "")) for one in cards or processors), ("unknown", ""))
 
     def said(self, *arguments):
@@ -74,8 +77,15 @@ class Machine:
         return found[1]
 
     def folder(self):
-        """The folder of the machine: nvidia-h200 for NVIDIA H200."""
-        return HERE / re.sub(r"[^a-z0-9]+", "-", self.device.lower().split("(r)")[0]).strip("-")
+        """The folder of the machine: nvidia-h200 for NVIDIA H200, nvidia-h200-x2 for two of them."""
+        name = re.sub(r"[^a-z0-9]+", "-", self.device.lower().split("(r)")[0]).strip("-")
+        return HERE / (name if self.devices == 1 else f"{name}-x{self.devices}")
+
+    def studies(self):
+        """What is measured unless studies are named."""
+        if not self.has_gpu:
+            return CPU_STUDIES
+        return GPU_STUDIES if self.devices == 1 else MULTI_GPU_STUDIES
 
 
 def context_of(path):
@@ -102,6 +112,8 @@ def reason_stale(path, machine):
 def arguments_of(study, plain, machine):
     """The command line that runs a study, or resumes it if it was cut short."""
     options = (OPTIONS_ON_GPU if machine.has_gpu else OPTIONS_ON_CPU).get(study, [])
+    if study in MULTI_GPU_STUDIES:
+        options = [*options, "--devices", str(machine.devices)]
     resume = ["--resume"] * plain.with_name(plain.name + ".journal").exists()
     return [machine.program, "study", study, "--out", plain, *options, *resume]
 
@@ -153,7 +165,7 @@ def main():
     arguments = parser.parse_args()
     try:
         machine = Machine(arguments.program)
-        known = GPU_STUDIES if machine.has_gpu else CPU_STUDIES
+        known = machine.studies()
         for study in arguments.study:
             if study not in known + PYTHON_STUDIES:
                 raise result_files.BadInput(f"command line: STUDY: {study} is not accepted; expected "

@@ -15,11 +15,11 @@ ROOT = pathlib.Path(__file__).resolve().parent.parent
 # ends after its first row.
 PROGRAM = """#!/usr/bin/python3
 import json, os, pathlib, sys
-commit, uuid = "{commit}", "{uuid}"
+commit, uuid, devices = "{commit}", "{uuid}", {devices}
 if sys.argv[1] == "--version":
     print(f"voxspring 0.2.0 (commit {{commit}})")
 elif sys.argv[1] == "list":
-    gpu = [{{"available": True, "api": "CUDA 13.0", "device": "NVIDIA H200", "uuid": uuid}}] if uuid else []
+    gpu = [{{"available": True, "api": "CUDA 13.0", "device": "NVIDIA H200", "uuid": uuid, "devices": devices}}] if uuid else []
     print(json.dumps({{"backends": [{{"available": True, "api": "CPU", "device": "AMD EPYC"}}, *gpu, {{"available": False}}]}}))
 else:
     out = pathlib.Path(sys.argv[sys.argv.index("--out") + 1])
@@ -48,8 +48,8 @@ class Remake(InTemporaryFolder):
         self.calls = self.folder / "calls"
         self.install("aaaaaaaaaaaa", "")
 
-    def install(self, commit, uuid):
-        self.program = self.write("voxspring", PROGRAM.format(commit=commit, uuid=uuid))
+    def install(self, commit, uuid, devices=1):
+        self.program = self.write("voxspring", PROGRAM.format(commit=commit, uuid=uuid, devices=devices))
         self.program.chmod(0o755)
 
     def remake(self, *arguments, **environment):
@@ -68,9 +68,14 @@ class Remake(InTemporaryFolder):
         _, calls = self.remake(self.folder / "gpu")
         self.assertEqual(len(calls), 15)
         self.assertIn("study stress --backend !cpu_*", calls, "the processor has its own folder")
+        self.install("aaaaaaaaaaaa", "GPU-1", devices=2)
+        done, calls = self.remake(self.folder / "gpus")
+        self.assertEqual(calls, ["study scaling --backend !cpu_* --devices 2"])
+        self.assertIn("results/nvidia-h200-x2", self.remake("--check")[0].stdout)
         for machine in filter(pathlib.Path.is_dir, (ROOT / "results").iterdir()):
             committed = {path.name for path in machine.glob("*.json.gz")}
-            made = self.folder / "gpu" if "figure8.json.gz" in committed else self.out
+            made = (self.folder / "gpu" if "figure8.json.gz" in committed else self.folder / "gpus" if "scaling.json.gz" in committed
+                    else self.out)
             self.assertLessEqual(committed - {"peers.json.gz"}, {path.name for path in made.iterdir()}, machine)
 
     def test_measures_peers_where_they_are_named_and_checks_them_where_they_are(self):

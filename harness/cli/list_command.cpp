@@ -53,6 +53,7 @@ nlohmann::json describe_backend(const BackendEntry& entry) {
         described["api"] = capabilities.api;
         described["uuid"] = capabilities.uuid;
         described["device"] = capabilities.device;
+        described["devices"] = capabilities.devices;
         described["driver"] = capabilities.driver;
         described["clock"] = capabilities.clock;
     } catch (const std::runtime_error& error) {
