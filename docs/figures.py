@@ -186,6 +186,36 @@ def durations(machine):
         yield study, rows, seconds / 60 if seconds else minutes
 
 
+def machines_with_cards():
+    """The machines with a graphics card whose results are committed, the page's own first."""
+    found = distinct([{"name": path.parent.name} for path in result_files.committed(results.RESULTS)
+                      if results.loaded(path)["context"]["voxspring"].get("gpu")], "name")
+    return sorted(found, key=lambda name: (name != results.GPU, name))
+
+
+def names_of_commits(machine):
+    """The card of a machine, its driver, and the commits of its results with their studies, unless there is one commit only."""
+    found = [(result_files.study_of(path), results.loaded(path)["context"]["voxspring"])
+             for path in result_files.within(results.RESULTS / machine)]
+    commits = groups(({"study": study, "commit": context["commit"][:8]} for study, context in found), "commit")
+    parts = [f"commit {commit}" + ("" if len(commits) == 1 else f" ({', '.join(sorted(row['study'] for row in own))})")
+             for (commit,), own in commits.items()]
+    return f"{found[0][1]['gpu']}, driver {found[0][1]['driver']}; {'; '.join(parts)}"
+
+
+def cards_of(one):
+    """What the table of several cards shows of a result of the study scaling: its ways by name, and by body and strategy (row of one rank,
+    cut, {way: row}), where the row of a way has the most ranks."""
+    ways = [way for way in distinct(one["scaling"], "way") if way != "none"]
+    lines = []
+    for own in groups(one["scaling"], "family", "backend", "tuning").values():
+        alone = next((row for row in own if row["ranks"] == 1), None)
+        most = max(row["ranks"] for row in own)
+        lines += [(alone, cut, {row["way"]: row for row in of_cut})
+                  for (cut,), of_cut in groups((row for row in own if row["ranks"] == most > 1), "cut").items() if alone]
+    return ways, lines
+
+
 def peers_by_size(one):
     """What the table of peers shows of a result of `voxspring study peers`: scenes by size, each with Voxspring's fastest row;
     (system, its rows by scene) by time on the first; (backend, reason) of those that have no row."""
@@ -242,14 +272,14 @@ def tables():
 def filled(name):
     if name == "architecture":
         return architecture()
-    study = "haptic" if name.endswith("ticks") else "peers" if name == "peers" else ""
+    study = "haptic" if name.endswith("ticks") else name if name == "peers" else "scaling" if name == "cards" else ""
     of_machines = [results.machines(study)] if study else []
     return str(getattr(tables(), name)(*of_machines)).strip()
 
 
 PAGES = {ROOT / "README.md": ["heart"], HERE / "architecture.md": ["architecture"], HERE / "accuracy.md": ["float64", "truth", "gates"],
          HERE / "artifact.md": ["claims", "studies"], HERE / "apis.md": ["launches", "empty_steps", "sizes"],
-         HERE / "simulator.md": ["ticks", "late_ticks", "drawing"], HERE / "python.md": ["peers"]}
+         HERE / "scaling.md": ["cards"], HERE / "simulator.md": ["ticks", "late_ticks", "drawing"], HERE / "python.md": ["peers"]}
 
 
 def main():

@@ -37,7 +37,7 @@ from results_test import with_work  # noqa: E402
 SKIPPED = 77
 # Kinds of figures for which the committed results have data.
 FIGURES = ["datasets", "figure7", "figure8", "front", "curves", "roofline", "intensity", "map", "stability", "edits", "overhead", "energy",
-           "latency", "stress"]
+           "scaling", "forecast", "latency", "stress"]
 WIDTHS = (390, 1440)
 SCHEMES = ("light", "dark")
 
@@ -712,7 +712,8 @@ class Page(unittest.TestCase):
                 caption = self.script("return document.querySelector(`section[data-figure=${arguments[0]}] .caption`)"
                                       ".innerText", name)
                 card = r"NVIDIA H200(?: \(GPU-[0-9a-f]+\))?"  # results of two cards have their identities
-                machine = f"AMD EPYC|{card}" if name == "latency" else card
+                machine = (f"AMD EPYC|{card}" if name == "latency" else r"NVIDIA H100 80GB HBM3(?: \([^)]*GPU-[0-9a-f]+\))?"
+                           if name in ("scaling", "forecast") else card)
                 self.assertRegex(caption, rf"({machine}), driver \S+.*, commit [0-9a-f]{{7,}}, \d{{4}}-\d\d-\d\d")
 
     def test_the_answer_is_what_the_files_say(self):

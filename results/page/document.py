@@ -139,10 +139,16 @@ def answer(own, entries, runs):
 
 def page(results, pictures, left_out):
     """The whole page as text. pictures: by dataset. left_out: (datasets without a picture, reason)."""
-    # The model of machine with the most timed rows comes first everywhere, and among its machines the one with
-    # the most.
-    weight = collections.Counter(name for result in results for name in {result.model, result.machine} for _ in result.lists["benchmarks"])
-    results = sorted(results, key=lambda result: (-weight[result.model], -weight[result.machine]))
+    # The model of machine with the most datasets comes first everywhere, and of models with as many the one whose memory is the fastest.
+    # The same holds for the machines of a model.
+    of_names = {}
+    for result in results:
+        for name in {result.model, result.machine}:
+            of_names.setdefault(name, []).append(result)
+    weight = {name: (-len({row["scene"] for result in own for row in result.lists["benchmarks"]}),
+                     -max((reading.roofs(limits)[0]["memory"] for result in own for limits in result.limits.values()), default=0))
+              for name, own in of_names.items()}
+    results = sorted(results, key=lambda result: (weight[result.model], weight[result.machine]))
     shown, drawn = figures.all_figures(results)
     runs, found = figures.latest_runs(shown), shown.outcomes
     machine, title, lead = headline(found, runs, drawn)
