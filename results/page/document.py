@@ -140,7 +140,7 @@ def answer(own, entries, runs):
 def page(results, pictures, left_out):
     """The whole page as text. pictures: by dataset. left_out: (datasets without a picture, reason)."""
     # The model of machine with the most datasets comes first everywhere, and of models with as many the one whose memory is the fastest.
-    # The same holds for the machines of a model.
+    # So does the machine of a model.
     of_names = {}
     for result in results:
         for name in {result.model, result.machine}:
