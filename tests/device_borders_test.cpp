@@ -257,7 +257,7 @@ void scatter_places(const BorderPlaces<Real>& places, const Real* message, const
 }
 /// As the kernel does it, in two parts: it stores its messages, and it takes those that have arrived.
 template <class Real>
-void exchange_places(const BorderPlaces<Real>& places, const Buffer<BorderLink<Real>>& links,
+void exchange_places(const BorderPlaces<Real>& places, const BorderLinks<Real>& links,
                      const ExchangeLaunch& launch, const WaitLimit&, const Stream& stream) {
     EXPECT_EQ(launch.blocks, 1u) << "enough for a message of one particle";
     const BorderLink<Real>* const first = links.data();
@@ -294,10 +294,10 @@ void exchange_places(const BorderPlaces<Real>& places, const Buffer<BorderLink<R
         fake(stream.get()).push_back({.run = take, .is_ready = is_ready});
     }
 }
-template void exchange_places(const BorderPlaces<float>&, const Buffer<BorderLink<float>>&,
-                              const ExchangeLaunch&, const WaitLimit&, const Stream&);
-template void exchange_places(const BorderPlaces<double>&, const Buffer<BorderLink<double>>&,
-                              const ExchangeLaunch&, const WaitLimit&, const Stream&);
+template void exchange_places(const BorderPlaces<float>&, const BorderLinks<float>&, const ExchangeLaunch&,
+                              const WaitLimit&, const Stream&);
+template void exchange_places(const BorderPlaces<double>&, const BorderLinks<double>&, const ExchangeLaunch&,
+                              const WaitLimit&, const Stream&);
 template void gather_places(const BorderPlaces<float>&, float*, const Stream&);
 template void scatter_places(const BorderPlaces<float>&, const float*, const Stream&);
 template void gather_places(const BorderPlaces<double>&, double*, const Stream&);

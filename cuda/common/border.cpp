@@ -57,7 +57,7 @@ void scatter_places(const BorderPlaces<Real>& places, const Real* message, const
 }
 
 template <class Real>
-void exchange_places(const BorderPlaces<Real>& places, const Buffer<BorderLink<Real>>& links,
+void exchange_places(const BorderPlaces<Real>& places, const BorderLinks<Real>& links,
                      const ExchangeLaunch& launch, const WaitLimit& limit, const Stream& stream) {
     if (links.size() == 0) return;
     const Kernel& kernel = *support_kernels<Real>().exchange_borders;
@@ -75,11 +75,11 @@ std::unique_ptr<Border> make_border(const std::vector<std::uint32_t>& elements, 
     return std::make_unique<HostBorder<Real>>(elements, std::move(state));
 }
 
-#define FOR_PRECISION(Real)                                                                   \
-    template void gather_places(const BorderPlaces<Real>&, Real*, const Stream&);             \
-    template void scatter_places(const BorderPlaces<Real>&, const Real*, const Stream&);      \
-    template void exchange_places(const BorderPlaces<Real>&, const Buffer<BorderLink<Real>>&, \
-                                  const ExchangeLaunch&, const WaitLimit&, const Stream&);    \
+#define FOR_PRECISION(Real)                                                                \
+    template void gather_places(const BorderPlaces<Real>&, Real*, const Stream&);          \
+    template void scatter_places(const BorderPlaces<Real>&, const Real*, const Stream&);   \
+    template void exchange_places(const BorderPlaces<Real>&, const BorderLinks<Real>&,     \
+                                  const ExchangeLaunch&, const WaitLimit&, const Stream&); \
     template std::unique_ptr<Border> make_border(const std::vector<std::uint32_t>&, BorderState<Real>);
 FOR_PRECISION(float)
 FOR_PRECISION(double)

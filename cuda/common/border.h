@@ -55,6 +55,10 @@ struct ExchangeLaunch {
     static constexpr unsigned threads_per_block = 512;
 };
 
+/// Links of one part, in device memory.
+template <class Real>
+using BorderLinks = Buffer<BorderLink<Real>>;
+
 // Each of these functions enqueues one kernel, or none if there are no particles or links. A message may be
 // in device memory, a peer's included, or in pinned memory of the host.
 
@@ -62,10 +66,10 @@ template <class Real>
 void gather_places(const BorderPlaces<Real>& places, Real* message, const Stream& stream);
 template <class Real>
 void scatter_places(const BorderPlaces<Real>& places, const Real* message, const Stream& stream);
-/// Sends one message over each of the `links`, which are in device memory, and takes one. A kernel that takes
+/// Sends one message over each of the links, and takes one. A kernel that takes
 /// ends once the other parts have sent.
 template <class Real>
-void exchange_places(const BorderPlaces<Real>& places, const Buffer<BorderLink<Real>>& links,
+void exchange_places(const BorderPlaces<Real>& places, const BorderLinks<Real>& links,
                      const ExchangeLaunch& launch, const WaitLimit& limit, const Stream& stream);
 
 /// `elements`: elements of the state that hold the border's particles. The stream must outlive the border.

@@ -290,7 +290,7 @@ private:
     const ExchangeLaunch launch_;
     bool waits_on_device_ = false;
     std::vector<Side> sides_;
-    Buffer<BorderLink<Real>> links_;
+    BorderLinks<Real> links_;
     std::size_t sent_ = 0, received_ = 0;  ///< calls of send() and of receive() that the hosts order
 };
 
