@@ -75,14 +75,15 @@ std::unique_ptr<Border> make_border(const std::vector<std::uint32_t>& elements, 
     return std::make_unique<HostBorder<Real>>(elements, std::move(state));
 }
 
-#define FOR_PRECISION(Real)                                                                \
-    template void gather_places(const BorderPlaces<Real>&, Real*, const Stream&);          \
-    template void scatter_places(const BorderPlaces<Real>&, const Real*, const Stream&);   \
-    template void exchange_places(const BorderPlaces<Real>&, const BorderLinks<Real>&,     \
-                                  const ExchangeLaunch&, const WaitLimit&, const Stream&); \
-    template std::unique_ptr<Border> make_border(const std::vector<std::uint32_t>&, BorderState<Real>);
-FOR_PRECISION(float)
-FOR_PRECISION(double)
-#undef FOR_PRECISION
+template void gather_places(const BorderPlaces<float>&, float*, const Stream&);
+template void scatter_places(const BorderPlaces<float>&, const float*, const Stream&);
+template void exchange_places(const BorderPlaces<float>&, const BorderLinks<float>&, const ExchangeLaunch&,
+                              const WaitLimit&, const Stream&);
+template std::unique_ptr<Border> make_border(const std::vector<std::uint32_t>&, BorderState<float>);
+template void gather_places(const BorderPlaces<double>&, double*, const Stream&);
+template void scatter_places(const BorderPlaces<double>&, const double*, const Stream&);
+template void exchange_places(const BorderPlaces<double>&, const BorderLinks<double>&, const ExchangeLaunch&,
+                              const WaitLimit&, const Stream&);
+template std::unique_ptr<Border> make_border(const std::vector<std::uint32_t>&, BorderState<double>);
 
 }  // namespace voxspring::cuda
