@@ -14,7 +14,7 @@
 
 #include "backends/disk_cache.h"
 #include "harness/scene/scene_runner.h"
-#include "harness/study/random_starts.h"
+#include "harness/verification/random_starts.h"
 #include "harness/study/selection.h"
 #include "harness/study/study.h"
 #include "harness/verification/error_threshold.h"

@@ -14,7 +14,7 @@
 #include "backends/registry.h"
 #include "harness/scene/scene.h"
 #include "harness/study/kinds/stability.h"
-#include "harness/study/random_starts.h"
+#include "harness/verification/random_starts.h"
 #include "harness/verification/verify.h"
 #include "tests/required.h"
 #include "tests/specifications.h"

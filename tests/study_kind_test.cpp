@@ -665,6 +665,26 @@ TEST_F(StudyKinds, ScalingHasARankADeviceAtMost) {
     EXPECT_EQ(scaling(keys, 4, {0, 0, 0}).at("scaling").size(), 5u) << "four as bricks as well";
 }
 
+// In three steps from rest gravity moves almost all particles alike, so that springs hardly matter.
+TEST_F(StudyKinds, ScalingIsVerifiedFromAStartThatStrainsItsSprings) {
+    for (const bool strained : {false, true}) {
+        const std::string keys = strained ? R"(, "strained_start": true)" : "";
+        const auto rows =
+            scaling(
+                R"("backends": ["cpu_parallel:formulation=position"], "ranks": [1, 2], "repetitions": 2, "steps": 3,
+                       "scenes": [{"scene": "box@6x6x24")" +
+                    keys + "}]",
+                2)
+                .at("scaling");
+        ASSERT_EQ(rows.size(), 2u);
+        for (const auto& row : rows) {
+            EXPECT_TRUE(row.at("passed"));
+            EXPECT_EQ(row.at("strained_share").get<double>() >= 0.5, strained) << row;
+            EXPECT_NE(row.at("same_bits"), false);
+        }
+    }
+}
+
 TEST_F(StudyKinds, ScalingCutsIntoBricksWhereTheseHaveLessBorder) {
     const auto rows = [&](const std::string& keys) {
         return scaling(short_reference + ", " + keys, 4).at("scaling");

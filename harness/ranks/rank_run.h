@@ -33,6 +33,8 @@ struct RankPlan {
     /// How many subdomains the scene is cut into along each axis. Each rank has one.
     glm::ivec3 cut{1};
     int ranks() const { return cut.x * cut.y * cut.z; }
+    /// Whether the run begins with strained_start(), not with the scene's own start.
+    bool strained = false;
     /// If not empty, only the state of the particles in these bricks of a Sample is kept at the end of the
     /// run.
     std::vector<Decomposition::Brick> sampled = {};

@@ -171,14 +171,17 @@ Verdicts verdicts_of(const Result& result) {
     return verdicts;
 }
 
+std::string threshold_text(const std::optional<VerdictPart>& verdict) {
+    if (!verdict) return "-";
+    const std::optional<double> threshold = verdict->threshold();
+    if (!threshold) return "chaotic";
+    if (verdict->verified() == false) return "not verified";
+    return error_text(*threshold) + (verdict->strained_start ? "*" : "");
+}
+
 std::string threshold_text(const Row& row, const Verdicts& verdicts) {
     const auto found = verdicts.find(row.case_name());
-    if (found == verdicts.end()) return "-";
-    const VerdictPart& verdict = found->second;
-    const std::optional<double> threshold = verdict.threshold();
-    if (!threshold) return "chaotic";
-    if (verdict.verified() == false) return "not verified";
-    return error_text(*threshold) + (verdict.strained_start ? "*" : "");
+    return threshold_text(found == verdicts.end() ? std::nullopt : std::optional(found->second));
 }
 
 void print_thresholds(const std::vector<Row>& rows, const Verdicts& verdicts, std::ostream& out) {

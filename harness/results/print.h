@@ -4,6 +4,7 @@
 #include <concepts>
 #include <functional>
 #include <map>
+#include <optional>
 #include <ostream>
 #include <string>
 #include <utility>
@@ -85,6 +86,7 @@ Verdicts verdicts_of(const Result& result);
 /// The largest accepted error of a row as a fraction of the body's motion, "2.9e-04". A "*" after it says
 /// that it belongs to the run from a strained start. "chaotic" means that no displacement is judged, "not
 /// verified" that a backend without springs might pass, and "-" that nothing is known.
+std::string threshold_text(const std::optional<VerdictPart>& verdict);
 std::string threshold_text(const Row& row, const Verdicts& verdicts);
 
 /// Says what the marks of threshold_text() mean, if a row has one, and whether only the last repetitions were

@@ -9,7 +9,7 @@
 
 #include "harness/base/bad_input.h"
 #include "harness/results/capabilities.h"
-#include "harness/study/random_starts.h"
+#include "harness/verification/random_starts.h"
 
 namespace voxspring {
 namespace {

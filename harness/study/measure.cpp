@@ -22,7 +22,7 @@
 #include "harness/results/google_benchmark.h"
 #include "harness/scene/scene_runner.h"
 #include "harness/study/kernel_trial.h"
-#include "harness/study/random_starts.h"
+#include "harness/verification/random_starts.h"
 
 namespace voxspring {
 namespace {

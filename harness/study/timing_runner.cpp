@@ -19,7 +19,7 @@
 #include "harness/device/energy.h"
 #include "harness/device/noise.h"
 #include "harness/scene/scene_runner.h"
-#include "harness/study/random_starts.h"
+#include "harness/verification/random_starts.h"
 #include "harness/verification/divergence.h"
 #include "harness/verification/verify.h"
 

@@ -24,11 +24,13 @@
 #include "harness/results/capabilities.h"
 #include "harness/results/print.h"
 #include "harness/scene/scene_runner.h"
+#include "harness/study/kernel_trial.h"
 #include "harness/study/measure.h"
 #include "harness/study/scaling_row.h"
 #include "harness/study/study_bench.h"
 #include "harness/study/study_kind.h"
 #include "harness/verification/errors.h"
+#include "harness/verification/random_starts.h"
 
 namespace voxspring {
 namespace {
@@ -164,6 +166,9 @@ std::string text_of(glm::ivec3 cut) { return fmt::format("{}x{}x{}", cut.x, cut.
 /// verified.
 constexpr const char* sample_key = "sample_layers";
 constexpr int max_sample_layers = 1024;
+/// The key of a scene whose run begins with strained_start(), since its own start strains too few springs in
+/// so few steps.
+constexpr const char* strained_key = "strained_start";
 
 class ScalingStudy final : public StudyKind {
 public:
@@ -182,6 +187,7 @@ public:
         if (const auto ranks = item.find("ranks")) (void)read_counts(*ranks);
         if (const auto weak = item.find("weak")) (void)weak->string();
         if (const auto layers = item.find(sample_key)) (void)layers->integer(1, max_sample_layers);
+        if (const auto strained = item.find(strained_key)) (void)strained->boolean();
         return StudyKind::read_scene(item);
     }
     void check(const Study& study, const StudyScene& item, const Scene& scene) const override {
@@ -310,8 +316,9 @@ struct Judgement {
 class RankedCase {
 public:
     RankedCase(StudyBench& bench, BackendSpec spec) : bench_(bench), spec_(std::move(spec)) {
-        if (const nlohmann::json& settings = bench.item().settings; settings.contains(sample_key))
-            sampled_ = Sample::bricks(bench.scene(), settings.at(sample_key));
+        const nlohmann::json& settings = bench.item().settings;
+        if (settings.contains(sample_key)) sampled_ = Sample::bricks(bench.scene(), settings.at(sample_key));
+        strained_ = settings.value(strained_key, false);
     }
 
     /// Measures one row, with the subdomains of `cut`, in a separate process: a rank that hangs ends with it,
@@ -326,6 +333,7 @@ private:
         plan.patience = std::min(plan.patience, plan.start_patience / 4);
         plan.devices = bench_.options().devices;
         plan.cut = cut;
+        plan.strained = strained_;
         plan.sampled = sampled_;
         if (way != "none" && way != "mpi") plan.way = way;
         return plan;
@@ -341,6 +349,7 @@ private:
     StudyBench& bench_;
     const BackendSpec spec_;
     std::vector<Decomposition::Brick> sampled_ = {};  ///< empty: the whole body is judged
+    bool strained_ = false;                           ///< whether the run begins with strained_start()
     std::uint64_t judged_particles_ = 0;
     std::vector<std::unique_ptr<Judgement>> judgements_ = {};
     std::string bits_of_one_ = {};  ///< hash of one rank's state; empty: not known
@@ -348,14 +357,22 @@ private:
 
 void RankedCase::make_judgements() {
     if (!judgements_.empty()) return;
-    const Scene& scene = bench_.scene();
+    std::optional<Scene> strained;
+    if (strained_) {
+        strained = bench_.scene();
+        strained->state = strained_start(strained->problem);
+    }
+    const Scene& scene = strained ? *strained : bench_.scene();
     const int steps = bench_.item().steps;
     if (sampled_.empty()) {
-        const Batch batch{.steps = steps, .repetitions = bench_.study().repetitions, .total_error = false};
         Judgement& whole = *judgements_.emplace_back(std::make_unique<Judgement>());
         whole.problem = problem_after(scene, steps);
+        whole.start = scene.state;
         whole.reference = References::name_of_backend(scene, steps);
-        whole.solution.emplace(solution_of(bench_, whole.problem, batch, {spec_}));
+        whole.solution.emplace(ReferenceSolution{
+            whole.problem, steps, bench_.references().after(scene, steps), {}, whole.start});
+        whole.solution->refined.reason = "the study does not ask for it";
+        add_spreads(bench_, scene, {spec_}, *whole.solution);
         return;
     }
     const std::vector<std::uint32_t> left = Sample::particles(scene.problem, sampled_);
@@ -451,14 +468,15 @@ nlohmann::json RankedCase::judged(const Found& found, const RankPlan& plan, cons
     for (const std::unique_ptr<Judgement>& one : judgements_) {
         const State part = part_of(found.state, one->place);
         const State& state = sampled_.empty() ? found.state : part;
-        const JudgedState comparison = judge(*one->solution, state, spec_);
-        if (!comparison.passed())
-            throw std::runtime_error("does not agree with " + one->reference + ": " + comparison.reason);
-        Errors errors = errors_of(*one->solution, state, comparison, spec_);
-        if (row.errors && row.errors->relative_l2 >= errors.relative_l2) continue;
-        if (errors.worst_particle && !one->particle.empty())
-            errors.worst_particle = one->particle[*errors.worst_particle];
-        row.errors = std::move(errors);
+        Row judged = judged_row(*one->solution, state, spec_, strained_share(*one->solution, spec_));
+        if (!judged.verdict->passed)
+            throw std::runtime_error("does not agree with " + one->reference + ": " +
+                                     judged.reason.value_or(""));
+        if (row.errors && row.errors->relative_l2 >= judged.errors->relative_l2) continue;
+        if (judged.errors->worst_particle && !one->particle.empty())
+            judged.errors->worst_particle = one->particle[*judged.errors->worst_particle];
+        row.errors = std::move(judged.errors);
+        row.verdict = std::move(judged.verdict);
     }
     if (!sampled_.empty()) row.judged_particles = judged_particles_;
     const std::string bits = hash_of_state(found.state);
@@ -622,7 +640,8 @@ void ScalingStudy::print(const Result& result, std::ostream& out, TableWidth wid
          {{"predicted", 1},
           [](const auto& row) { return row.predicted_seconds ? si(*row.predicted_seconds, "s") : "-"; }},
          {{"error", 3},
-          [](const auto& row) { return error_cell(row.errors ? row.errors->max : std::nullopt); }}},
+          [](const auto& row) { return error_cell(row.errors ? row.errors->max : std::nullopt); }},
+         {{"threshold/motion", 4}, [](const auto& row) { return threshold_text(row.verdict); }}},
         width, out);
     print_samples(rows, out);
     print_what_pays(rows, out);

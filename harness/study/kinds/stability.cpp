@@ -15,7 +15,7 @@
 #include "harness/results/print.h"
 #include "harness/results/row_fields.h"
 #include "harness/scene/stability.h"
-#include "harness/study/random_starts.h"
+#include "harness/verification/random_starts.h"
 #include "harness/study/study_kind.h"
 #include "harness/verification/conserved.h"
 

@@ -1,4 +1,4 @@
-#include "harness/study/random_starts.h"
+#include "harness/verification/random_starts.h"
 
 #include <algorithm>
 #include <cmath>
