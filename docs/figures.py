@@ -27,7 +27,7 @@ import includes_test  # noqa: E402  # pylint: disable=wrong-import-position
 import paper  # noqa: E402  # pylint: disable=wrong-import-position
 from readme import facts, rows as results  # noqa: E402  # pylint: disable=wrong-import-position
 import result_files  # noqa: E402  # pylint: disable=wrong-import-position
-from result_files import distinct, groups, listed, tick_seconds  # noqa: E402  # pylint: disable=wrong-import-position
+from result_files import distinct, groups, listed, threshold_of, tick_seconds  # noqa: E402  # pylint: disable=wrong-import-position
 
 # Who steps while a body is drawn, where that is not the name of its API.
 DRAWN = {"CUDA": "CUDA, one launch per tick", "CPU": "the processor"}
