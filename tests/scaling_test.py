@@ -38,7 +38,7 @@ class Scaling(FaultyStudies):
                  "edits": [{"step": 2, "cut": {"triangles": [[[11, -9, -9], [11, 30, -9], [11, 10, 50]]]}},
                            {"step": 7, "suture": {"triangles": [[[11, -9, -9], [11, 30, -9], [11, 10, 50]]], "within": 1.5}}]}
         self.write("cut.json", edits)
-        self.study(backends=["cpu_parallel:formulation=increment"], ranks=[1, 2, 3, 4],
+        self.study(backends=["cpu_parallel:formulation=increment"], ranks=[1, 2, 3, 4], cuts=["slabs", "bricks"],
                    scenes=[{"scene": "cut.json"}, {"scene": "heart@15x17x23"}])
         ran = self.run_study(4)
         rows = self.result()["scaling"]
@@ -62,7 +62,7 @@ class Scaling(FaultyStudies):
         self.assertEqual(ran.returncode, 0, ran.stdout + ran.stderr)
 
     def test_a_sample_is_gathered_from_all_ranks(self):
-        self.study(backends=["cpu_parallel:formulation=increment"], ranks=[1, 2, 3],
+        self.study(backends=["cpu_parallel:formulation=increment"], ranks=[1, 2, 3], cuts=["slabs"],
                    scenes=[{"scene": "heart@15x17x23", "sample_layers": 2}])
         self.run_study(3)
         rows = self.result()["scaling"]
