@@ -14,11 +14,11 @@
 
 #include "backends/disk_cache.h"
 #include "harness/scene/scene_runner.h"
-#include "harness/verification/random_starts.h"
 #include "harness/study/selection.h"
 #include "harness/study/study.h"
 #include "harness/verification/error_threshold.h"
 #include "harness/verification/errors.h"
+#include "harness/verification/random_starts.h"
 #include "tests/required.h"
 #include "tests/specifications.h"
 #include "tests/support.h"

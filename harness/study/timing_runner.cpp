@@ -19,8 +19,8 @@
 #include "harness/device/energy.h"
 #include "harness/device/noise.h"
 #include "harness/scene/scene_runner.h"
-#include "harness/verification/random_starts.h"
 #include "harness/verification/divergence.h"
+#include "harness/verification/random_starts.h"
 #include "harness/verification/verify.h"
 
 namespace voxspring {

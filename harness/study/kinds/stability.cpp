@@ -15,9 +15,9 @@
 #include "harness/results/print.h"
 #include "harness/results/row_fields.h"
 #include "harness/scene/stability.h"
-#include "harness/verification/random_starts.h"
 #include "harness/study/study_kind.h"
 #include "harness/verification/conserved.h"
+#include "harness/verification/random_starts.h"
 
 namespace voxspring {
 namespace {

@@ -20,9 +20,9 @@
 #include "harness/results/row_fields.h"
 #include "harness/scene/scene.h"
 #include "harness/scene/stability.h"
-#include "harness/verification/random_starts.h"
 #include "harness/study/study_kind.h"
 #include "harness/verification/conserved.h"
+#include "harness/verification/random_starts.h"
 #include "harness/verification/verify.h"
 #include "harness/volume/dataset.h"
 
