@@ -131,8 +131,8 @@ TEST(Routes, GoBothWaysAndFromEachRankToTheNext) {
 // --- Runs ------------------------------------------------------------------------------------------------
 
 /// A body with holes, a load, a pinned base and edits.
-Scene scene() {
-    Problem problem = make_lattice_problem(random_grid({8, 9, 29}, 0.7, 5), FACE_BITS | EDGE_BITS);
+Scene scene(const VoxelGrid& grid = random_grid({8, 9, 29}, 0.7, 5)) {
+    Problem problem = make_lattice_problem(grid, FACE_BITS | EDGE_BITS);
     problem.damping = 0.01;
     problem.gravity = {0, 0, -2e-3};
     problem.time_step = 0.2;
@@ -703,6 +703,18 @@ TEST(RankRuns, GiveTheBitsOfOneRankWhereDevicesWaitForEachOther) {
             EXPECT_GT(report.latency, 0);
         }
         expect_same_bits(state, one);
+    }
+}
+
+// Two bodies in one lattice: the last of three ranks has the second one.
+TEST(RankRuns, MayHaveARankWithoutBorders) {
+    Scene whole = scene(make_grid({8, 9, 29}, [](int, int, int z) { return z == 18 || z == 19 ? 0 : 1; }));
+    whole.edits.clear();
+    ASSERT_TRUE(Decomposition(whole.problem, {1, 1, 3}).subdomain(whole.problem, 2).borders.empty());
+    for (const char* way : {"memory", "peer", "stores"}) {
+        const std::string backend = way == std::string("stores") ? "rank_replays" : "rank_numbered";
+        const State one = run_ranks(backend, whole, plan_of(1)).state;
+        expect_same_bits(run_ranks(backend, whole, plan_of(3, way)).state, one);
     }
 }
 

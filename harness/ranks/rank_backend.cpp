@@ -86,11 +86,12 @@ void RankBackend::step(int count) {
         for (; count > 0; count -= most) step_together([&] { inner_.step(std::min(count, most)); });
         return;
     }
-    if (subdomain_.borders.empty()) return step_alone(count);
+    // Also for a rank without a border: the others meet it.
     if (goes_by_device() && !waits_ && inner_.borders()->prepare_exchanges(*own_borders(), count)) {
         step_together([&] { inner_.borders()->step_and_exchange(*own_borders(), count); });
         return;
     }
+    if (subdomain_.borders.empty()) return step_alone(count);
     for (int n = 0; n < count; ++n) {
         const auto begin = Clock::now();
         inner_.step(1);
