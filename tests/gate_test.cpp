@@ -171,7 +171,7 @@ TEST_P(Gate, PassesTheHonestWithRoomAndNoneThatIsWrong) {
         SCOPED_TRACE(spec.label());
         const ReferenceSolution solution = judged.solution(spec);
         const Spread& spread = solution.spreads.front().second;
-        const Comparison honest = judge(solution, play(judged.scene, spec, judged.steps), spec);
+        const JudgedState honest = judge(solution, play(judged.scene, spec, judged.steps), spec);
         EXPECT_TRUE(honest.passed()) << honest.reason;
         EXPECT_EQ(is_chaotic(spread), GetParam().chaotic);
         if (GetParam().tells_little) {
@@ -188,7 +188,7 @@ TEST_P(Gate, PassesTheHonestWithRoomAndNoneThatIsWrong) {
                               {"gate_share", honest.tolerance_rms / spread.motion_rms},
                               {"honest_in_spreads", honest.rms / spread.rms}};
         const auto expect_caught = [&](const std::string& name, const State& state) {
-            const Comparison wrong = judge(solution, state, spec);
+            const JudgedState wrong = judge(solution, state, spec);
             EXPECT_FALSE(wrong.passed()) << name << ": " << load(wrong) << " of the gate";
             row["wrong_in_gates"][name] = load(wrong);
         };
@@ -213,7 +213,7 @@ TEST(Sleep, PassesWhereItCostsLittleAndNotWhereTheBodyNeverMoves) {
             EXPECT_FALSE(judge(judged.solution(spec), judged.start(), spec).passed()) << threshold;
         }
         const BackendSpec fine = BackendSpec::parse("cpu_parallel:sleep=1e-6");
-        const Comparison slept = judge(judged.solution(fine), play(judged.scene, fine, 5), fine);
+        const JudgedState slept = judge(judged.solution(fine), play(judged.scene, fine, 5), fine);
         EXPECT_TRUE(slept.passed()) << slept.reason;
     }
 }
@@ -362,7 +362,7 @@ TEST_P(EveryTimedScene, IsVerifiedByARunThatNoMutantPasses) {
         }
         const auto passes = [&](const auto& play_one) {
             for (std::size_t n = solutions.size(); n-- > 0;) {
-                const Comparison found = judge(solutions[n], play_one(starts[n].scene, spec, steps), spec);
+                const JudgedState found = judge(solutions[n], play_one(starts[n].scene, spec, steps), spec);
                 if (!found.passed()) return false;
             }
             return true;
@@ -395,7 +395,7 @@ TEST_P(EveryBackend, PassesOnBodiesWithMechanisms) {
     for (const char* name : {"random_37%", "rope", "pendulum"}) {
         const Judged judged(name, 1000);
         if (!backend->unsupported(judged.scene.problem).empty()) continue;
-        const Comparison comparison =
+        const JudgedState comparison =
             judge(judged.solution(spec), play(judged.scene, spec, judged.steps), spec);
         EXPECT_TRUE(comparison.passed()) << name << ": " << comparison.reason;
     }

@@ -153,7 +153,7 @@ private:
         row.steps = subject.steps;
         Rows rows;
         const auto put = [&](const char* list, const std::string& reason) {
-            Row unmeasured = row;
+            Row unmeasured = static_cast<const Row&>(row);
             unmeasured.reason = subject.name + ": " + reason;
             rows[list].push_back(to_json(unmeasured));
         };
