@@ -7,9 +7,11 @@ FOLDER (results/<machine>) gets STUDY.json.gz of each study. A file that this pr
 stays, so that a second call goes on where the first was cut short: within a study, too. --check measures nothing: it says which
 files are stale, and why.
 
-The machine is the GPU if CUDA has one, several of them, or else the processor; its studies are in the table below. `peers` is measured where it is named,
-by the command of the Python package: remake.py --program env/bin/voxspring results/<machine> peers. It refuses a program that
-was built from a tree with changes, since no commit has what it would measure.
+The machine is the GPU if CUDA has one, several of them, or else the processor; its studies are in the table below. Where there
+are several, only `scaling` is measured unless others are named, which take the first card; CUDA_VISIBLE_DEVICES=0 leaves one.
+`peers` is measured where it is named, by the command of the Python package: remake.py --program env/bin/voxspring
+results/<machine> peers. It refuses a program that was built from a tree with changes, since no commit has what it would
+measure.
 
 A study that ends before its result is whole ends the run, and keeps its journal.
 
@@ -82,10 +84,12 @@ class Machine:
         return HERE / (name if self.devices == 1 else f"{name}-x{self.devices}")
 
     def studies(self):
-        """What is measured unless studies are named."""
+        """(what is measured unless studies are named, what else may be named)."""
         if not self.has_gpu:
-            return CPU_STUDIES
-        return GPU_STUDIES if self.devices == 1 else MULTI_GPU_STUDIES
+            return CPU_STUDIES, PYTHON_STUDIES
+        if self.devices == 1:
+            return GPU_STUDIES, PYTHON_STUDIES
+        return MULTI_GPU_STUDIES, GPU_STUDIES + PYTHON_STUDIES
 
 
 def context_of(path):
@@ -165,15 +169,17 @@ def main():
     arguments = parser.parse_args()
     try:
         machine = Machine(arguments.program)
-        known = machine.studies()
+        known, others = machine.studies()
         for study in arguments.study:
-            if study not in known + PYTHON_STUDIES:
+            if study not in known + others:
                 raise result_files.BadInput(f"command line: STUDY: {study} is not accepted; expected "
-                                            f"{', '.join(known + PYTHON_STUDIES)}")
+                                            f"{', '.join(known + others)}")
         out = arguments.folder or machine.folder()
         if arguments.check:
             known += tuple(study for study in PYTHON_STUDIES if result_files.named(out, study).exists())
         print(f"{machine.device}, commit {machine.commit}, {out}")
+        if machine.devices > 1 and not arguments.study:
+            print(f"{machine.devices} cards: only {', '.join(known)} is measured; CUDA_VISIBLE_DEVICES=0 measures the studies of one card")
         sys.exit(remake(arguments.study or known, out, machine, arguments.check))
     except (result_files.BadInput, OSError) as error:
         result_files.refuse(__file__, error)

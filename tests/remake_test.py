@@ -71,7 +71,9 @@ class Remake(InTemporaryFolder):
         self.install("aaaaaaaaaaaa", "GPU-1", devices=2)
         done, calls = self.remake(self.folder / "gpus")
         self.assertEqual(calls, ["study scaling --backend !cpu_* --devices 2"])
+        self.assertIn("2 cards: only scaling is measured", done.stdout)
         self.assertIn("results/nvidia-h200-x2", self.remake("--check")[0].stdout)
+        self.assertEqual(self.remake(self.folder / "one", "figure8")[1], ["study figure8"])
         for machine in filter(pathlib.Path.is_dir, (ROOT / "results").iterdir()):
             committed = {path.name for path in machine.glob("*.json.gz")}
             made = (self.folder / "gpu" if "figure8.json.gz" in committed else self.folder / "gpus" if "scaling.json.gz" in committed

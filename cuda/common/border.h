@@ -66,8 +66,8 @@ template <class Real>
 void gather_places(const BorderPlaces<Real>& places, Real* message, const Stream& stream);
 template <class Real>
 void scatter_places(const BorderPlaces<Real>& places, const Real* message, const Stream& stream);
-/// Sends one message over each of the links, and takes one. A kernel that takes
-/// ends once the other parts have sent.
+/// Sends one message over each of the links, and takes one. A kernel that takes ends once the other parts
+/// have sent.
 template <class Real>
 void exchange_places(const BorderPlaces<Real>& places, const BorderLinks<Real>& links,
                      const ExchangeLaunch& launch, const WaitLimit& limit, const Stream& stream);

@@ -65,9 +65,9 @@ void CudaBackend::check_waits() const {
     if (border_stall_.size() == 0) return;
     const std::uint64_t mark = *static_cast<const volatile std::uint64_t*>(border_stall_.data());
     if (mark != 0)
-        throw DeviceError(fmt::format("waited {} seconds in vain for border {} of another part of the body",
-                                      max_wait_nanoseconds / 1'000'000'000,
-                                      ResidentStall::unpacked(mark).step));
+        throw DeviceError(
+            fmt::format("waited {} seconds in vain for message {} from another part of the body",
+                        max_wait_nanoseconds / 1'000'000'000, ResidentStall::unpacked(mark).step));
 }
 
 WaitLimit CudaBackend::border_wait() {

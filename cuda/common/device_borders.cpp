@@ -54,10 +54,10 @@ Borders& same_kind(const std::shared_ptr<DeviceBorders>& other) {
     return *borders;
 }
 
-/// The only one of a part's links for which is_it() holds.
-template <class Links, class IsIt>
-auto find_side(const Links& links, IsIt is_it) {
-    const auto link = std::find_if(links.begin(), links.end(), is_it);
+/// The only one of a part's links for which leads_there() holds.
+template <class Links, class LeadsThere>
+auto find_side(const Links& links, LeadsThere leads_there) {
+    const auto link = std::find_if(links.begin(), links.end(), leads_there);
     if (link == links.end()) throw std::logic_error("a part borders on a part that has no such border");
     return link;
 }

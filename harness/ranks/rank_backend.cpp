@@ -86,7 +86,7 @@ void RankBackend::step(int count) {
         for (; count > 0; count -= most) step_together([&] { inner_.step(std::min(count, most)); });
         return;
     }
-    // Also for a rank without a border: the others meet it.
+    // A rank without a border does this too, since the others meet all ranks.
     if (goes_by_device() && !waits_ && inner_.borders()->prepare_exchanges(*own_borders(), count)) {
         step_together([&] { inner_.borders()->step_and_exchange(*own_borders(), count); });
         return;
