@@ -9,6 +9,7 @@ files are stale, and why.
 
 The machine is the GPU if CUDA has one, several of them, or else the processor; its studies are in the table below. Where there
 are several, only `scaling` is measured unless others are named, which take the first card; CUDA_VISIBLE_DEVICES=0 leaves one.
+More than two cards step only the largest bodies of `scaling`.
 `peers` is measured where it is named, by the command of the Python package: remake.py --program env/bin/voxspring
 results/<machine> peers. It refuses a program that was built from a tree with changes, since no commit has what it would
 measure.
@@ -36,6 +37,8 @@ GPU_STUDIES = ("table1", "fastest", "figure8", "figure7", "as_paper", "edits", "
                "stress", "overhead", "energy", "haptic")
 # On several cards: what these change, which is how steps are divided between them.
 MULTI_GPU_STUDIES = ("scaling",)
+# More than two cards are for the largest bodies: smaller ones hardly pay on two.
+SCENES_ON_MANY_GPUS = ["--scene", "box@256", "--scene", "box@512"]
 # Studies of the Python package's command (docs/python.md). They are measured only if they are named.
 PYTHON_STUDIES = ("peers",)
 CPU_STUDIES = ("fastest", "pareto", "stability", "stress", "haptic")
@@ -117,7 +120,7 @@ def arguments_of(study, plain, machine):
     """The command line that runs a study, or resumes it if it was cut short."""
     options = (OPTIONS_ON_GPU if machine.has_gpu else OPTIONS_ON_CPU).get(study, [])
     if study in MULTI_GPU_STUDIES:
-        options = [*options, "--devices", str(machine.devices)]
+        options = [*options, "--devices", str(machine.devices), *(SCENES_ON_MANY_GPUS if machine.devices > 2 else [])]
     resume = ["--resume"] * plain.with_name(plain.name + ".journal").exists()
     return [machine.program, "study", study, "--out", plain, *options, *resume]
 

@@ -73,6 +73,9 @@ class Remake(InTemporaryFolder):
         self.assertEqual(calls, ["study scaling --backend !cpu_* --devices 2"])
         self.assertIn("2 cards: only scaling is measured", done.stdout)
         self.assertIn("results/nvidia-h200-x2", self.remake("--check")[0].stdout)
+        self.install("aaaaaaaaaaaa", "GPU-1", devices=4)
+        _, calls = self.remake(self.folder / "more")
+        self.assertEqual(calls, ["study scaling --backend !cpu_* --devices 4 --scene box@256 --scene box@512"])
         self.assertEqual(self.remake(self.folder / "one", "figure8")[1], ["study figure8"])
         for machine in filter(pathlib.Path.is_dir, (ROOT / "results").iterdir()):
             committed = {path.name for path in machine.glob("*.json.gz")}
