@@ -20,12 +20,12 @@ struct BlockShape {
     bool operator==(const BlockShape&) const = default;
 };
 
-/// Numbers the blocks of a lattice and a frame of one block around them (kernels/resting.h). The number of a
-/// block is its place.
+/// Numbers the blocks of a lattice and a frame of one block around them (kernels/resting.h). A block's place
+/// is its number.
 class BlockGrid {
 public:
     BlockGrid(const Lattice& lattice, BlockShape shape);
-    /// Difference between the places of blocks that are neighbours along y or z, and the number of places.
+    /// row(), slice(): difference of places between neighbours along y, z. places(): the number of places.
     std::size_t row() const { return row_; }
     std::size_t slice() const { return slice_; }
     std::size_t places() const { return places_; }
@@ -45,15 +45,15 @@ private:
 
 /// Origins of the blocks that hold an active voxel, x fastest.
 std::vector<BlockOrigin> list_blocks(const Lattice& lattice, BlockShape shape);
-/// list_blocks(), or an empty list if a launch needs none: every block of the lattice holds an active voxel,
-/// and fits_launch(). The block's coordinates in the launch then give its origin.
+/// list_blocks(), or an empty list if a launch needs no list, since every block of the lattice holds an
+/// active voxel and fits_launch() is true. A block's coordinates in the launch then give its origin.
 std::vector<BlockOrigin> occupied_blocks(const Lattice& lattice, BlockShape shape);
-/// Whether one launch can cover all blocks, with one thread per voxel. CUDA limits the number of blocks along
-/// y and z.
+/// Whether one launch with one thread per voxel can cover all blocks of the lattice. CUDA limits the number
+/// of blocks along y and z.
 bool fits_launch(const Lattice& lattice, BlockShape shape);
 
-/// The kernels' argument, with squared rest lengths and null pointers. The caller sets the pointers to device
-/// memory.
+/// The argument of the implicit kernels, with rest lengths as listed_length() gives them. Pointers are null:
+/// the caller sets them to device memory.
 template <class Real>
 ImplicitStep<Real> make_implicit_step(const Problem& problem, const Placement& placement,
                                       Formulation formulation);

@@ -1,4 +1,4 @@
-// Finds the blocks of a launch that have particles of a border, which are stepped before the others.
+// Finds the blocks of a launch that have particles of a border. These blocks are stepped before the others.
 #pragma once
 
 #include <cstddef>
@@ -16,7 +16,7 @@ enum class StepPart : std::uint8_t { border, interior };
 template <class Block>
 struct BlockParts {
     std::vector<Block> blocks;
-    std::size_t border = 0;  ///< how many blocks the first part has
+    std::size_t border = 0;  ///< number of blocks in the first part
 
     std::size_t begin_of(StepPart part) const { return part == StepPart::border ? 0 : border; }
     std::size_t count_of(StepPart part) const {
@@ -27,8 +27,8 @@ struct BlockParts {
 /// The blocks of list_blocks() in two parts. `border`: the border's particles.
 BlockParts<BlockOrigin> part_blocks(const Lattice& lattice, BlockShape shape,
                                     const std::vector<std::uint32_t>& border);
-/// Likewise for `particles` particles that are divided, in canonical order, into blocks of `block` particles.
-/// The result has the blocks' numbers.
+/// The numbers of blocks in two parts, if `particles` particles are divided in canonical order into blocks of
+/// `block` particles. `border`: the border's particles.
 BlockParts<std::uint32_t> part_blocks(std::size_t particles, unsigned block,
                                       const std::vector<std::uint32_t>& border);
 

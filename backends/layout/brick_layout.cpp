@@ -19,7 +19,7 @@ constexpr int warp = 32;
 
 constexpr std::array<BrickTileSize, 5> tile_sizes = {{{3, 1, 1}, {2, 1, 2}, {2, 2, 2}, {3, 2, 2}, {3, 2, 3}}};
 
-/// If the tiles of `shape` have size tile_sizes[n], visits the springs of a tile and returns true.
+/// If the tiles of `shape` have size tile_sizes[n], visits a tile's springs, sets `mask`, returns true.
 template <std::size_t n, class Visit>
 bool visit_size(const BrickShape& shape, Visit& visit, BrickMask& mask) {
     constexpr BrickTileSize size = tile_sizes[n];
@@ -51,7 +51,7 @@ struct NoVisit {
     void half(int, int, int, int, int, int, int) {}
 };
 
-/// The least and the greatest coordinates of a body.
+/// The least and the greatest voxel coordinates that particles of a body have.
 std::pair<glm::ivec3, glm::ivec3> bounds_of(const Lattice& lattice) {
     glm::ivec3 low = lattice.dims, high(-1);
     for (const std::uint32_t voxel : lattice.voxel) {
@@ -64,8 +64,7 @@ std::pair<glm::ivec3, glm::ivec3> bounds_of(const Lattice& lattice) {
 
 glm::ivec3 size_of(const BrickShape& shape) { return {shape.nx(), shape.ny(), shape.nz()}; }
 
-/// How many particles a box of voxels holds, for boxes of any size. It keeps sums over all boxes that begin
-/// at the body's first voxel.
+/// Counts particles in any box of voxels, from sums over all boxes that begin at the first voxel of the body.
 class ParticleCounts {
 public:
     ParticleCounts(const Lattice& lattice, const glm::ivec3& low, const glm::ivec3& high)
@@ -79,7 +78,8 @@ public:
             });
         }
     }
-    /// How many particles there are in voxels `begin` to `end` (exclusive) of the body.
+    /// How many particles are in the box from `begin` to `end` (exclusive), as counted from the first voxel
+    /// of the body.
     std::uint32_t in(const glm::ivec3& begin, const glm::ivec3& end) const {
         const glm::ivec3 to = glm::min(end, size_ - 1);
         std::uint32_t count = 0;
@@ -110,7 +110,7 @@ std::vector<TilePlace> first_places(const BrickShape& shape) {
     return places;
 }
 
-/// The average number of bank conflicts per load, in which lanes of a warp want different words of one bank.
+/// The average number of bank conflicts per load. Lanes conflict if they want different words of one bank.
 double bank_conflicts(const BrickShape& shape, const std::vector<TilePlace>& places) {
     int conflicts = 0, loads = 0;
     for (std::size_t first = 0; first < places.size(); first += warp) {
@@ -130,8 +130,8 @@ double bank_conflicts(const BrickShape& shape, const std::vector<TilePlace>& pla
     return double(conflicts) / loads;
 }
 
-/// Gives `shape` the pads that leave the fewest conflicts and fit into `bytes`. Returns the number of
-/// conflicts.
+/// Gives `shape` those pads with which it has the fewest bank_conflicts() and fits into `bytes` of shared
+/// memory. Returns bank_conflicts().
 double pad(BrickShape& shape, std::size_t bytes) {
     const std::vector<TilePlace> places = first_places(shape);
     BrickShape best = shape;
@@ -152,8 +152,7 @@ double pad(BrickShape& shape, std::size_t bytes) {
     return fewest;
 }
 
-/// Registers of a thread with a tile, as NVRTC 13.0 needs them without spilling, or nearly without for the
-/// largest tile.
+/// Registers of a thread with a tile, with which NVRTC 13.0 spills none, or only few for the largest tile.
 int registers_of(const BrickShape& shape, bool with_increments) {
     const int particles = shape.tile();
     const int points = particles <= 3    ? 88
@@ -165,8 +164,8 @@ int registers_of(const BrickShape& shape, bool with_increments) {
 }
 constexpr int registers_of_multiprocessor = 65536;
 constexpr int warps_that_move_registers = 4;
-/// Registers of a poller that keeps all its polls in registers, and of one that takes polls in turns and
-/// fetches those of the next turn meanwhile.
+/// Registers of a poller that keeps all its polls in registers, and of one that takes them in turns and
+/// fetches the next turn's polls meanwhile.
 constexpr int registers_of_keeper = 56, registers_of_fetcher = 80;
 constexpr int max_threads = 1024;
 
@@ -176,15 +175,16 @@ int registers_at_launch(int threads) {
     return registers_of_multiprocessor / rounded_up(threads, 4 * warp) / 8 * 8;
 }
 
-/// Chooses how many threads of a block only poll, that is, wait for the values of neighbouring blocks, and
-/// how many registers each thread has. A thread with a tile needs `needed` registers. With `moves_registers`
-/// pollers may give theirs to threads with tiles. Returns false if there are too few registers.
+/// Chooses how many threads of a block only poll, that is, wait for the points of neighbouring blocks, and
+/// how many registers each thread has. `polls`: the points that the block waits for. `needed`: registers of a
+/// thread with a tile. `moves_registers`: pollers may give registers to threads with tiles. Returns false if
+/// threads or registers do not suffice.
 bool assign_threads_and_registers(BrickPlan& plan, std::size_t polls, int needed, bool moves_registers) {
     const int lanes = plan.shape.lanes();
     constexpr int alike = warps_that_move_registers * warp;
     for (const int pollers : {256, 128}) {
-        // More than 128 pollers pay only if each of 128 would poll more than five points, which is more than
-        // the time of a round trip hides.
+        // 256 pollers pay only if each of 128 would poll more than five points: the time of a round trip
+        // hides five.
         if (pollers == 256 && polls <= std::size_t(5) * 128) continue;
         if (lanes + pollers > max_threads) continue;
         plan.pollers = pollers;
@@ -194,8 +194,7 @@ bool assign_threads_and_registers(BrickPlan& plan, std::size_t polls, int needed
         const int at_launch = registers_at_launch(lanes + pollers);
         if (at_launch >= needed) return true;
         if (!moves_registers || lanes % alike != 0 || pollers % alike != 0) continue;
-        // All threads together have the registers that the launch gave the block. A thread that asks for more
-        // waits for ever.
+        // The launch gives a block its registers. A thread that asks for more than are left waits for ever.
         const int left = (at_launch * (lanes + pollers) - poller_registers * pollers) / lanes / 8 * 8;
         if (left < needed) continue;
         plan.lane_registers = std::min(left, 240);
@@ -205,7 +204,7 @@ bool assign_threads_and_registers(BrickPlan& plan, std::size_t polls, int needed
     return false;
 }
 
-/// Calls the function above. If registers have no room for the increments, puts these into memory.
+/// Calls the function above. If it returns false, calls it again for a plan with the increments in memory.
 bool assign_threads_and_registers(BrickPlan& plan, std::size_t polls, Formulation formulation,
                                   bool moves_registers) {
     if (assign_threads_and_registers(plan, polls, registers_of(plan.shape, by_increments(formulation)),
@@ -216,14 +215,14 @@ bool assign_threads_and_registers(BrickPlan& plan, std::size_t polls, Formulatio
            assign_threads_and_registers(plan, polls, registers_of(plan.shape, false), moves_registers);
 }
 
-/// An upper bound of the points in the frame of a brick, which belong to the bricks around it.
+/// An upper bound of the number of points in the frame of a brick. They belong to the bricks around it.
 std::size_t frame_of(const BrickShape& shape) {
     const std::size_t with = std::size_t(shape.nx() + (shape.both ? 2 : 1)) * std::size_t(shape.ny() + 2) *
                              std::size_t(shape.nz() + 2);
     return with - std::size_t(shape.nx()) * std::size_t(shape.ny()) * std::size_t(shape.nz());
 }
 
-/// The predicted time of a step. It follows from instructions counted in the machine code of compute
+/// The predicted seconds of a step. They follow from instructions counted in the machine code of compute
 /// capability 9.0, and from the share of its issue slots that a quarter of a multiprocessor fills. This share
 /// depends on how many warps the quarter has, because warps also wait. `conflicts`: bank conflicts per load,
 /// on average.
@@ -234,8 +233,7 @@ double seconds_of(const BrickPlan& plan, double conflicts, const MarchDevice& de
     const double instructions = 15.5 * mask.springs + 25.0 * mask.particles + 50;
     const int warps = units_of(shape.lanes() / warp, 4);
     const double issued = warps == 1 ? 0.62 : warps == 2 ? 0.83 : 0.89;
-    // To fetch and publish 32 points of the frame takes 40 cycles of issue, spread evenly over the four
-    // quarters of the multiprocessor.
+    // Fetching and publishing 32 points takes 40 cycles of issue, spread over the multiprocessor's quarters.
     const double exchange = double(frame_of(shape)) / warp * 40 / 4;
     const double work = (warps * instructions / issued * (1 + 0.2 * conflicts) + exchange) / device.hertz;
     // While the values of neighbouring bricks travel, threads add the springs that do not need them (early
@@ -262,7 +260,7 @@ std::span<const BrickTileSize> brick_tile_sizes() { return tile_sizes; }
 std::string registers_refusal(const BrickPlan& plan, int compiled) {
     if (plan.lane_registers == 0) return {};
     const int lanes = plan.shape.lanes();
-    const int at_launch = rounded_up(compiled, 8);  // warps are given registers in such units
+    const int at_launch = rounded_up(compiled, 8);  // registers are given out in multiples of 8
     const bool enough = plan.poller_registers <= at_launch && at_launch <= plan.lane_registers &&
                         plan.lane_registers * lanes + plan.poller_registers * plan.pollers <=
                             at_launch * (lanes + plan.pollers);
@@ -298,17 +296,16 @@ std::optional<BrickPlan> plan_bricks(const Problem& problem, Formulation formula
                     const glm::ivec3 wanted(gx, gy, gz);
                     const glm::ivec3 threads = ((body + wanted - 1) / wanted + of - 1) / of;
                     const glm::ivec3 brick = threads * of, bricks = (body + brick - 1) / brick;
-                    // Rounding changed the number of bricks. These loops try the layout with that number
-                    // separately.
+                    // Whole tiles left fewer bricks than `wanted`. The loops try that number too.
                     if (bricks != wanted) continue;
                     BrickPlan plan{.shape = {tile.x, tile.y, tile.z, threads.x, threads.y, threads.z,
                                              bricks.x > 2, 0, 0}};
-                    // A tile with neighbouring bricks on both sides would have no springs to add early.
+                    // No spring of a tile with neighbouring bricks on both sides could be added early.
                     if ((threads.y == 1 && bricks.y > 2) || (threads.z == 1 && bricks.z > 2)) continue;
                     if (volume(threads) > max_threads ||
                         std::size_t(plan.shape.shared_bytes()) > device.block_shared_bytes)
                         continue;
-                    // Plan without conflicts first, since finding the pads takes longer.
+                    // Predict the time without bank conflicts first, since finding the pads takes longer.
                     if (!assign_threads_and_registers(plan, frame_of(plan.shape), formulation,
                                                       moves_registers))
                         continue;
@@ -383,8 +380,7 @@ void BrickLayout::find_blocks() {
         visit_box(begin, begin + size, [&](const glm::ivec3& voxel) { any = any || mask_at(voxel) != 0; });
         if (!any) return;
         block_at_[index_in(bricks_, brick)] = std::uint32_t(blocks_.size());
-        // If there are only two bricks along x, the second is mirrored, so that both have their border at the
-        // end of x.
+        // If there are two bricks along x, the second is mirrored, so that both meet where their X ends.
         const bool mirrored = !plan_.shape.both && brick.x == 1;
         std::uint32_t sides = 0;
         const auto side = [&](bool here, std::uint32_t bit) { sides |= here ? bit : 0; };
@@ -427,7 +423,7 @@ void BrickLayout::write_masks(std::size_t block, int lane) {
         masks_[std::size_t(n) * lane_count() + at] = words[std::size_t(n)];
 }
 
-/// Finds the mask words of a plain thread (TileSides) for each set of sides across which it has springs.
+/// Sets plain_words_, across_ and moves_.
 void BrickLayout::find_plain_words(std::uint32_t group_bits) {
     const auto set = [](TileWords& words, int bit) { words[std::size_t(bit) / 32] |= 1U << bit % 32; };
     for (const TileSpring& s : springs_) {
@@ -476,15 +472,15 @@ bool BrickLayout::all_plain() const {
 
 std::vector<BrickPoll> BrickLayout::polls_of(const BrickBlock& block) const {
     const BrickShape& shape = plan_.shape;
-    // `at` is relative to the block's origin, and its x counts in the block's direction.
+    // `at` counts from the block's origin, along x in the block's direction.
     const auto voxel = [&](const glm::ivec3& at) {
         return glm::ivec3(block.x + block.direction * at.x, block.y + at.y, block.z + at.z);
     };
     const auto inside = [size = size_of(shape)](const glm::ivec3& at) {
         return glm::all(glm::greaterThanEqual(at, glm::ivec3(0))) && glm::all(glm::lessThan(at, size));
     };
-    // Blocks count as neighbours whether or not a spring joins them: each block waits for those that wait for
-    // it, and so is never two steps ahead.
+    // Whether a particle at `at` shares a face or an edge with one of the block. Springs do not matter: each
+    // block waits for all blocks that wait for it, and so is never two steps ahead.
     const auto reached = [&](const glm::ivec3& at) {
         return std::any_of(directions().begin(), directions().end(), [&](const Direction& direction) {
             const glm::ivec3 o = direction.offset;

@@ -20,13 +20,13 @@
 
 namespace voxspring::layout {
 
-/// The particles of one thread, a box called a tile.
+/// The size of a tile, the box of particles that one thread steps.
 struct BrickTileSize {
     int x, y, z;
     int particles() const { return x * y * z; }
     bool operator==(const BrickTileSize&) const = default;
 };
-/// The sizes that the kernel is made for.
+/// The tile sizes for which the brick kernel can be compiled.
 std::span<const BrickTileSize> brick_tile_sizes();
 
 /// How a launch covers a body.
@@ -34,21 +34,21 @@ struct BrickPlan {
     BrickShape shape{};
     int pollers = 0;
     /// Registers of a thread with a tile and of a thread that polls, if the kernel moves registers between
-    /// them. 0: all threads have the same number.
+    /// them. 0: all threads have equally many.
     int lane_registers = 0, poller_registers = 0;
-    bool increments_in_memory = false;  ///< if registers have no room for them
+    bool increments_in_memory = false;  ///< since registers have no room for them
     double seconds = 0;                 ///< predicted time of a step
     bool operator==(const BrickPlan&) const = default;
 };
-/// The plan with the shortest predicted step, with tiles of `size` or, without it, of any size. There is none
-/// if the body is too large for what the device's blocks hold. `moves_registers`: some threads of a block may
-/// have more registers than others.
+/// The plan with the shortest predicted step, with tiles of `size` or, if that is not given, of any size.
+/// There is no plan if the body is too large for the blocks of the device. `moves_registers`: some threads of
+/// a block may have more registers than others.
 std::optional<BrickPlan> plan_bricks(const Problem& problem, Formulation formulation,
                                      const MarchDevice& device, bool moves_registers,
                                      std::optional<BrickTileSize> size = std::nullopt);
 
-/// Empty, or why registers cannot be moved as `plan` asks in a kernel whose threads begin with `compiled`
-/// registers each: a thread would wait for ever for registers that no other thread gives up.
+/// Empty, or why a kernel cannot move registers as `plan` asks, if its threads begin with `compiled`
+/// registers each. A thread would then wait for ever for registers that no other thread gives up.
 std::string registers_refusal(const BrickPlan& plan, int compiled);
 
 /// The tables of BrickStep, and how edits change them.
@@ -68,14 +68,14 @@ public:
         return std::uint32_t(blocks_.size()) * std::uint32_t(plan_.shape.lanes());
     }
 
-    /// The words of the masks that an edit changes.
+    /// Updates the masks for an edit. Returns the mask words that it changes.
     std::vector<EditedWord> edit(const SpringEdit& edit);
 
 private:
-    /// A spring of a tile: its particle, the neighbour that it leads to, and its bit.
+    /// A spring from particle (i, j, k) of a tile to its neighbour at offset (dx, dy, dz), with its mask bit.
     struct TileSpring {
         int i, j, k, dx, dy, dz, bit;
-        std::uint32_t crossed;  ///< BrickShape::crossed()
+        std::uint32_t crossed;  ///< BrickShape::crossed() of the neighbour
     };
     class ListSprings;
     /// Room for the most words that a thread can have (BrickMask).
@@ -92,16 +92,16 @@ private:
     BrickPlan plan_;
     SoaStrides strides_;
     glm::ivec3 dims_, low_{0}, bricks_{1};  ///< lattice's size; body's first voxel; number of bricks
-    std::vector<std::uint32_t> voxel_;      ///< one per particle
-    std::vector<std::uint32_t> mask_;       ///< one per voxel
-    std::vector<std::uint32_t> block_at_;   ///< one per brick; resident_none: it has no particle
+    std::vector<std::uint32_t> voxel_;      ///< Lattice::voxel
+    std::vector<std::uint32_t> mask_;       ///< one per voxel of the lattice
+    std::vector<std::uint32_t> block_at_;   ///< per brick: its block; resident_none: it has no particle
     std::vector<TileSpring> springs_;
     BrickMask bits_{};
-    /// Mask words, indexed by the set of sides that springs cross.
+    /// The mask words of a plain thread, indexed by the set of sides that its springs cross.
     std::array<TileWords, 1U << BrickShape::sides> plain_words_{};
-    /// Per side: bits of the springs that cross only this side.
+    /// Per side: the bits of the springs that cross this side and no other.
     std::array<TileWords, BrickShape::sides> across_{};
-    TileWords moves_{};  ///< bits that let each particle move
+    TileWords moves_{};  ///< BrickMask::moves() of all particles
     std::vector<BrickBlock> blocks_;
     std::vector<std::uint32_t> masks_;
     std::vector<BrickPoll> polls_;

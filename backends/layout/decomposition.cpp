@@ -15,16 +15,15 @@ namespace {
 
 using Brick = Decomposition::Brick;
 
-/// The axes, the longest first. Of axes that are equally long, the one whose layers lie together in memory is
-/// first.
+/// The axes, the longest first. Among equally long axes z comes before y and y before x, since the layers
+/// across z lie together in memory.
 std::array<int, 3> axes_by_length(glm::ivec3 dims) {
     std::array<int, 3> axes = {2, 1, 0};
     std::stable_sort(axes.begin(), axes.end(), [&](int one, int other) { return dims[one] > dims[other]; });
     return axes;
 }
 
-/// How many components of a lattice spring's offset may differ from 0: 1 along an axis, 3 along a space
-/// diagonal.
+/// How many components of a lattice spring's offset may differ from 0: 1 for face springs, 3 for corner ones.
 int reach_of(const Problem& problem) {
     int reach = 0;
     for (const Direction& direction : directions()) {
@@ -42,8 +41,8 @@ bool contains(const Brick& brick, glm::ivec3 at) {
 Brick with_a_voxel_around(const Brick& brick) { return {brick.begin - 1, brick.end + 1}; }
 Brick without_its_surface(const Brick& brick) { return {brick.begin + 1, brick.end - 1}; }
 
-/// Whether the brick has a particle that a lattice spring may join to one at `at`. Springs that have been cut
-/// count too, since they may be sutured.
+/// Whether the brick has a particle that a lattice spring may join to a particle at `at`. Springs that have
+/// been cut count too, since they may be sutured.
 bool may_be_joined(const Problem& problem, const Brick& brick, glm::ivec3 at) {
     if (!contains(with_a_voxel_around(brick), at)) return false;
     const Lattice& lattice = problem.lattice;
@@ -55,9 +54,9 @@ bool may_be_joined(const Problem& problem, const Brick& brick, glm::ivec3 at) {
     });
 }
 
-/// The first layer of each of `parts` slabs, and at the end the number of layers. All slabs have about the
-/// same number of particles, and each but the first begins at a layer with particles. The list is empty if
-/// fewer than `parts` layers have particles.
+/// The first layer of each of `parts` slabs and, as the last element, the number of layers. All slabs have
+/// about the same number of particles, and each but the first begins at a layer with particles. The list is
+/// empty if fewer than `parts` layers have particles.
 std::vector<int> equal_parts(const std::vector<std::size_t>& particles_of_layer, int parts) {
     // Layers with particles, and the number of particles before each.
     std::vector<int> layer;
@@ -90,7 +89,7 @@ std::vector<int> equal_parts(const std::vector<std::size_t>& particles_of_layer,
     return begins;
 }
 
-/// Cuts a lattice into bricks, or finds why it cannot.
+/// Cuts a lattice into bricks, or says in refusal() why that is impossible.
 class Bricks {
 public:
     Bricks(const Lattice& lattice, glm::ivec3 subdomains)
@@ -102,13 +101,14 @@ public:
     }
     const std::string& refusal() const { return refusal_; }
     const std::vector<Brick>& bricks() const { return bricks_; }
-    /// Whether all layers of a brick have the same number of particles, since there is one in each voxel.
+    /// Whether there is a particle in each voxel of the lattice.
     bool is_full() const { return is_full_; }
     /// Voxels of the particles of each brick; empty for a full lattice.
     const std::vector<std::vector<std::uint32_t>>& voxels() const { return voxels_; }
 
 private:
-    /// `voxels`: the voxels of the brick's particles. Axes before `n` have been cut.
+    /// Cuts `brick` across axes_[n] and the axes after it. `voxels`: those of the brick's particles; empty
+    /// for a full lattice.
     void cut(const Brick& brick, std::vector<std::uint32_t> voxels, std::size_t n) {
         while (n < axes_.size() && subdomains_[axes_[n]] == 1) ++n;
         if (n == axes_.size()) {
@@ -157,13 +157,13 @@ std::optional<std::uint32_t> index_in(const std::vector<std::uint32_t>& ascendin
     return std::uint32_t(found - ascending.begin());
 }
 
-/// A brick beside another, and where its border goes.
+/// A brick beside that of the subdomain, and the border between them.
 struct Beside {
     Brick brick;
     Subdomain::Border border;
 };
 
-/// Takes one subdomain out of a problem.
+/// Makes one subdomain of a problem.
 class Cutting {
 public:
     Cutting(const Problem& whole, const Brick& brick, std::vector<Beside> beside)
@@ -230,8 +230,8 @@ private:
         if (own) take_hold_of(i, here);
     }
 
-    /// Enters particle `here` into borders: an own particle into those with the subdomains that have it as a
-    /// ghost, a ghost into that with the subdomain that owns it.
+    /// Adds particle `here` to borders: an own particle to `sent` for each subdomain that has it as a ghost,
+    /// a ghost to `received` for the subdomain that steps it.
     void share(std::uint32_t here, glm::ivec3 at, bool own) {
         if (own && contains(without_its_surface(brick_), at)) return;
         for (auto& [brick, border] : beside_) {
@@ -248,8 +248,8 @@ private:
         return bits;
     }
 
-    /// Particle `i` of the whole body is particle `here` of this part, which steps it. If the tool holds the
-    /// particle, the tool of this part holds it.
+    /// Makes the tool of this part hold particle `here` if the tool of the whole body holds it. In the whole
+    /// body the particle has number `i`.
     void take_hold_of(std::uint32_t i, std::uint32_t here) {
         const auto held = index_in(whole_.tool.particles, i);
         if (!held) return;
@@ -265,7 +265,7 @@ private:
     Subdomain subdomain_;
 };
 
-/// A changed spring with the numbers that its ends have in a subdomain; empty if the subdomain owns neither.
+/// A changed spring with its ends as numbered in `subdomain`; empty if the subdomain steps neither end.
 std::optional<ChangedSpring> changed_in(const Subdomain& subdomain, ChangedSpring changed) {
     const auto first = index_in(subdomain.particle, changed.spring.first);
     const auto second = index_in(subdomain.particle, changed.spring.second);

@@ -11,14 +11,14 @@
 namespace voxspring::layout {
 namespace {
 
-// A cache line of words in float32.
+// Words of guard at either end: a cache line in float32.
 constexpr std::size_t guard_words = 8;
 
-// Whether `middle` is a particle's index or at most one beyond either end. Its two sides are then at most two
-// beyond, which is inside the guard.
+// Whether `middle` is the index of a particle, or one beyond either end. Then the indices beside it are at
+// most two beyond, which is inside the guard.
 bool within(std::int64_t middle, std::int64_t particles) { return middle >= -1 && middle <= particles; }
 
-// Threads build lists by chunks of whole slices. A list does not go on from one chunk to the next.
+// Threads build lists in chunks of whole slices. No list goes on from one chunk to the next.
 constexpr std::size_t chunk_particles = std::size_t(1) << 16;
 
 /// (dy, dz) of each row.
@@ -28,21 +28,20 @@ constexpr std::array<std::array<int, 2>, row_count> row_offsets = {{
 #undef OFFSET
 }};
 
-/// The list of a run while particles join it.
+/// The list of a run of particles, while particles join the run (RowDeltas).
 class GrowingList {
 public:
     explicit GrowingList(std::int64_t begin) : begin_(begin) {}
 
-    /// What a particle needs to know about a row.
+    /// What a particle needs a list to say about one row.
     struct Wanted {
         bool any = false;          ///< whether the particle has a neighbour in the row
-        std::int64_t middle = 0;   ///< the index that a particle in the middle has or would have
-        bool gap_matters = false;  ///< whether it has a neighbour after the middle
-        bool gap = false;
+        std::int64_t middle = 0;   ///< the index that a particle at dx = 0 has or would have
+        bool gap_matters = false;  ///< whether the particle has a neighbour at dx = 1
+        bool gap = false;          ///< RowDeltas::gaps
     };
 
-    /// Whether this list can serve particle i too (there are `particles` particles). If so, adds particle i
-    /// to the run.
+    /// If this list can serve particle i of `particles` too, adds it to the run and returns true.
     bool join(std::int64_t i, const std::array<Wanted, row_count>& wanted, std::int64_t particles) {
         GrowingList grown = *this;
         for (std::size_t r = 0; r < row_count; ++r) {
@@ -50,7 +49,7 @@ public:
             std::int32_t& delta = grown.list_.rows[r / 4].row[r % 4];
             const Wanted& row = wanted[r];
             if (!row.any) {
-                // The mask drops what the kernel reads there, but the kernel reads it, so the index must be
+                // The kernel reads from this row all the same, and the mask drops it. So the index must be
                 // valid.
                 if (!within(i + delta, particles)) return false;
                 continue;
@@ -72,8 +71,8 @@ public:
         *this = grown;
         return true;
     }
-    /// join() for particle i whose rows are `row` (null where it has none), if looking at the middle of each
-    /// is enough. False does not mean that the particle cannot join.
+    /// A faster join() for particle i, at place x of the rows `row` (null: none). It looks only at the middle
+    /// of each row. If it returns false, join() may still succeed.
     bool join_quickly(std::int64_t i, const std::array<const std::uint32_t*, row_count>& row, int x,
                       std::int64_t particles) {
         if (list_.gaps != 0) return false;
@@ -82,8 +81,7 @@ public:
             if (row[r] == nullptr ? !within(middle, particles) : std::int64_t(row[r][x]) != middle)
                 return false;
         }
-        // The list now says that no row has a gap. A later particle with a gap that matters starts a new
-        // list.
+        // The list now says that no row has a gap. A later particle with a gap starts a new list.
         gap_known_ = (1U << row_count) - 1;
         return true;
     }
@@ -95,7 +93,7 @@ private:
     RowDeltas list_{};
 };
 
-/// Reads the rows around the particles of a lattice.
+/// Finds the rows around the particles of a lattice, and what is in them.
 class RowReader {
 public:
     RowReader(const Problem& problem, const std::vector<std::uint32_t>& particle)
@@ -132,7 +130,8 @@ public:
                        : nullptr;
         }
     }
-    /// The rows around the particle (null where they are outside or not needed), and its place along them.
+    /// rows(): the particles in the voxels of each row around the particle; null if the row is outside or not
+    /// needed. x(): the particle's place along the rows.
     const std::array<const std::uint32_t*, row_count>& rows() const { return row_; }
     int x() const { return x_; }
     std::array<GrowingList::Wanted, row_count> wanted() const {
@@ -161,7 +160,7 @@ public:
 private:
     const Lattice& lattice_;
     const std::vector<std::uint32_t>& particle_;
-    std::array<bool, row_count> middle_{}, sides_{};  ///< per row: whether springs lead there
+    std::array<bool, row_count> middle_{}, sides_{};  ///< per row: springs lead to dx = 0; to dx = -1, 1
     /// The voxel of the latest particle. At first, no voxel is next to it.
     std::int64_t voxel_ = -2;
     int x_ = 0;
@@ -273,8 +272,8 @@ void OffLatticeLists<Real>::put(std::size_t element, const Problem& problem, std
 
 template <class Real>
 void OffLatticeLists<Real>::clear(std::size_t element, std::uint32_t particle) {
-    // An unused slot points at its own particle. If there is none, since the last slice is not full, it
-    // points at the first.
+    // An unused slot names its own particle. In the last slice, which may not be full, a slot without one
+    // names the first particle.
     neighbour_[element] = std::uint32_t(first_ + (particle < particles_ ? particle : 0));
     constants_[element] = {0, 0};
     if (!off_lattice_rest_.empty()) off_lattice_rest_[element] = {};

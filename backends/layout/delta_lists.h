@@ -14,31 +14,30 @@
 
 namespace voxspring::layout {
 
-/// One word per particle, with a guard at either end for the neighbours of the first and the last particle.
+/// One word per particle, with guard words for the neighbours of the first and the last particle.
 Placement place_guarded(const Problem& problem);
 
-/// Tells where a particle's lattice neighbours are. A delta is added to the particle's index to get that of a
-/// neighbour (RowDeltas).
+/// Says where lattice neighbours are: a particle's index plus a delta is the index of a neighbour
+/// (RowDeltas).
 struct DeltaLists {
-    std::vector<Slice> slices;  ///< springs beyond the lattice are not in them yet
+    std::vector<Slice> slices;  ///< without springs beyond the lattice (OffLatticeLists)
     std::vector<RowDeltas> lists;
 };
-/// The lists follow from the voxels and the spring groups in use, not from the springs: cuts and sutures of
+/// Makes the lists from the voxels and the spring groups in use. Springs do not matter: cuts and sutures of
 /// lattice springs change only masks.
 DeltaLists compress_lists(const Problem& problem);
 
-/// Springs beyond the lattice, slice by slice, while edits change them. A slice whose lists run out of room
-/// gets new ones at the end of the arrays.
+/// Springs beyond the lattice, slice by slice, while edits change them. A slice whose slots do not suffice
+/// gets more, at the end of the arrays.
 template <class Real>
 class OffLatticeLists {
 public:
     OffLatticeLists() = default;
-    /// Makes `slices` point at the springs. Rest lengths are as listed_length() has them.
+    /// Sets off_lattice_begin and off_lattice_slots of `slices`. Rest lengths are those of listed_length().
     OffLatticeLists(const Problem& problem, const Placement& placement, Formulation formulation,
                     std::span<Slice> slices);
 
-    /// The springs in columns. A column is one slot of a slice: slice_particles elements in each of these
-    /// arrays.
+    /// The springs in columns. A column is one slot of a slice: slice_particles elements per array.
     std::span<const std::uint32_t> neighbour() const { return neighbour_; }
     std::span<const SpringConstants<Real>> constants() const { return constants_; }
     std::span<const SpringRest<Real>> off_lattice_rest() const { return off_lattice_rest_; }
@@ -48,7 +47,7 @@ public:
     /// What an edit changed.
     struct Changes {
         std::vector<EditedSlice> slices;
-        EditedLists<Real> columns;  ///< as lists of particles with slice_particles slots
+        EditedLists<Real> columns;  ///< each is the list of a "particle" with slice_particles slots
     };
     Changes change(const Problem& edited, const SpringEdit& edit, std::span<Slice> slices);
 

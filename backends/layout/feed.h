@@ -1,4 +1,4 @@
-// Where the particles of a feed lie, built on the host, without a device.
+// Where the particles of a feed (FeedFacet) lie in memory. Built on the host, without a device.
 #pragma once
 
 #include <vector>
@@ -9,7 +9,7 @@
 
 namespace voxspring::layout {
 
-/// `word_of(i)`: the word of particle i.
+/// The words of `particles`, in their order. word_of(i): the index of particle i's word.
 template <class Real, class WordOf>
 std::vector<FedWord<Real>> pack_fed(const Problem& problem, const std::vector<std::uint32_t>& particles,
                                     Formulation formulation, WordOf word_of) {

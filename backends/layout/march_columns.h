@@ -23,9 +23,10 @@ public:
     const Lattice& lattice() const { return *lattice_; }
     int width() const { return width_; }
     int count() const { return count_; }  ///< cells per row
-    /// The cells of a row of the lattice.
+    /// The flags of the count() cells in row (y, z) of the lattice.
     const std::uint8_t* row(int y, int z) const { return &cells_[row_number(y, z) * std::size_t(count_)]; }
-    /// The first particle in this row or a later one. A row ends where the next one begins.
+    /// The index of the first particle in row (y, z) or, if that is empty, of the first one after it.
+    /// end_particle(): the index after the row's last particle.
     std::size_t first_particle(int y, int z) const { return begin_[row_number(y, z)]; }
     std::size_t end_particle(int y, int z) const { return begin_[row_number(y, z) + 1]; }
 
@@ -50,13 +51,13 @@ struct MarchWarps {
 /// Divides a lattice into columns along z, whose cross-section is one tile.
 class MarchColumns {
 public:
-    /// `cells` are as wide as a warp, or narrower.
+    /// The width of `cells` must divide that of a warp.
     MarchColumns(const MarchCells& cells, const MarchShape& shape);
 
     const MarchShape& shape() const { return shape_; }
     int count() const { return across_ * down_; }
     int planes() const { return planes_; }
-    /// The first voxel of column `number`.
+    /// x(), y(): the coordinates of the first voxel of column `number`.
     int x(int number) const { return number % across_ * shape_.width(); }
     int y(int number) const { return number / across_ * shape_.height(); }
     const MarchWarps& at(int number, int z) const {

@@ -14,32 +14,31 @@ namespace {
 
 constexpr int quarters = 4;  // of a multiprocessor, each with one scheduler
 
-// The constants of the model are fitted to the times of one NVIDIA H200, which march_cost_test.cpp has beside
-// the predictions. All but that of the launch are in cycles, so they also hold for a card with other clocks.
+// The constants of the model are fitted to measured times of one NVIDIA H200; march_cost_test.cpp lists them
+// beside the predictions. Times other than a launch's are in cycles, so they also hold at other clocks.
 
 /// A launch in a CUDA graph, measured with an empty kernel. It is the same for all plans.
 constexpr double launch_seconds = 0.66e-6;
-/// The time from the start of a block to its first window: barriers, and a copy's way to memory and back.
+/// Cycles from the start of a block to its first window: barriers, and a copy's way to memory and back.
 constexpr double start_latency = 1200;
-/// Bytes per cycle that a multiprocessor gets while all of them fill their first windows.
+/// Bytes per cycle that a multiprocessor gets while all multiprocessors fill their first windows.
 constexpr double start_bytes_per_cycle = 20;
 /// The share of the memory's peak rate that a pass over arrays larger than any cache reaches (4.28 of 4.8
 /// TB/s).
 constexpr double copy_share = 0.89;
-/// Instructions and memory disturb each other when both take about as long: the step takes the power mean of
-/// both times with this exponent. The box of 512^3 spends 1.21 ms on one and 1.13 ms on the other, and 1.30
-/// ms in all.
+/// Instructions and memory slow each other down if both take about as long: with times a and b and this
+/// exponent p, a step takes (a^p + b^p)^(1/p). For the box of 512^3, a and b are 1.21 ms and 1.13 ms, and the
+/// step took 1.30 ms.
 constexpr double overlap_exponent = 5;
 
-/// Cycles to ask for a plane's copies, on the quarter whose warp does it.
+/// Cycles that the warp which asks for a plane's copies takes to do so, on its quarter.
 constexpr double copy_cycles = 100;
-/// Instructions of a thread to ask for a copy of 16 bytes, estimated from the source.
+/// Cycles that a thread takes to ask for a copy of 16 bytes: one per instruction, estimated from the source.
 constexpr double async_copy_cycles = 16;
 
-/// Instructions per warp and plane without masks, counted in the machine code of sm_90: 870 by `position`,
-/// 1370 by `increment`. In float64, whose pipe takes two cycles per instruction, the number is the time for
-/// which the profiler shows this pipe busy. The cost of masks and `wait` are fitted to the rest of the
-/// measured times.
+/// Cycles per warp and plane. In float32 `full` is the number of instructions without masks, counted in the
+/// machine code of sm_90. In float64, whose pipe takes two cycles per instruction, `full` is the time for
+/// which the profiler shows this pipe busy. `masked` and `wait` are fitted to the rest of the measured times.
 MarchRates rates_of(Precision precision, Formulation formulation) {
     const bool increments = by_increments(formulation);
     constexpr double idle = 100;
@@ -49,7 +48,7 @@ MarchRates rates_of(Precision precision, Formulation formulation) {
     } else {
         rates = increments ? MarchRates{3700, 1680, 1840, idle} : MarchRates{2300, 1066, 1170, idle};
     }
-    // Rest offsets are subtracted: 92 components.
+    // On displacements, 92 components of rest offsets are subtracted as well.
     if (formulation == Formulation::displacement) {
         rates.full += 92;
         rates.masked += 92;
@@ -57,14 +56,14 @@ MarchRates rates_of(Precision precision, Formulation formulation) {
     return rates;
 }
 
-/// The cost of rows of 16 lanes, in which the two halves of a warp read rows that share banks.
+/// By how much rows of 16 lanes cost more: the two halves of a warp then read rows that share banks.
 constexpr double narrow_share = 1.1;
 
 }  // namespace
 
 const std::vector<MarchTile>& march_tiles(Precision precision) {
-    // Two rows per thread evaluate 13.5 springs per particle, one row 15.5. In float64 registers have room
-    // for only one row.
+    // With two rows, a thread evaluates 13.5 springs per particle, with one row 15.5. In float64 a thread has
+    // registers for one row only.
     static const std::vector<MarchTile> of_float32 = {
         {"128x20", {2, 32, 2, 10, 4, 2}, 1}, {"64x16", {2, 32, 1, 8, 4, 3}, 2},
         {"64x8", {2, 32, 1, 4, 3, 2}, 5},    {"32x20", {2, 16, 1, 5, 3, 2}, 4},

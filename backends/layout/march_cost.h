@@ -1,5 +1,5 @@
 // Predicts the time of a step of the march along z from numbers of the device and of the plan. plan_march()
-// chooses tiles by it.
+// chooses tiles by this time.
 #pragma once
 
 #include <cstddef>
@@ -16,11 +16,11 @@ namespace voxspring::layout {
 struct MarchTile {
     std::string name;  ///< its width and height in particles, "128x16": the tuning parameter `tile`
     MarchShape shape;
-    int blocks;  ///< the kernel's registers allow this many per multiprocessor
+    int blocks;  ///< how many blocks per multiprocessor the kernel's registers allow
     bool operator==(const MarchTile&) const = default;
 };
-/// All tiles of a precision. Those that were measured to be the fastest for some body come first, those for
-/// the largest bodies before others.
+/// All tiles of a precision. Tiles that were measured to be the fastest for some body come first, and among
+/// these, tiles for the largest bodies.
 const std::vector<MarchTile>& march_tiles(Precision precision);
 /// The tile with this name. Its shape is empty (no warps) if the precision has no such tile.
 MarchTile march_tile(const std::string& name, Precision precision);
@@ -35,14 +35,14 @@ struct MarchDevice {
     double hertz = 0;                    ///< clock of the multiprocessors
     double bytes_per_second = 0;         ///< peak rate of the memory
     double cache_bytes = 0;
-    bool tensor_copies = true;  ///< an engine fills windows; otherwise the threads of a block do
+    bool tensor_copies = true;  ///< a copy engine fills windows; if false, the block's threads do
 };
 /// How many blocks with this tile share a multiprocessor; 0 if one block is too large for it.
 int resident_blocks(const MarchTile& tile, Precision precision, const MarchDevice& device);
 
 /// What a plane costs, in cycles of a multiprocessor.
 struct MarchRates {
-    double wait;  ///< of a block, while none of its warps can issue an instruction
+    double wait;  ///< cycles while none of a block's warps can issue an instruction
     /// Cycles of a warp's instructions on its quarter: without masks, with masks, and without particles.
     double full, masked, idle;
 };
@@ -50,8 +50,8 @@ MarchRates march_rates(const MarchTile& tile, Precision precision, Formulation f
 
 /// An item as the cost model sees it.
 struct MarchLoad {
-    double planes = 0;  ///< planes that arrive and whose springs are evaluated
-    double cycles = 0;  ///< of all its warps for these planes (MarchRates)
+    double planes = 0;  ///< planes whose springs are evaluated; the lattice's first counts half
+    double cycles = 0;  ///< cycles of all its warps for these planes (MarchRates)
 };
 /// Predicts the time of a launch of items that have the same tile.
 class MarchCost {
@@ -59,18 +59,19 @@ public:
     MarchCost(const MarchTile& tile, Precision precision, Formulation formulation, const MarchDevice& device);
 
     const MarchRates& rates() const { return rates_; }
-    /// Blocks that run at once.
+    /// How many blocks run at once on the device.
     int slots() const { return resident_ * device_.multiprocessors; }
     int resident() const { return resident_; }
-    /// Seconds that a block takes before its first plane, in a launch of `items` items.
+    /// Seconds that a block takes before its first plane, if the launch has `items` items.
     double start_seconds(std::size_t items) const;
-    /// Seconds for one plane of each of `count` blocks that share a multiprocessor and whose warps take
-    /// `cycles` together.
+    /// Seconds that `count` blocks on a multiprocessor, whose warps take `cycles` in all, take for a plane
+    /// each.
     double plane_seconds(double cycles, int count) const;
-    /// Seconds from the first to the last instruction of a launch of `loads` in that order. A block goes to
-    /// the emptiest multiprocessor as soon as there is room.
+    /// Seconds from the first to the last instruction of a launch with `loads` in that order. The next block
+    /// always goes to the multiprocessor that first has room.
     double work_seconds(const std::vector<MarchLoad>& loads) const;
-    /// Seconds of a step for which memory moves `bytes`. `state_bytes`: the size of all arrays.
+    /// Seconds of a step for which memory moves `bytes`. `state_bytes`: the size of all arrays. If they fit
+    /// the cache, `bytes` do not count.
     double step_seconds(const std::vector<MarchLoad>& loads, double bytes, double state_bytes) const;
 
 private:

@@ -11,7 +11,7 @@
 namespace voxspring::layout {
 namespace {
 
-/// The first lattice direction of each spring class.
+/// A lattice direction of each spring class.
 constexpr std::array<glm::ivec3, spring_classes> class_offsets = {glm::ivec3{1, 0, 0}, {0, 1, 0}, {0, 0, 1},
                                                                   {1, 1, 0},           {1, 0, 1}, {0, 1, 1}};
 
@@ -20,8 +20,8 @@ const Direction& direction_to(const glm::ivec3& offset) {
                          [&](const Direction& direction) { return direction.offset == offset; });
 }
 
-/// The factor by which the kernel multiplies what it computes for springs of class k: (l - |d|) / |d| in
-/// formulations by increments, otherwise the same divided by l.
+/// The factor of the density that the kernel computes for a spring of class k. In formulations by increments
+/// this density is (l - |d|) / |d|, otherwise (l - |d|) / (l |d|).
 double pull_of_class(const Problem& problem, std::size_t k, Formulation formulation) {
     const Direction& direction = direction_to(class_offsets[k]);
     const double stiffness = problem.group_stiffness[std::size_t(direction.group)];

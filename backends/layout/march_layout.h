@@ -17,7 +17,7 @@ namespace voxspring::layout {
 
 /// The elements of an array of vectors: every x of the lattice, then every y, then every z.
 struct SoaStrides {
-    std::size_t row = 0, plane = 0, axis = 0;  ///< elements from each to the next; rows begin on cache lines
+    std::size_t row = 0, plane = 0, axis = 0;  ///< elements from one to the next; rows begin on cache lines
     std::size_t size() const { return 3 * axis; }
     /// The element of a voxel's x.
     std::size_t element(glm::ivec3 at) const {
@@ -32,7 +32,7 @@ struct SoaPlaces {
     std::size_t axis = 0;                             ///< elements from x to y and from y to z of a particle
     std::function<std::size_t(std::size_t)> element;  ///< index of particle i's x
 };
-/// The places that follow from march_strides(). They keep a reference to `lattice`.
+/// The places of particles in an array with march_strides(). They keep a reference to `lattice`.
 SoaPlaces march_places(const Lattice& lattice, std::size_t real_bytes);
 
 /// The state of every particle in a formulation. Elements without a particle are zero.
@@ -48,14 +48,14 @@ template <class Real>
 State unpack_soa(const Problem& problem, const SoaState<Real>& packed, Formulation formulation,
                  const SoaPlaces& places);
 
-/// Whether every rest length has a finite inverse in this precision. Forces are expressed by these inverses,
-/// except in formulations by increments.
+/// Whether every rest length in use has a finite inverse in this precision. Always true in formulations by
+/// increments, which do not use these inverses.
 bool has_inverse_lengths(const Problem& problem, Precision precision, Formulation formulation);
 
-/// Whether all edge springs pull alike, so that forces can be expressed in units of this pull.
+/// Whether there are edge springs and all of them pull alike, so that forces can be in units of this pull.
 bool equal_edges(const Problem& problem, Formulation formulation);
-/// The kernel's argument with null pointers. Except in formulations by increments it has squares of rest
-/// lengths, the input of inverse_root().
+/// The kernel's argument with null pointers. Except in formulations by increments, its rest_length has the
+/// squares of rest lengths, which the device replaces by inverse_root() of them.
 template <class Real>
 MarchStep<Real> make_march_step(const Problem& problem, Formulation formulation);
 

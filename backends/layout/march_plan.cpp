@@ -18,12 +18,12 @@ namespace voxspring::layout {
 namespace {
 
 constexpr int max_rows = 2;
-/// The longest run of planes is cut only so far that its longest part has at least this many planes, since an
-/// item costs three planes' time besides its planes.
+/// When runs are cut, the longest part of the longest run keeps at least this many planes, since an item
+/// costs the time of three planes besides its planes.
 constexpr int shortest_part = 3;
 
-/// Which bits of a thread's word stand for the springs of its particles in the plane that arrived (1) and in
-/// the one before (0), by row, column and mask.
+/// Finds the bits of a thread's word (PlaneMask) for one of its particles, from plane (1: the one that
+/// arrived, 0: the one before), row and column of the particle and its neighbour mask.
 class PlaneMaskTable {
 public:
     explicit PlaneMaskTable(int rows) : rows_(rows) {
@@ -52,7 +52,7 @@ public:
         }
     }
 
-    /// Bits of a particle with neighbours `mask`, in the word of its plane and in the word of the next plane.
+    /// own(): the bits of a particle with this mask in the word for its plane. next(): for the next plane.
     std::uint64_t own(int r, int c, std::uint32_t mask) const { return of(1, r, c, mask); }
     std::uint64_t next(int r, int c, std::uint32_t mask) const {
         std::uint64_t word = of(0, r, c, mask) | std::uint64_t(1) << stored(r);
@@ -96,7 +96,7 @@ struct Run {
     int length() const { return end - begin; }
 };
 
-/// Runs of planes that hold a particle.
+/// The runs of successive planes that hold a particle.
 std::vector<Run> runs_of(const MarchColumns& columns) {
     std::vector<Run> runs;
     for (int column = 0; column < columns.count(); ++column) {
@@ -111,10 +111,10 @@ std::vector<Run> runs_of(const MarchColumns& columns) {
     return runs;
 }
 
-/// Cuts runs between long stretches in which the same warps have full stencils. Otherwise one plane of pinned
-/// particles would force masks on all planes above it.
+/// Cuts runs where the set of warps with full stencils changes, unless both stretches beside the cut are
+/// short. Otherwise one plane of pinned particles would force masks on the whole run.
 std::vector<Run> cut_by_full_stencils(const MarchColumns& columns, const std::vector<Run>& runs) {
-    // An item costs three planes' time besides its planes, and masks cost an eighth of a plane's.
+    // An item costs the time of three planes besides its planes. Masks add an eighth to the time of a plane.
     constexpr int long_enough = 32;
     std::vector<Run> cut;
     for (const Run& run : runs) {
@@ -151,7 +151,7 @@ std::vector<Run> cut_by_interior(const MarchInterior& interior, const std::vecto
     return cut;
 }
 
-/// The number of items by their length, which is the index.
+/// Element n: the number of items that are n planes long.
 using LengthCounts = std::vector<int>;
 
 /// The time until all items are done, in units of the time that a plane takes. `slots` blocks run at once,
@@ -174,7 +174,7 @@ int finished_at(const LengthCounts& counts, int slots) {
     return last;
 }
 
-/// Cuts `run` into parts whose lengths differ by at most one plane and are at most `most`.
+/// Calls visit(part) for parts of `run` whose lengths differ by at most one plane and are at most `most`.
 template <class Visit>
 void visit_parts(const Run& run, int most, Visit visit) {
     const int count = units_of(run.length(), most);
@@ -183,7 +183,7 @@ void visit_parts(const Run& run, int most, Visit visit) {
                   run.begin + run.length() * (part + 1) / count});
 }
 
-/// The largest number of planes that an item should have.
+/// The greatest length of an item, in planes, with which all items are done the soonest.
 int best_length(const std::vector<Run>& runs, int slots) {
     int longest = 1;
     for (const Run& run : runs) longest = std::max(longest, run.length());
@@ -222,15 +222,15 @@ public:
     const MarchTile& tile() const { return tile_; }
     const MarchColumns& columns() const { return columns_; }
     double seconds() const { return seconds_; }
-    /// MarchPlan::kept_planes. Where the state is somewhat larger than L2, every step evicts from L2 what the
-    /// next step reads first. Telling L2 what to keep then makes a step up to a tenth faster. With a smaller
-    /// or larger state, or with items that march in several rounds, it makes a step slower. Both bounds lie
-    /// between states that were measured on an H100.
+    /// MarchPlan::kept_planes. If the state is somewhat larger than L2, every step evicts from L2 what the
+    /// next step reads first. Then telling L2 what to keep makes a step up to a tenth faster. With a smaller
+    /// or larger state, or if items march in several rounds, it makes a step slower. Both bounds, `least` and
+    /// `most`, lie between states that were measured on an H100.
     int kept_planes(const MarchDevice& device) const {
         constexpr double least = 0.9, most = 1.75;
         const double state = state_bytes() / device.cache_bytes;
-        // In a box pinned below, the first plane is cut from the rest. The items of one plane are soon done,
-        // so they do not count as a second round.
+        // In a box whose lowest plane is pinned, this plane is cut from the rest. Items of one plane are soon
+        // done, so they do not count as a second round.
         const auto at_once = std::size_t(cost_.slots());
         const bool one_round = items_.size() <= at_once || items_[at_once].length() < shortest_part;
         return device.tensor_copies && one_round && state > least && state < most ? 2 : 0;
@@ -240,16 +240,16 @@ public:
     std::size_t border_items() const { return border_items_; }
 
 private:
-    /// Cuts into parts of the same length. Parts of neighbouring columns then have the same height and find
-    /// each other's frames in the cache.
+    /// Cuts runs into parts of about equal length. Parts of neighbouring columns then march at the same
+    /// height, and find the points of their frames in the cache.
     void cut(const MarchInterior& interior) {
         const std::vector<Run> runs =
             cut_by_interior(interior, cut_by_full_stencils(columns_, runs_of(columns_)));
         const int length = best_length(runs, cost_.slots());
         for (const Run& run : runs)
             visit_parts(run, length, [&](const Run& part) { items_.push_back(part); });
-        // The longest items come first, so that little is left at the end. Items of the same length go tile
-        // by tile at the same height.
+        // The longest items come first, so that little is left at the end. Equally long items go from the
+        // lowest to the highest, and at one height column by column.
         std::stable_sort(items_.begin(), items_.end(), [](const Run& a, const Run& b) {
             return a.length() != b.length() ? a.length() > b.length() : a.begin < b.begin;
         });
@@ -273,7 +273,7 @@ private:
     /// The springs that are added when plane z arrives, as a share of those of an inner plane. The first
     /// plane of the lattice has no springs to a plane below.
     static double springs_of(int z) { return z == 0 ? 0.5 : 1; }
-    /// Cycles of all warps when plane z arrives. The warps of `full` have no masks.
+    /// Cycles of all warps when plane z arrives. Warps whose bit is set in `full` use no masks.
     double count_cycles(int column, int z, std::uint32_t full) const {
         std::uint32_t active = columns_.at(column, z).active;
         if (z > 0) active |= columns_.at(column, z - 1).active;
@@ -294,8 +294,7 @@ private:
         return load;
     }
 
-    /// How many of the columns to the left and right, in front and behind have an item at the height of this
-    /// one.
+    /// How many of the columns on the four sides have an item that begins at the same plane as this one.
     int neighbours_in_step(const Run& item) const {
         const int across = units_of(lattice_->dims.x, columns_.shape().width());
         const int x = item.column % across;
@@ -307,10 +306,10 @@ private:
         }
         return found;
     }
-    /// Bytes of a plane's window and of what it overwrites, where `fetched_frame` is the share of the frame
-    /// that comes from memory.
+    /// Bytes that plane z moves: its window, and what the step overwrites. `fetched_frame`: the share of the
+    /// window's frame that comes from memory.
     double bytes_at(int column, int z, double fetched_frame) const {
-        // The size of an access to HBM, which delivers no less.
+        // HBM, the memory of the card, delivers no fewer bytes per access.
         constexpr int fetched_bytes = 64;
         const MarchShape& shape = columns_.shape();
         const int margin = fetched_bytes / real_;
@@ -326,10 +325,10 @@ private:
         return 3 * real_ *
                (own + fetched_frame * (window - own) + own * (1 + stored * (increments_ ? 2 : 1)));
     }
-    /// Half of a frame is still in the cache if the tiles on all sides march at the same height, and nothing
-    /// of it if none does. On an H200 at commit 46c228e the heart of 480x408x368, whose runs begin at all
-    /// heights, took 410 us in 64x8 and 482 us in 32x20: with half frames the narrower tile would be chosen.
-    /// The time itself is predicted a fifth too short.
+    /// Half of a frame counts as cached if the tiles on all sides march at the same height, and nothing of it
+    /// if none does. On an H200 at commit 46c228e the heart of 480x408x368, whose runs begin at all heights,
+    /// took 410 us in 64x8 and 482 us in 32x20. If half of all frames counted as cached, 32x20 would be
+    /// chosen. The predicted time is a fifth too short.
     double bytes_of(const Run& item) const {
         constexpr int sides = 4;
         const double fetched_frame = 1 - 0.5 * neighbours_in_step(item) / sides;
@@ -419,7 +418,7 @@ private:
     const MarchCells& cells_;
     const MarchShape shape_;
     const PlaneMaskTable table_;
-    std::vector<int> thread_of_;  ///< by half of its column and by its row
+    std::vector<int> thread_of_;  ///< the thread of each pair of columns in each group of rows
 };
 
 }  // namespace

@@ -38,16 +38,16 @@ struct MarchPlan {
     bool operator==(const MarchPlan&) const = default;
 };
 
-/// Predicted times that differ by less than this factor count as alike, since predictions are no better than
-/// that (march_cost_test).
+/// Predicted times that differ by less than this factor count as alike, as predictions are no better
+/// (march_cost_test).
 constexpr double max_alike = 1.03;
-/// Plans items for all particles. Among those of `tiles` that fit the device, it takes the tile with the
-/// shortest predicted step, and the first one among tiles that are alike. If none fits, it takes the first of
-/// `tiles`, which must not be empty. Particles step to the same bits with every tile, and however runs of
-/// planes are cut into items. No item has planes both inside and outside of the interior.
+/// Plans items for all particles. Of those `tiles` that fit the device, takes the first whose predicted step
+/// is at most max_alike times the shortest. If none fits, takes the first of `tiles`, which must not be
+/// empty. Neither the tile nor the cutting of runs into items changes the bits of a result. No item has
+/// planes both inside and outside of the interior.
 MarchPlan plan_march(const Problem& problem, const std::vector<MarchTile>& tiles, Precision precision,
                      Formulation formulation, const MarchDevice& device, MarchInterior interior = {});
-/// An upper bound of the bytes of a plan without borders.
+/// An upper bound of the bytes of the items and words of a plan without borders.
 std::uint64_t max_plan_bytes(const Lattice& lattice, const MarchShape& shape);
 
 }  // namespace voxspring::layout

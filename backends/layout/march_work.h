@@ -11,12 +11,11 @@
 
 namespace voxspring::layout {
 
-/// How many evaluations a number of springs takes: one for a spring between two particles of the same thread,
-/// two for any other.
+/// `springs` springs take `evaluations` evaluations: one for a spring within a thread, two for any other.
 struct SharedSprings {
     std::uint64_t evaluations, springs;
 };
-/// The work of a step whose state is a structure of arrays, without the masks. `shares`: evaluations of face
+/// The work of a step whose state is a structure of arrays. Masks do not count. `shares`: evaluations of face
 /// springs, then of edge springs.
 template <class Real>
 StepWork shared_springs_work(const Problem& problem, Formulation formulation,

@@ -11,7 +11,7 @@ namespace voxspring::layout {
 
 namespace {
 
-// Signed, because OpenMP's loops prefer that.
+// The number of particles, signed because OpenMP's loops prefer that.
 std::ptrdiff_t count_of(const Problem& problem) { return std::ptrdiff_t(problem.particle_count()); }
 
 ListShape make_shape(std::size_t particles, std::uint32_t slots, ListLayout layout) {
@@ -31,7 +31,7 @@ void start_lists(NeighbourLists<Real>& lists, const Problem& problem, std::uint3
     lists.bits = state_bits(problem);
 }
 
-// An unused slot names the particle itself as its neighbour.
+// Fills the unused slots `begin` to `end` (exclusive) of a list: each names the particle itself.
 template <class Real>
 void fill_unused(NeighbourLists<Real>& lists, std::uint32_t row, std::uint32_t particle, std::uint32_t begin,
                  std::uint32_t end, Formulation formulation) {
@@ -42,7 +42,7 @@ void fill_unused(NeighbourLists<Real>& lists, std::uint32_t row, std::uint32_t p
 constexpr std::array<std::uint32_t, 3> group_masks = {FACE_BITS, EDGE_BITS, CORNER_BITS};
 constexpr std::array<std::uint32_t, 3> group_slots = {6, 12, 8};
 
-// Where each group begins in a list, and where the last one ends.
+// The slot at which each group begins in a list, and the slot after the last group.
 std::array<std::uint32_t, 4> group_slots_of(const Problem& problem) {
     std::array<std::uint32_t, 4> first{};
     for (std::size_t g = 0; g < 3; ++g)
@@ -89,7 +89,7 @@ void fill_by_groups(NeighbourLists<Real>& lists, std::uint32_t row, std::uint32_
     }
 }
 
-// Appends a spring to list `row`, and counts it in the row's bits. Returns the element that it was stored in.
+// Appends a spring to list `row`, and counts it in the bits of the row. Returns the index of its element.
 template <class Real>
 std::size_t append(NeighbourLists<Real>& lists, std::uint32_t row, std::uint32_t entry, double stiffness,
                    Real rest_length) {
@@ -255,8 +255,8 @@ ExplicitStep<Real> make_explicit_step(const Problem& problem, const NeighbourLis
         step.first_slot[g] = lists.first_slot[g];
         step.stiffness[g] = Real(problem.group_stiffness[g]);
     }
-    // Any direction of a group will do: grouped_list_refusal() has checked that all have the same rest
-    // length.
+    // Any direction of a group will do. Only lists without a secondary list use these lengths, and
+    // grouped_list_refusal() has checked that all directions of a group have the same one.
     for (const Direction& direction : directions())
         step.rest_length[std::size_t(direction.group)] = listed_length<Real>(problem, direction, formulation);
     std::ranges::copy(rest_by_code<Real>(problem), step.rest);

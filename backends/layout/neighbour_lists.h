@@ -22,20 +22,20 @@ struct NeighbourLists {
     /// The secondary list: stiffness and rest length for each entry of `neighbour`. Empty if those of the
     /// spring groups suffice.
     std::vector<SpringConstants<Real>> constants;
-    /// How springs beyond the lattice lie at rest, for displacements. Empty if there are none.
+    /// How springs beyond the lattice lie at rest, by element of `neighbour`. Empty in formulations on
+    /// positions, or if there are none.
     std::vector<SpringRest<Real>> off_lattice_rest;
     std::vector<std::uint32_t> bits;            ///< one per particle: spring counters, active and pinned bits
-    std::array<std::uint32_t, 3> first_slot{};  ///< per spring group, if there is no secondary list
+    std::array<std::uint32_t, 3> first_slot{};  ///< per group, if there is no secondary list
 };
 
-/// The number of elements of a list with `slots` slots per particle.
+/// The number of elements of the lists of `particles` particles, with `slots` slots each.
 std::size_t list_size(std::size_t particles, std::uint32_t slots, ListLayout layout);
 /// Slots per particle in the lists that list_by_groups() and list_by_springs() make.
 std::uint32_t slots_by_groups(const Problem& problem);
 std::uint32_t slots_by_springs(const Problem& problem);
 
-/// Lists with one counter per spring group and no secondary list. grouped_list_refusal() must accept the
-/// problem.
+/// Lists with one counter per spring group and no secondary list. grouped_list_refusal() must be empty.
 template <class Real>
 NeighbourLists<Real> list_by_groups(const Problem& problem, ListLayout layout, Formulation formulation);
 /// Lists with one counter per particle, and one stiffness and rest length per spring, for any problem. A
@@ -44,7 +44,7 @@ NeighbourLists<Real> list_by_groups(const Problem& problem, ListLayout layout, F
 template <class Real>
 NeighbourLists<Real> list_by_springs(const Problem& problem, ListLayout layout, Formulation formulation);
 
-/// Stores the rows of ListRows ahead of the entries of `lists`, which are complete.
+/// Puts the rows of ListRows before the entries of `lists`. All entries must have been filled in.
 template <class Real>
 void put_rows_ahead(NeighbourLists<Real>& lists);
 

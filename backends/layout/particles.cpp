@@ -10,11 +10,10 @@ namespace voxspring::layout {
 
 namespace {
 
-// Signed, because OpenMP's loops prefer that.
+// The number of particles, signed because OpenMP's loops prefer that.
 std::ptrdiff_t count_of(const Problem& problem) { return std::ptrdiff_t(problem.particle_count()); }
 
-// Each axis of the increments begins at a multiple of this: 32 elements of float32 are a cache line of 128
-// bytes.
+// Each axis of the increments begins at a multiple of this: 32 elements of float32 fill a cache line.
 constexpr std::size_t pitch_multiple = 32;
 
 }  // namespace
@@ -139,7 +138,7 @@ std::uint32_t terms_of(const Problem& problem) {
            (problem.load.empty() ? 0 : term_loads);
 }
 
-// NOLINTBEGIN(bugprone-macro-parentheses): a type stands in none.
+// NOLINTBEGIN(bugprone-macro-parentheses): a type cannot be put in parentheses.
 #define FOR_PRECISION(Real)                                                                         \
     template PackedState<Real> pack(const Problem&, const State&, const Placement&,                 \
                                     std::span<const std::uint32_t>, Formulation);                   \

@@ -12,21 +12,21 @@
 
 namespace voxspring::layout {
 
-/// The largest number of words. Threads index words by int, also the surplus threads of the last block.
+/// The largest number of words in an array. Threads index words by int, the up to 1023 surplus threads of the
+/// last block included.
 inline constexpr std::size_t max_words = 0x7FFFFFFF - 1023;
 
 /// Maps each particle to its word in an array.
 struct Placement {
     std::size_t words = 0;
     std::size_t first = 0;
-    const std::vector<std::uint32_t>* voxel = nullptr;  ///< null: particle i is word first + i
+    const std::vector<std::uint32_t>* voxel = nullptr;  ///< word of i: first + (*voxel)[i]; null: first + i
     std::size_t at(std::size_t particle) const {
         return first + (voxel == nullptr ? particle : (*voxel)[particle]);
     }
 };
 
-/// One word per voxel, with enough guard words on either side that all 26 neighbours of every voxel are
-/// words.
+/// One word per voxel, with enough guard words on either side for all 26 neighbours of every voxel.
 Placement place_on_grid(const Lattice& lattice);
 /// Particle i has word i, without guard words.
 Placement place_compact(const Problem& problem);
@@ -43,7 +43,7 @@ struct PackedState {
 };
 /// Elements from one axis of the increments to the next. Each axis begins on a cache line.
 std::size_t increment_pitch(const Placement& placement);
-/// `bits`: one per particle.
+/// The state as words. `bits`: the bits of each particle's word (ParticleRecord).
 template <class Real>
 PackedState<Real> pack(const Problem& problem, const State& state, const Placement& placement,
                        std::span<const std::uint32_t> bits, Formulation formulation);

@@ -22,7 +22,7 @@ constexpr std::size_t warp = 32;
 // The unit in which particles are dealt out: a particle, or a row of up to 32 of them.
 struct Item {
     glm::ivec3 at;
-    std::uint32_t begin = 0, end = 0;  // particles
+    std::uint32_t begin = 0, end = 0;  // range of particles
 };
 
 // Visits the particles that a block may step. Ghosts are stepped elsewhere.
@@ -38,7 +38,7 @@ void visit_own(const Problem& problem, Visit visit) {
     }
 }
 
-// The column at which rows begin: 0, or the first column that a part of a body steps itself.
+// The x at which rows begin: 0 or, in a part of a body, the first x of the particles that it steps.
 int first_column(const Problem& problem) {
     if (problem.ghosts.empty()) return 0;
     int first = problem.lattice.dims.x;
@@ -63,7 +63,7 @@ std::vector<Item> items_of(const Problem& problem, bool rows) {
     return items;
 }
 
-// Cuts items[begin, end) into `parts` of sizes that differ by one at most, across the longest side each time.
+// Cuts items[begin, end) into `parts` parts that differ by one item at most, always across the longest side.
 void bisect(std::vector<Item>& items, std::size_t begin, std::size_t end, std::size_t parts,
             std::vector<std::vector<Item>>& out) {
     const auto first = items.begin() + std::ptrdiff_t(begin), last = items.begin() + std::ptrdiff_t(end);
@@ -89,7 +89,7 @@ void bisect(std::vector<Item>& items, std::size_t begin, std::size_t end, std::s
     bisect(items, middle, end, parts - parts / 2, out);
 }
 
-// The particles of each block. In rows, resident_none stands for a lane without a particle.
+// The particles of each block, by lane. If `rows` is set, resident_none stands for a lane without a particle.
 std::vector<std::vector<std::uint32_t>> deal_out(const Problem& problem, int max_blocks, bool rows) {
     std::vector<Item> items = items_of(problem, rows);
     const std::size_t most = std::min(std::size_t(max_blocks), items.size());
@@ -138,8 +138,8 @@ struct Banks {
     }
 };
 
-// The mask bit of each direction as a mirrored warp sees it. The first index is 0 without mirroring, 1 along
-// y, 2 along z, 3 along both.
+// The mask bit of each direction as a mirrored warp sees it. The first index says how the warp is mirrored: 0
+// not at all, 1 along y, 2 along z, 3 along both.
 constexpr auto mirrored_bits = [] {
     std::array<std::array<int, neighbour_bits>, 4> bits{};
     for (unsigned how = 0; how < bits.size(); ++how) {
@@ -270,7 +270,7 @@ private:
         });
     }
 
-    // Finds the particles of other blocks that each block reaches, ascending.
+    // Finds, for each block, the particles of other blocks to which its springs may lead, ascending.
     void find_borders() {
         reached_.resize(blocks_.size());
 #pragma omp parallel for schedule(dynamic)
@@ -291,7 +291,7 @@ private:
         out_.rounds = std::max(1, int(units_of(most, std::size_t(out_.pollers))));
     }
 
-    // Chooses the block that keeps each ghost: the first one that reaches it.
+    // Chooses the block that keeps each ghost, that is, stores it in memory: the first one that reaches it.
     void find_keepers() {
         for (std::size_t b = 0; b < reached_.size(); ++b) {
             for (const std::uint32_t j : reached_[b]) {
@@ -329,8 +329,7 @@ private:
         out_.polled_slot.assign(polls, 0);
     }
 
-    // The mapping of particles to banks of shared memory with which warps of a block have the fewest bank
-    // conflicts.
+    // Chooses the banks of points with which the block's warps have the fewest bank conflicts.
     Banks choose_banks(const std::vector<std::uint32_t>& lanes) const {
         std::vector<glm::ivec3> points;
         for (const std::uint32_t i : lanes) points.push_back(i == resident_none ? glm::ivec3(-1) : at(i));
@@ -414,9 +413,9 @@ private:
             beyond |= elsewhere;
         }
         if (out_.turns > 1) return beyond == 0 ? 0 : mixed_border;
-        // If the warp has no neighbours in a direction, that direction may count as part of the border or
-        // not. All such directions are counted: then more warps of a block have the same kind of border, and
-        // share its code.
+        // A direction in which the warp has no neighbours may count as part of the border or not. All such
+        // directions are counted: then more warps of a block have the same kind of border, and share its
+        // code.
         int best = mixed_border;
         for (int y = -1; y <= 1; ++y) {
             for (int z = -1; z <= 1; ++z) {
@@ -454,8 +453,8 @@ ResidentLayout lay_out_resident(const Problem& problem, const ResidentCard& card
                       deal_out(problem, card.blocks, rows))
             .make();
     };
-    // Rows are dealt out whole. On a card with few blocks, the rows of a block can take more lanes than the
-    // block has, although single particles dealt out evenly would fit. Then the bisection is tried too.
+    // Rows are dealt out whole. On a card with few blocks, the rows of a block can take more lanes than a
+    // block may have, although single particles, dealt out evenly, would fit. So the bisection is tried next.
     std::vector<bool> in_rows = {partition == Partition::rows};
     if (partition == Partition::automatic && rows_are_full(problem)) in_rows = {true, false};
     const std::size_t own = problem.particle_count() - problem.ghosts.size();
@@ -523,9 +522,9 @@ ResidentEdit resident_edit(const ResidentLayout& layout, const SpringEdit& edit)
 
 double seconds_in_turns(const ResidentLayout& layout, double hertz) {
     // A thread reads 26 slots and 26 points for each of its particles, and springs within a block are
-    // computed from both ends, so that the time grows with the warps of particles that a quarter of a
-    // multiprocessor steps. Measured on 24 multiprocessors of an H100 at 1.98 GHz, the box of the paper
-    // took 4.3 us. What crosses borders travels meanwhile. Barriers take as long as those of bricks.
+    // computed from both ends. So the time grows with the number of warps of particles that a quarter of a
+    // multiprocessor steps. Measured on 24 multiprocessors of an H100 at 1.98 GHz, the box of the paper took
+    // 4.3 us. Points cross borders meanwhile. Barriers take as long as those of bricks.
     constexpr double measured_at = 1.98e9, measured = 4.3e-6, barriers = 0.15e-6;
     constexpr int warps_then = 12;
     const double cycles = (measured - barriers) * measured_at / warps_then;

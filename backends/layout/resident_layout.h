@@ -23,14 +23,14 @@ enum class Partition : std::uint8_t { automatic, bisection, rows };
 
 /// The kernel's limit of threads per block that have particles.
 inline constexpr int max_resident_threads = 512;
-inline constexpr int max_resident_turns = 4;  ///< particles per thread
+inline constexpr int max_resident_turns = 4;  ///< the most particles per thread
 inline constexpr int max_resident_rounds = 4;
 /// Slots per block; their points take 48 KiB of shared memory.
 inline constexpr int max_resident_slots = 2048;
 /// The most slots that leave room for a TickOrder in 48 KiB, in whole warps.
 inline constexpr int max_slots_in_ticks = 2016;
-/// Replaces max_resident_rounds where threads have several particles. Then the card's shared memory limits
-/// the slots.
+/// Replaces max_resident_rounds if threads have several particles. Then only the card's shared memory limits
+/// the number of slots.
 inline constexpr int max_rounds_in_turns = 8;
 
 /// The tables of ResidentStep. They follow from where particles are, and have room for every spring that the
@@ -51,8 +51,8 @@ struct ResidentLayout {
     std::vector<std::uint8_t> border;
     std::vector<std::uint32_t> lane;  ///< per particle: its lane; resident_none: a ghost
     /// For each of Problem::ghosts: the index in the exchange at which the part that steps the ghost stores
-    /// its point; resident_none: no block reaches it. These indices come after the points that blocks of this
-    /// part publish.
+    /// the ghost's point; resident_none: no block reaches it. These indices come after those of points that
+    /// blocks of this part publish.
     std::vector<std::uint32_t> ghost_word;
 
     int threads() const { return lanes / turns; }  ///< per block, without pollers
@@ -77,10 +77,11 @@ struct ResidentCard {
 
 /// `problem` has a lattice, at least one particle that is no ghost, and no springs beyond the lattice; masks
 /// do not matter. Ghosts have no lane: blocks poll their points as they do those of other blocks. There are
-/// at most as many blocks as `card` has. `automatic` takes rows if they waste at most a tenth of their lanes
-/// and the rows of every block fit into it.
+/// at most `card.blocks` blocks. They may exceed other limits of the card or the kernel (block_refusal()).
+/// `automatic` takes rows if they waste at most a tenth of their lanes and the rows of every block fit into
+/// it.
 ///
-/// If there are enough threads, each has one particle. `overlap` then lets a warp add springs within its
+/// If there are enough threads, each has one particle. With `overlap` a warp then adds springs within its
 /// block while points from beyond the border are still on their way, if the border of the whole warp allows
 /// it. Otherwise threads have several particles, and particles without neighbours in other blocks come first,
 /// whatever `overlap` is.
@@ -107,7 +108,7 @@ ResidentEdit resident_edit(const ResidentLayout& layout, const SpringEdit& edit)
 struct ResidentSending {
     std::vector<std::uint32_t> particles, words;
 };
-/// Empty, or why a lane cannot send to all of these neighbours.
+/// Empty, or why lanes cannot send to all of these neighbours.
 std::string sent_refusal(const std::vector<ResidentSending>& neighbours);
 /// Makes ResidentLinks::sent.
 std::vector<std::uint32_t> sent_by_lanes(const ResidentLayout& layout,
@@ -133,8 +134,7 @@ double seconds_in_turns(const ResidentLayout& layout, double hertz);
 std::string outpaced_by_bricks(const ResidentLayout& layout, const std::optional<BrickPlan>& bricks,
                                double hertz);
 
-/// Per lane: the index of its particle in `held`, which is ascending; resident_none: the particle is not
-/// held.
+/// Per lane: the index of its particle in `held`, which is ascending; resident_none: it is not held.
 std::vector<std::uint32_t> held_by_lanes(const ResidentLayout& layout,
                                          const std::vector<std::uint32_t>& held);
 

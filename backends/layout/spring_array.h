@@ -22,9 +22,10 @@ template <class Real>
 struct SpringArrays {
     std::vector<SpringEnds> ends;
     std::vector<SpringConstants<Real>> constants;
-    /// How springs beyond the lattice lie at rest, for displacements. Empty if there are none.
+    /// How springs beyond the lattice lie at rest, by slot. Empty in formulations on positions, or if there
+    /// are none.
     std::vector<SpringRest<Real>> off_lattice_rest;
-    /// Where the springs of each odd mask bit begin; the last entry is where those beyond the lattice begin.
+    /// The slots at which the springs of each odd mask bit begin and, as the last, those beyond the lattice.
     std::array<std::size_t, neighbour_count + 1> begin{};
 };
 template <class Real>
@@ -41,17 +42,17 @@ public:
     SpringSlots(const Problem& problem, const std::array<std::size_t, neighbour_count + 1>& begin,
                 Formulation formulation);
 
-    /// What `edit` writes into the array, each slot once, in any order.
+    /// The slots that `edit` writes, each once. They may be written in any order.
     template <class Real>
     std::vector<EditedSpring<Real>> slots_of(const SpringEdit& edit);
-    /// Slots that have ever been in use.
+    /// How many slots have ever been in use.
     std::size_t used() const { return used_; }
 
 private:
     /// A range of slots to search. An empty range stands for one slot.
     using Range = std::pair<std::size_t, std::size_t>;
-    /// Adds to `freed` the slot that becomes free. Only later edits may use it, because one edit writes a
-    /// slot only once.
+    /// Removes a spring, and adds to `freed` the slot that becomes free. Only later edits may use that slot,
+    /// because one edit writes a slot only once.
     Range remove(const ChangedSpring& changed, std::vector<std::size_t>& freed);
     Range add(const ChangedSpring& changed);
     bool was_listed(const ChangedSpring& changed) const;
@@ -69,7 +70,7 @@ private:
 template <class Real>
 ScatterStep<Real> make_scatter_step(const Problem& problem, const SpringArrays<Real>& springs);
 
-/// The least work of a step: first that of springs, then that of particles.
+/// The least work of a step: of one launch for springs and of one for particles.
 template <class Real>
 StepWork scatter_work(const Problem& problem, Formulation formulation);
 

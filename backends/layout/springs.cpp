@@ -10,7 +10,7 @@ namespace voxspring::layout {
 
 namespace {
 
-// The offset of RestSpring points from the neighbour to the particle, that of SpringRest to the neighbour.
+// SpringRest has the offset to the neighbour, RestSpring that from the neighbour.
 template <class Real>
 SpringRest<Real> packed_rest(const RestSpring& rest) {
     return {vector_of<Real>(-rest.offset), Real(rest.deficit)};

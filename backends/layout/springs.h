@@ -14,14 +14,13 @@
 
 namespace voxspring::layout {
 
-/// The square of a lattice direction's rest length. If the lattice is stress-free, it is the square of the
-/// direction's offset: the same number that a kernel computes at rest. The square of a rounded root could
-/// differ from it.
+/// The square of a lattice direction's rest length. If the lattice is stress-free, it is the squared length
+/// of the direction's offset, which a kernel computes at rest. The square of the rounded length could differ.
 double squared_rest_length(const Problem& problem, const Direction& direction);
 
-/// A rest length as unit_pull() takes it. By increments it is the length itself. Otherwise it is the square,
-/// whose root the device still has to measure: a kernel finds the same square at rest, so the force there is
-/// zero to the bit.
+/// The rest length of a spring as the host gives it to the device. In formulations by increments it is the
+/// length itself. Otherwise it is the squared length, from which the device measures the length: a kernel
+/// finds the same square at rest, so the force there is zero to the bit.
 template <class Real>
 Real listed_length(const Problem& problem, const Direction& direction, Formulation formulation);
 template <class Real>
@@ -37,15 +36,14 @@ SpringRest<Real> off_lattice_rest_of(const Problem& problem, std::uint32_t parti
                                      double rest_length);
 
 /// The list entry for neighbour `index`, which lies in the direction of mask bit `bit`; -1: in no lattice
-/// direction.
+/// direction. In formulations on positions the entry is the index alone.
 std::uint32_t entry_of(std::uint32_t index, int bit, Formulation formulation);
 
 /// Empty, or why the index of a particle and a direction code do not fit into one list entry. Formulations on
 /// displacements need both.
 std::string list_entry_refusal(const Problem& problem, Formulation formulation);
 
-/// Empty, or why `problem` has springs that do not share stiffness and rest length with all others of a
-/// group.
+/// Empty, or why not all springs of a group have the same stiffness and rest length.
 std::string grouped_list_refusal(const Problem& problem);
 
 /// The neighbour mask of a particle; 0 without a lattice.

@@ -15,7 +15,7 @@ namespace voxspring::layout {
 /// Gives one order at a time: the next one only after the last one has been answered.
 class TickDesk {
 public:
-    /// `tick`: the first tick gets the next number.
+    /// The first tick gets the number `tick` + 1.
     explicit TickDesk(std::uint32_t tick = 0) { order_.tick = tick; }
 
     /// From now on order() writes to `asked`, and answered() reads `answers`, where the kernel writes.
@@ -27,8 +27,7 @@ public:
     void order(Vector<float> moved, std::uint32_t steps);
     /// Repeats the latest order in a new tick, for when the kernel ended without taking it.
     void order_again();
-    /// Orders the kernel to store the state and to end. This is not answered; the next order waits for the
-    /// end.
+    /// Orders the kernel to store the state and to end. It gives no answer. Order again only after its end.
     void order_end();
 
     /// Number of the tick that was ordered last. A kernel that is launched now waits for this tick first, so
@@ -45,8 +44,8 @@ private:
 
     OrderWords* asked_ = nullptr;
     std::span<AnswerWords> answers_;
-    /// The numbers go on from kernel to kernel, so that no word of an earlier one is taken for an answer or
-    /// an order. They start again after 2^32 ticks, when every word has long been overwritten.
+    /// Tick numbers go on from kernel to kernel, so that no word of an earlier kernel is taken for an answer
+    /// or an order. They start again after 2^32 ticks, when every word has long been overwritten.
     TickOrder order_{};
     std::size_t arrived_ = 0;  ///< how many answers to the latest order have been read, one after another
     std::vector<HeldForce<float>> forces_;

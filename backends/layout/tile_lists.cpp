@@ -29,7 +29,7 @@ std::uint32_t listed_tiles(std::size_t active, std::uint32_t block_tiles) {
     return std::uint32_t(rounded_up(active, std::size_t(block_tiles))) + 2 * group_tiles;
 }
 
-/// Counts, by spring group, the evaluations by a tile that has all springs.
+/// Counts the evaluations of springs by a tile that has all springs: of face springs, then of edge springs.
 struct Evaluations {
     std::array<std::uint64_t, 2> of_group{};
     constexpr void count(int dx, int dy, int dz) {
@@ -116,7 +116,7 @@ std::size_t TileLists::element(const glm::ivec3& voxel) const {
 void TileLists::find_rows() {
     // Rows of padding tiles point at the first group, itself padding, which may be read.
     rows_.assign(tile_rows * masks_.size(), TileRow::make(group_tiles - 1, false));
-    // For each tile of the lattice: the list number of the first active tile at it or after it.
+    // For each tile of the lattice: the list number of the first active tile from that tile on.
     std::vector<std::uint32_t> from(number_.size());
     std::uint32_t following =
         group_tiles + std::uint32_t(std::count_if(number_.begin(), number_.end(), [](std::uint32_t number) {

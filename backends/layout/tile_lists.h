@@ -34,12 +34,11 @@ public:
     TileLists(const Problem& problem, const ActiveTiles& active, std::uint32_t block_tiles);
 
     std::uint32_t blocks() const { return blocks_; }
-    /// The number of the tile that has the particle at `voxel`, counted from the first tile after the
-    /// padding.
+    /// The number of the tile that has the particle at `voxel`, not counting the padding before it.
     std::uint32_t tile_of(const glm::ivec3& voxel) const { return place_of(voxel).tile - group_tiles; }
-    /// Numbers in an array that has a vector for each particle of each listed tile.
+    /// The number of components in an array that has a vector for each particle of each listed tile.
     std::size_t elements() const { return 3 * std::size_t(tile_particles) * masks_.size(); }
-    /// The element of a particle's x. y and z follow at distances of tile_axis.
+    /// The element of the x of the particle at `voxel`. y and z follow at distances of tile_axis.
     std::size_t element(const glm::ivec3& voxel) const;
 
     const std::vector<TileRow>& rows() const { return rows_; }
@@ -72,8 +71,7 @@ private:
 };
 
 /// How many threads a kernel has per tile: one or two. Two evaluate a tenth more springs in all, but fill the
-/// card if the body has few tiles. `resident`: how many tiles the card steps at once with one thread per
-/// tile.
+/// card if the body has few tiles. `resident`: tiles that the card steps at once, with one thread each.
 unsigned threads_per_tile(std::size_t tiles, std::size_t resident);
 
 /// An upper bound of the device memory of the lists and of `arrays` arrays of vectors, for blocks of

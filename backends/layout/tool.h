@@ -14,7 +14,7 @@ template <class Real>
 std::vector<HeldWord<Real>> pack_held(const Problem& problem, const Placement& placement,
                                       Formulation formulation);
 
-/// Backend::tool_force() from the forces on the held particles.
+/// The force on the tool (ToolFacet::tool_force()) from its forces on the held particles.
 template <class Real>
 glm::dvec3 force_on_tool(const std::vector<HeldForce<Real>>& forces);
 

@@ -1,4 +1,4 @@
-// Vectors of the host's float64 state and of a device.
+// Converts between the vectors of the host's float64 state and those of a device.
 #pragma once
 
 #include <glm/vec3.hpp>

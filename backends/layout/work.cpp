@@ -8,10 +8,10 @@
 namespace voxspring::layout {
 namespace {
 
-/// Operations of unit_pull() for one relative position or displacement. In float32 and in float64 these are:
-/// the 3 subtractions that make it; squared_length() 3 and 4; inverse_root() 1 and 6; the density 3. On
-/// displacements, adding the offset takes 1 more for each axis along which the neighbour lies. By increments
-/// the deficit takes 3, plus 1 for each such axis, and fast_reciprocal() 1 and 5. Low parts take 6.
+/// Operations of unit_pull() for one end of a spring. Two numbers are those of float32 and of float64. The
+/// relative position or displacement takes 3; squared_length() 3 or 4; inverse_root() 1 or 6; the density 3.
+/// On displacements, adding the offset takes 1 more per axis along which the neighbour lies. In formulations
+/// by increments the deficit takes 3, plus 1 per such axis, and fast_reciprocal() 1 or 5. Low parts take 6.
 template <class Real>
 std::uint64_t pull_operations(const Direction& direction, Formulation formulation) {
     const std::uint64_t axes = axes_of(direction);
@@ -29,7 +29,7 @@ const Direction oblique{.bit = 0, .offset = {1, 1, 1}, .group = SpringGroup::cor
 template <class Real>
 constexpr std::uint64_t material_operations = is_single<Real> ? 1 + 1 + 1 : 1 + 5 + 1;
 
-/// Operations that add the sums of groups to the force.
+/// Operations that combine the sums of spring groups into the force.
 std::uint64_t group_operations(const Problem& problem) {
     std::uint64_t groups = 0;
     for (const std::uint32_t bits : {FACE_BITS, EDGE_BITS, CORNER_BITS})
@@ -39,7 +39,7 @@ std::uint64_t group_operations(const Problem& problem) {
     return groups * vector_operations;
 }
 
-/// Every spring is evaluated from both of its ends.
+/// Evaluations of springs: each spring is evaluated from both of its ends.
 std::uint64_t spring_ends(const Problem& problem) { return 2 * count_springs(problem).total(); }
 
 }  // namespace

@@ -23,11 +23,11 @@ inline std::uint64_t axes_of(const Direction& direction) {
 /// Operations of a vector times a scalar, whether or not it is added to a sum.
 inline constexpr std::uint64_t vector_operations = 3;
 
-/// The work of integrate_and_store(). Bytes: x(t) and x(t - dt) are read and x(t + dt) is written; by
-/// increments x(t) and v are read and x(t + dt) and v are written; low parts take as much again. Loads and
-/// inverse masses are read if the scene has them. All arrays are overwritten in place except the one that
-/// neighbours read. Vector operations: the mass and the time step take 2; gravity, damping and loads 1 each;
-/// next_position() and paper_position() 3 more, increments 2 and split sums 2 x 11.
+/// The work of integrate_and_store(). Bytes: x(t) and x(t - dt) are read and x(t + dt) is written; in
+/// formulations by increments x(t) and v are read and x(t + dt) and v are written; low parts take as much
+/// again. Loads and inverse masses are read if the scene has them. All arrays are overwritten in place except
+/// the one that neighbours read. Vector operations: the mass and the time step take 2; gravity, damping and
+/// loads 1 each; next_position() and paper_position() 3 more, increments 2 and split sums 2 x 11.
 template <class Real>
 StepWork motion_work(const Problem& problem, Formulation formulation);
 
@@ -40,7 +40,8 @@ std::uint64_t pull_operations(const Problem& problem, Formulation formulation);
 template <class Real>
 StepWork implicit_work(const Problem& problem, Formulation formulation);
 
-/// The work of a step on particles by list, with or without the secondary list. Unused slots do not count.
+/// The work of a step that finds neighbours by list, with or without the secondary list. Unused slots do not
+/// count.
 template <class Real>
 StepWork explicit_work(const Problem& problem, bool secondary, Formulation formulation);
 

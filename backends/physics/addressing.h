@@ -1,4 +1,4 @@
-// Which problems a backend can address by their places in the lattice.
+// Says whether a problem suits backends that find neighbours by their place in the lattice.
 #pragma once
 
 #include <string>

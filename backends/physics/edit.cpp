@@ -18,8 +18,8 @@ bool above(const glm::dvec3& point, const glm::dvec3& normal, const glm::dvec3& 
     return glm::dot(normal, x - point) >= 0;
 }
 
-/// Six times the volume of the tetrahedron a, b, c, d. If c and d are exchanged the result is exactly the
-/// negative, so that no line can slip between two triangles that share an edge.
+/// Six times the signed volume of the tetrahedron a, b, c, d. Exchanging c and d gives exactly the negative,
+/// so that no line can slip between two triangles that share an edge.
 double volume(const glm::dvec3& a, const glm::dvec3& b, const glm::dvec3& c, const glm::dvec3& d) {
     return glm::dot(glm::cross(c - a, d - a), b - a);
 }
@@ -51,7 +51,7 @@ struct Cuts {
 constexpr double infinity = std::numeric_limits<double>::infinity();
 
 struct Box {
-    glm::dvec3 low{infinity};  ///< an empty box by default
+    glm::dvec3 low{infinity};  ///< by default the box is empty
     glm::dvec3 high{-infinity};
 
     void include(const glm::dvec3& point) {
@@ -84,9 +84,9 @@ struct Bounds {
     Box operator()(const Ball& ball) const { return {ball.centre - ball.radius, ball.centre + ball.radius}; }
 };
 
-/// A patch's triangles in a tree of boxes, so that a line is compared only with triangles near it. A line
-/// that touches no box of a triangle does not go through the triangle: boxes are wider than their triangles
-/// by more than the rounding error in the place of a line.
+/// The triangles of a patch in a tree of boxes, so that a line is compared only with triangles near it. Boxes
+/// are wider than their triangles by more than rounding can move a line. So a line that misses a triangle's
+/// box also misses the triangle.
 class TriangleTree {
 public:
     explicit TriangleTree(const TrianglePatch& patch) : triangles_(patch.triangles) {
@@ -103,14 +103,14 @@ public:
         line.include(b);
         return any_near(line, [&](const Triangle& triangle) { return goes_through(triangle, a, b); });
     }
-    /// Whether the patch might cut a line within `box`. False is certain; true only says that triangles are
-    /// near.
+    /// Whether the patch might cut a line that lies within `box`. False is certain. True only says that
+    /// triangles are near.
     bool may_cut_within(const Box& box) const {
         return any_near(box, [](const Triangle&) { return true; });
     }
 
 private:
-    /// Whether `holds` is true for one of the triangles near `box`.
+    /// Whether holds(triangle) is true for at least one of the triangles near `box`.
     template <class Holds>
     bool any_near(const Box& box, const Holds& holds) const {
         for (std::size_t n = 0; n < nodes_.size();) {
@@ -127,11 +127,11 @@ private:
         return false;
     }
 
-    /// Nodes are in depth-first order: the children of a node follow it.
+    /// A node of the tree. Nodes are stored in depth-first order: the children of a node follow it.
     struct Node {
         Box box;
         std::size_t next = 0;            ///< index of the first node after this node's subtree
-        std::size_t first = 0, end = 0;  ///< range of the node's triangles; empty unless it is a leaf
+        std::size_t first = 0, end = 0;  ///< the node's range of `triangles_`; empty unless it is a leaf
     };
     static constexpr std::size_t max_in_leaf = 4;
 
@@ -243,7 +243,7 @@ template <class Visit>
 void SpringEditor::visit_near(const Shape& shape, Visit visit) const {
     const Lattice& lattice = problem_.lattice;
     Box box = std::visit(Bounds{}, shape);
-    // A particle outside of these voxels is too far from the shape for a lattice spring to reach it.
+    // No lattice spring reaches the shape from a particle outside of the voxels `low` to `high`.
     const double reach = longest_lattice_spring();
     const glm::dvec3 first(0), last(lattice.dims - 1);
     const glm::ivec3 low(glm::clamp(glm::floor((box.low - reach) / lattice.spacing), first, last));
@@ -338,8 +338,8 @@ SpringEdit SpringEditor::suture(const Shape& shape, double within, std::optional
                 for (int other = low.x; other <= high.x; ++other) {
                     const std::uint32_t j = particle_by_voxel()[std::size_t(
                         (std::ptrdiff_t(z) * problem_.lattice.dims.y + y) * problem_.lattice.dims.x + other)];
-                    // An empty voxel is skipped, since no_particle is not in `faces`. j > i, so that each
-                    // pair counts once.
+                    // For an empty voxel j is no_particle, which is not in `faces`. Only j > i is taken, so
+                    // that each pair is found once.
                     if (j <= i || !faces.contains(j) || glm::distance(x[i], x[j]) > within) continue;
                     if (crosses(x[i], x[j])) pairs.emplace_back(i, j);
                 }

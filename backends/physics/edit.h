@@ -1,8 +1,8 @@
-// Cuts and sutures: a change of a problem's springs. It is found once on the host, and then every backend
-// applies it to its own data about springs.
+// Cuts and sutures change a problem's springs. The host finds each change once, and every backend applies it
+// to its own data about springs.
 //
-// Shapes are in rest coordinates, which do not depend on how a backend moves particles. So an edit changes
-// the same springs on every backend, and they are known before the first step.
+// Shapes are compared with where particles are at rest, which does not depend on how a backend moves them. So
+// an edit changes the same springs on every backend, and these are known before the first step.
 #pragma once
 
 #include <array>
@@ -18,8 +18,8 @@
 
 namespace voxspring {
 
-/// Cuts the line between particles on different sides. A particle on the plane counts to the side that the
-/// normal points to.
+/// Cuts the line between two particles on different sides of it. A particle on the plane counts to the side
+/// that the normal points to.
 struct Plane {
     glm::dvec3 point{0};
     glm::dvec3 normal{0, 0, 1};  ///< of any length but 0
@@ -38,7 +38,7 @@ using Shape = std::variant<Plane, TrianglePatch, Ball>;
 /// Whether `shape` cuts a spring between particles at `a` and `b`.
 bool cuts(const Shape& shape, const glm::dvec3& a, const glm::dvec3& b);
 
-/// A spring that was taken away or added, `first` < `second`.
+/// A spring that an edit removes or adds, between particles `first` < `second`.
 struct ChangedSpring {
     Spring spring;
     /// Mask bit of the direction from `first` to `second`, always odd; -1: a spring beyond the lattice.
@@ -47,7 +47,7 @@ struct ChangedSpring {
     friend bool operator==(const ChangedSpring&, const ChangedSpring&) = default;
 };
 
-/// A spring as one of its two particles lists it.
+/// A spring as seen from one of its two particles.
 struct ListedSpring {
     std::uint32_t neighbour;
     int bit;  ///< mask bit of the direction to the neighbour; -1: a spring beyond the lattice
@@ -69,11 +69,11 @@ struct SpringEdit {
     };
 
     std::vector<ChangedSpring> removed;  ///< lattice springs first
-    /// Lattice springs first. The lattice springs of one particle are in the order of directions.
+    /// Lattice springs first. suture() orders these, and the others, by `first` and then by `second`.
     std::vector<ChangedSpring> added;
     std::vector<Touched> touched;  ///< each particle once, ascending
-    /// All springs of the touched particles: those of the lattice by direction, then those of
-    /// Problem::springs in their order.
+    /// The springs of each touched particle, one particle after the other: its lattice springs by direction,
+    /// then its springs of Problem::springs in their order.
     std::vector<ListedSpring> listed;
 
     bool empty() const { return touched.empty(); }
@@ -86,16 +86,16 @@ struct SpringEdit {
     friend bool operator==(const SpringEdit&, const SpringEdit&) = default;
 };
 
-/// Only the change that an edit makes, in a few bytes per spring, for scenes of thousands of edits. Together
-/// with the problem as it was before the edit this says all that a SpringEdit says (SpringEditor::make()).
+/// Only the springs that an edit removes and adds, in a few bytes per spring, for scenes of thousands of
+/// edits. SpringEditor::make() makes the SpringEdit from this and the problem before the edit.
 struct SpringDifference {
-    /// Lattice springs from one particle to later ones: the mask bits of their directions, all odd.
+    /// Lattice springs from `particle` to later particles. `bits`: their mask bits, all odd.
     struct OnLattice {
         std::uint32_t particle;
         std::uint32_t bits;
     };
     /// Springs in the order of the edit. A particle appears several times in `on_lattice` if the edit does
-    /// not have its springs in the order of their directions.
+    /// not list its springs one after another in the order of their directions.
     struct Springs {
         std::vector<OnLattice> on_lattice;
         std::vector<Spring> beyond;  ///< springs of Problem::springs
@@ -105,15 +105,15 @@ struct SpringDifference {
     Springs removed, added;
 
     SpringDifference() = default;
-    /// Implicit: wherever an edit is kept, it is enough to keep its difference.
+    /// Implicit, so that an edit can be passed to code that keeps only its difference.
     SpringDifference(const SpringEdit& edit);  // NOLINT(google-explicit-constructor)
 
     /// Whether the edit adds a spring beyond the lattice.
     bool leaves_lattice() const { return !added.beyond.empty(); }
 };
 
-/// The springs of a difference, one by one and in the order of its edit. `problem` is the problem that was
-/// edited, before or after the edit.
+/// Lists the springs of a difference one by one, in the order of its edit. `problem` is the edited problem,
+/// as it was before the edit or is after it.
 std::vector<ChangedSpring> changed_springs(const Problem& problem, const SpringDifference::Springs& springs);
 
 /// Edits a problem's springs in place, and says what each edit changed. Keeps a reference to the problem,
@@ -124,25 +124,27 @@ public:
 
     /// Removes the springs that `shape` cuts.
     SpringEdit cut(const Shape& shape);
-    /// Removes every spring between the two particles of a pair, in either order. Pairs that no spring joins
-    /// stay as they are.
+    /// Removes the springs that join the two particles of each pair, whichever comes first in the pair. Pairs
+    /// that no spring joins stay as they are.
     SpringEdit cut(std::span<const std::pair<std::uint32_t, std::uint32_t>> pairs);
 
     /// Closes a cut: adds a spring between every two particles that (a) are at most `within` apart at rest,
-    /// (b) have no spring between them, (c) lie on opposite sides of `shape`, which the line between them
-    /// crosses, and (d) have each lost a lattice spring that crossed `shape`.
+    /// (b) have no spring between them, (c) have a line between them that `shape` cuts, and (d) have each
+    /// lost a lattice spring that `shape` cuts. Without a lattice it adds none. `stiffness`: as for the
+    /// suture() of pairs below.
     SpringEdit suture(const Shape& shape, double within, std::optional<double> stiffness = {});
 
-    /// Joins pairs of different particles. Pairs that are joined already stay as they are.
+    /// Joins each pair of different particles with a spring. Pairs that are joined already stay as they are.
     ///
-    /// The spring is at rest where the particles are. Between neighbours of a direction in use, and without a
-    /// given stiffness, it is a lattice spring. Otherwise it is one of Problem::springs, by default as stiff
-    /// as a lattice spring of the first group between the two materials.
+    /// If the two are lattice neighbours in a direction in use, the spring is a lattice spring, unless
+    /// `stiffness` is given and differs from that of a lattice spring. Otherwise it is one of
+    /// Problem::springs: its rest length is the distance at rest, and its default stiffness that of a lattice
+    /// spring of the first group in use.
     SpringEdit suture(std::span<const std::pair<std::uint32_t, std::uint32_t>> pairs,
                       std::optional<double> stiffness = {});
 
-    /// Adds springs that another edit of the same particles removed or added, each as it was. A spring is
-    /// left out if one joins its particles already. Undoes a cut, or repeats a suture.
+    /// Undoes a cut or repeats a suture: adds springs that another edit of the same particles removed or
+    /// added, each as it was. A spring is left out if another one joins its particles already.
     SpringEdit join(std::span<const ChangedSpring> springs);
 
     /// Makes an edit from its difference. The problem must be as it was before that edit.
@@ -152,7 +154,7 @@ private:
     /// The particle in each voxel, or no_particle. Empty without a lattice.
     const std::vector<std::uint32_t>& particle_by_voxel() const { return springs_.particle_by_voxel(); }
 
-    /// The particle one step along `direction`, or no_particle.
+    /// The neighbour of `particle` in `direction`, or no_particle if there is none.
     std::uint32_t neighbour(std::uint32_t particle, const Direction& direction) const;
     /// Calls visit(i) for each particle whose springs `shape` might cut.
     template <class Visit>
@@ -165,8 +167,8 @@ private:
     }
     /// The lattice spring between `first` and `second`, which lies along `direction` from `first`.
     Spring lattice_spring(std::uint32_t first, std::uint32_t second, const Direction& direction) const;
-    /// Removes from `pairs` those that a spring joins already. `pairs` must be ascending, each with its
-    /// smaller particle first.
+    /// Removes from `pairs` those that a spring joins already. `pairs` must ascend, with the smaller particle
+    /// first in each pair.
     void leave_out_joined(std::vector<std::pair<std::uint32_t, std::uint32_t>>& pairs) const;
     /// Applies the edit to the problem, and fills in `touched` and `listed`.
     void finish(SpringEdit& edit);

@@ -26,26 +26,26 @@ namespace voxspring {
 enum class Formulation : std::uint8_t { paper, position, displacement, increment, compensated };
 
 #ifndef __CUDACC_RTC__
-/// All formulations in the order of the table.
+/// All formulations, in the order of the enumeration.
 inline constexpr std::array all_formulations = {Formulation::paper, Formulation::position,
                                                 Formulation::displacement, Formulation::increment,
                                                 Formulation::compensated};
 
-/// The name in the table.
+/// The name of a formulation, for example "position".
 std::string to_string(Formulation formulation);
 #endif
 
-/// With rest=flush, formulations by increments set components of u and v that are smaller than this to zero.
-/// The tails of a motion reach everywhere, and would otherwise keep the whole body from coming to rest to the
-/// bit.
+/// With the tuning parameter rest=flush, formulations by increments set components of u and v to zero whose
+/// absolute value is less than this length. Otherwise the faint tails of a motion, which reach everywhere,
+/// would keep the body from ever coming to rest to the bit.
 inline constexpr double flushed_below = 1e-12;
 
 /// Whether the state is positions x; otherwise it is displacements u.
 VOXSPRING_HOST_DEVICE constexpr bool on_positions(Formulation formulation) {
     return formulation <= Formulation::position;
 }
-/// Whether the state has the increment v instead of the previous x or u. Forces are then those of
-/// strain_density().
+/// Whether the state has the increment v instead of the previous x or u. Then strain_density() gives the
+/// forces.
 VOXSPRING_HOST_DEVICE constexpr bool by_increments(Formulation formulation) {
     return formulation >= Formulation::increment;
 }

@@ -1,13 +1,12 @@
-// The spring force of spring.h by way of the inverse root that GPUs have in hardware, for C++, CUDA and
-// GLSL.
+// The spring force of spring.h from the inverse root that GPUs have in hardware. For C++, CUDA and GLSL.
 //
-// k (l - |d|) / |d| with r = 1/sqrt(|d|^2) is k (l - |d|^2 r) r, which needs no IEEE root and no division. r
-// is approximate (in float32 to about 2^-22.9 on NVIDIA), so rest lengths are measured in the same way: l is
-// taken as measured_length(l^2) on the same device. At rest both products are then the same number and the
-// force is zero to the bit, whatever the error of r. Away from rest the error is that of a rest length off by
-// about one unit in the last place.
+// With r = 1/sqrt(|d|^2) the force density k (l - |d|) / |d| is k (l - |d|^2 r) r, which needs no IEEE root
+// and no division. r is approximate (in float32 to about 2^-22.9 on NVIDIA), so rest lengths are measured in
+// the same way: l is measured_length(l^2) on the same device. At rest l and |d|^2 r are then the same number,
+// and the force is zero to the bit, whatever the error of r. Away from rest the error of the force is that of
+// a rest length off by about one unit in the last place.
 //
-// In host code r is exact to rounding, so that tests run the same source without a device.
+// In host code r is exact up to rounding, so that tests can run the same source without a device.
 #ifndef VOXSPRING_INVERSE_ROOT_H
 #define VOXSPRING_INVERSE_ROOT_H
 
@@ -18,7 +17,7 @@
 #endif
 
 #ifdef VOXSPRING_GLSL
-// The functions are described below.
+// C++ and CUDA have the same functions below, with comments that describe them.
 Real inverse_root(Real squared) { return inversesqrt(squared); }
 Real rounded_product(Real a, Real b) {
     precise Real product = a * b;
@@ -151,11 +150,12 @@ VOXSPRING_HOST_DEVICE inline double fast_series_stiffness(double compliance_a, d
 namespace voxspring {
 #endif
 
-/// A length from its square, as inverse_root() measures it.
+/// The length whose square is `squared`, by way of inverse_root().
 SHARED_SCALAR(Real)
 measured_length(Real squared) { return rounded_product(squared, inverse_root(squared)); }
 
-/// (l - |d|) / |d|: the force density of a spring of stiffness 1. `rest_length` comes from measured_length().
+/// (l - |d|) / |d|: the force density of a spring of stiffness 1. `squared` is |d|^2, `inverse` its
+/// inverse_root(), and `rest_length` is l from measured_length().
 SHARED_SCALAR(Real)
 unit_force_density(Real squared, Real rest_length, Real inverse) {
     PRECISE Real density = (rest_length - rounded_product(squared, inverse)) * inverse;
@@ -163,8 +163,8 @@ unit_force_density(Real squared, Real rest_length, Real inverse) {
 }
 
 /// strain_density() of stiffness 1 from |d|^2, the rest length l and `deficit` = l^2 - |d|^2: deficit / ((l +
-/// |d|) |d|). The deficit carries what is small, so the relative error of the root becomes one of the force,
-/// which is zero at rest.
+/// |d|) |d|). Only `deficit` is small near rest, so a relative error of the root is a relative error of the
+/// force, and at rest the force is zero.
 SHARED_SCALAR(Real)
 unit_strain_density(Real squared, Real rest_length, Real deficit) {
     PRECISE Real inverse = inverse_root(squared);

@@ -1,9 +1,9 @@
-// The stencil as lists that expand in place, identical in C++, CUDA and GLSL.
+// The 26 neighbours of a voxel as lists of macros that expand in place, identical in C++, CUDA and GLSL.
 //
-// X(bit, dx, dy, dz): the neighbour at voxel (x+dx, y+dy, z+dz). Bit `bit` of a particle's mask says whether
-// it is there. The order is part of the contract: a backend that gathers adds a particle's spring forces in
-// this order, since float addition is not associative. The opposite direction of bit b is bit b ^ 1. The
-// directions of even bits point to a lower voxel index (z slowest, x fastest).
+// X(bit, dx, dy, dz): the neighbour of voxel (x, y, z) at (x+dx, y+dy, z+dz). Bit `bit` of a particle's mask
+// says whether a spring leads there. The order is part of the contract: a backend that gathers adds a
+// particle's spring forces in this order, since float addition is not associative. The opposite direction of
+// bit b is bit b ^ 1. The directions of even bits point to a lower voxel index (z slowest, x fastest).
 #ifndef VOXSPRING_NEIGHBOURS_H
 #define VOXSPRING_NEIGHBOURS_H
 
@@ -29,21 +29,21 @@
 #define CORNER_BITS 0x03FC0000u
 #define NEIGHBOUR_BITS 0x03FFFFFFu
 
-// A voxel without this bit is inactive: its whole mask is zero. It sits among the exponent bits of a
-// float, so that a mask stored in the fourth float of a texel is a normal number, which no hardware
-// flushes to zero, and never a NaN.
+// Set in the mask of every particle. An inactive voxel has mask 0. The bit is among the exponent bits of a
+// float, so a mask in the fourth float of a texel is a normal number, which no hardware flushes to zero, and
+// never a NaN.
 #define ACTIVE_BIT 0x04000000u
-// The particle does not move.
+// Set in the mask of a particle that does not move.
 #define PINNED_BIT 0x08000000u
 
-// A list entry names a neighbour. Its highest bits say how the neighbour lies at rest, seen from the
-// particle: the bit of a lattice direction, or one of the two values below. Formulations on displacements
-// (formulation.h) need it.
+// An entry of a neighbour list has the neighbour's index in its lowest bits. In formulations on displacements
+// (formulation.h) its highest bits are a direction code, which says how the neighbour lies at rest: the mask
+// bit of its direction, as seen from the particle, or one of the two codes below.
 #define LISTED_INDEX_BITS 27
 #define LISTED_INDEX 0x07FFFFFFu
-// Marks an unused slot, which names the particle itself.
+// Direction code of an unused slot of a list, whose index is that of the particle itself.
 #define NO_DIRECTION 26u
-// Not a lattice neighbour: another list has the rest offset of this spring.
+// Direction code of a spring beyond the lattice. Another list has its rest offset.
 #define OWN_DIRECTION 31u
 
 #endif

@@ -27,8 +27,8 @@
 #define Vec4 vec4
 #endif
 #define larger max
-/// Stands before a local that must be rounded in the same way wherever its expression is compiled: no fused
-/// multiply-add in one place and none in another. C++ and CUDA settle that with compiler flags.
+/// Stands before a local variable that must be rounded in the same way wherever its expression is compiled:
+/// no fused multiply-add in one place and none in another. C++ and CUDA settle that with compiler flags.
 #define PRECISE precise
 
 #else
@@ -36,7 +36,8 @@
 #include <cmath>
 
 #define PRECISE
-/// The namespace of the formulas. SIMD code, which compiles them once per target, names another one.
+/// The namespace of the formulas. SIMD code compiles them once per instruction set, each time in another
+/// namespace.
 #define VOXSPRING_PHYSICS_NAMESPACE voxspring
 
 #ifdef __CUDACC__
@@ -45,15 +46,15 @@
 #define VOXSPRING_HOST_DEVICE
 #endif
 
-/// A function whose arguments name both the vector and the scalar type.
+/// Declares a function with vector and scalar arguments.
 #define SHARED(ReturnType)            \
     template <class Vec3, class Real> \
     VOXSPRING_HOST_DEVICE inline ReturnType
-/// A function whose arguments name the vector type only.
+/// Declares a function with vector arguments only.
 #define SHARED_VECTOR(ReturnType) \
     template <class Vec3>         \
     VOXSPRING_HOST_DEVICE inline ReturnType
-/// A function whose arguments name the scalar type only.
+/// Declares a function with scalar arguments only.
 #define SHARED_SCALAR(ReturnType) \
     template <class Real>         \
     VOXSPRING_HOST_DEVICE inline ReturnType

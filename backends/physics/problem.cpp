@@ -164,7 +164,7 @@ Problem make_lattice_problem(const VoxelGrid& grid, std::uint32_t group_bits) {
 
     const glm::ivec3 dims = grid.dims;
     const std::size_t slice = std::size_t(dims.x) * std::size_t(dims.y);
-    // Where the particles of each slice begin, so that slices can be filled in parallel.
+    // The first particle of each plane of voxels along z, so that planes can be filled in parallel.
     std::vector<std::size_t> begin(std::size_t(dims.z) + 1);
     bool several = false;
 #pragma omp parallel for reduction(|| : several)

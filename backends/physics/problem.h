@@ -23,11 +23,12 @@ struct Direction {
     SpringGroup group;
 };
 
-/// All 26 directions in summation order, from neighbours.h; element b is mask bit b.
+/// All 26 directions in the order of neighbours.h, in which forces are summed. Element b has mask bit b.
 const std::array<Direction, neighbour_count>& directions();
 
 /// What a particle is made of. A spring between two materials has the `stiffness` of two half springs in
-/// series (spring.h). `stiffness` is unused if the problem has one per spring group.
+/// series (spring.h). If a problem has only one material, Problem::group_stiffness is used instead of
+/// `stiffness`.
 struct Material {
     double mass = 1;       ///< of one particle
     double stiffness = 1;  ///< force per length
@@ -45,7 +46,8 @@ struct Lattice {
         return std::size_t(dims.x) * std::size_t(dims.y) * std::size_t(dims.z);
     }
     glm::ivec3 coordinates(std::uint32_t voxel_index) const;
-    /// Offset of a direction in voxel indices. Only the mask says whether the neighbour exists.
+    /// The index of a voxel's neighbour in `direction` minus the index of the voxel. Only the mask says
+    /// whether a spring leads to it.
     std::ptrdiff_t stride(const Direction& direction) const;
 };
 
@@ -59,34 +61,31 @@ struct Spring {
     friend bool operator==(const Spring&, const Spring&) = default;
 };
 
-/// A tool that has taken hold of some particles, each with a spring of rest length 0 to the place to which
-/// the tool has carried the particle. If the tool has moved by d since then (Backend::move_tool()), the force
-/// on a particle is
+/// A tool that has taken hold of some particles. A spring of rest length 0 pulls each of them to where it
+/// would be if it had moved with the tool since then. If the tool has moved by d since then
+/// (ToolFacet::move_tool()), the force on a particle is
 ///
 ///     stiffness (held + d - u)
 ///
-/// where u is its displacement and `held` is what the displacement was when the tool took hold. The force on
-/// the tool is minus the sum of these. A cut does not separate the tool from what it holds, and it may hold
-/// pinned particles.
+/// where u is the particle's displacement and `held` was its displacement when the tool took hold. The force
+/// on the tool is minus the sum of these. The tool may hold pinned particles, and no cut frees what it holds.
 struct Tool {
     std::vector<std::uint32_t> particles;  ///< ascending, each once; empty: there is no tool
-    std::vector<glm::dvec3> held;          ///< one per particle; empty: all were at rest
-    double stiffness = 0;                  ///< stiffness of each of these springs: force per length
+    std::vector<glm::dvec3> held;          ///< per particle: displacement when the tool took hold; empty: 0
+    double stiffness = 0;                  ///< of the spring to each held particle: force per length
 
     glm::dvec3 held_at(std::size_t n) const { return held.empty() ? glm::dvec3(0) : held[n]; }
 };
 
 /// Everything that does not change while a simulation runs. Particles are in canonical order: active voxels
-/// only, x fastest. Vectors that a scene does not need are empty, so that a backend can skip the work for
-/// them.
+/// only, x fastest. Vectors that a scene does not need are empty, so that a backend can skip their work.
 struct Problem {
     std::vector<glm::dvec3> rest_position;  ///< one per particle
     std::vector<Material> materials{1};     ///< at least one
-    std::vector<std::uint8_t>
-        material;                      ///< one per particle, index into `materials`; empty: all materials[0]
-    std::vector<std::uint8_t> pinned;  ///< one per particle, 1 = does not move; empty: none is pinned
-    /// Ghost particles of a part of a body (layout/decomposition.h), which another part steps. They ascend
-    /// and are pinned.
+    std::vector<std::uint8_t> material;     ///< one per particle, index into `materials`; empty: 0 for all
+    std::vector<std::uint8_t> pinned;       ///< one per particle, 1 = does not move; empty: none is pinned
+    /// The particles of a part of a body that another part steps (layout/decomposition.h), ascending. All are
+    /// pinned.
     std::vector<std::uint32_t> ghosts;
     std::vector<glm::dvec3> load;  ///< one per particle, constant force; empty: none
     Tool tool;                     ///< if it holds particles, `load` is not empty (take_hold())
@@ -94,9 +93,9 @@ struct Problem {
     Lattice lattice;
     /// Rest length of each direction of the lattice, by mask bit.
     std::array<double, neighbour_count> rest_length{};
-    /// Stiffness of each spring group of the lattice, used while there is one material.
+    /// Stiffness of each spring group of the lattice, used if there is only one material.
     std::array<double, 3> group_stiffness{1, 1, 1};
-    /// The mask bits of the groups that are in use. No mask has a neighbour bit that is not in it.
+    /// The mask bits of all directions of the spring groups in use. Masks have no other neighbour bits.
     std::uint32_t group_bits = 0;
 
     /// Springs beyond the lattice: sutures between particles that are no grid neighbours, or all springs of
@@ -112,47 +111,48 @@ struct Problem {
         return materials[material.empty() ? 0 : material[particle]];
     }
     bool is_pinned(std::size_t particle) const { return !pinned.empty() && pinned[particle] != 0; }
-    /// Whether there are several materials: springs then take their stiffness from the two particles they
-    /// join.
+    /// Whether there are several materials: a spring then takes its stiffness from its two particles.
     bool has_materials() const { return !material.empty(); }
     bool has_gravity() const { return gravity != glm::dvec3(0); }
     bool has_tool() const { return !tool.particles.empty(); }
     /// Stiffness of the lattice spring from `particle` along `direction` to `neighbour`.
     double spring_stiffness(std::size_t particle, std::size_t neighbour, const Direction& direction) const;
-    /// The least |d|^2 that a spring's force is computed with, so that coincident particles give no NaN
-    /// (spring.h): (1e-6 of the shortest spacing, or of the shortest spring of an unstructured network)^2.
+    /// The force of a spring is computed with at least this squared distance between its ends, so that
+    /// coincident particles give no NaN (spring.h). It is (1e-6 s)^2, where s is the shortest spacing of the
+    /// lattice or, without a lattice, the shortest rest length that is not 0.
     double shortest_squared() const;
 };
 
-/// A spring at rest, as the particle i at one end sees the particle j at the other.
+/// A spring at rest, as the particle i at one end sees particle j at the other. X: rest position.
 struct RestSpring {
     glm::dvec3 offset{0};  ///< X_i - X_j
     double length = 0;     ///< l
     double deficit = 0;    ///< l^2 - |offset|^2; exactly 0 if l is the rounded |offset|
 };
-/// i is a particle of the lattice, and j is its neighbour in `direction`.
+/// How the spring from particle i of a lattice to its neighbour j in `direction` lies at rest.
 RestSpring rest_spring(const Problem& problem, const Direction& direction);
-/// i is `spring.first`.
+/// How `spring` lies at rest, seen from particle i = `spring.first`.
 RestSpring rest_spring(const Problem& problem, const Spring& spring);
 
 /// Numbers of undirected springs, each counted once.
 struct SpringCounts {
     std::array<std::uint64_t, 3> group{};  ///< face, edge, corner
-    std::uint64_t beyond = 0;              ///< of Problem::springs
+    std::uint64_t beyond = 0;              ///< size of Problem::springs
     std::uint64_t total() const { return group[0] + group[1] + group[2] + beyond; }
 };
 SpringCounts count_springs(const Problem& problem);
 
-/// Every spring once: those of the lattice by `first`, then by direction; then those beyond the lattice.
+/// Every spring once: lattice springs by `first`, then by direction; then springs beyond the lattice.
 std::vector<Spring> list_springs(const Problem& problem);
 /// The springs of list_springs() at rest, in that order. At rest a lattice spring lies along its direction.
 std::vector<RestSpring> list_rest_springs(const Problem& problem);
 
-/// The particle in each voxel, or `no_particle`.
+/// Stands for a voxel without a particle.
 inline constexpr std::uint32_t no_particle = 0xFFFFFFFFu;
+/// The particle in each voxel, or `no_particle`.
 std::vector<std::uint32_t> particle_of_voxel(const Lattice& lattice);
 
-/// Calls visit(direction) for each neighbour bit of `mask`, in the order of neighbours.h.
+/// Calls visit(direction) for each neighbour bit that is set in `mask`, in the order of neighbours.h.
 template <class Visit>
 void visit_directions(std::uint32_t mask, Visit visit) {
     constexpr std::uint32_t neighbour_bits = (1U << neighbour_count) - 1;
@@ -161,8 +161,8 @@ void visit_directions(std::uint32_t mask, Visit visit) {
         visit(by_bit[std::size_t(std::countr_zero(bits))]);
 }
 
-/// The springs of a lattice, visited without a list, which at 10^8 particles would fit into no memory. A
-/// network without a lattice has none.
+/// Visits the springs of a lattice without making a list, for which memory would not suffice at 10^8
+/// particles. Without a lattice it visits none.
 class LatticeSprings {
 public:
     explicit LatticeSprings(const Problem& problem);
@@ -170,13 +170,13 @@ public:
     /// The particle in each voxel, or `no_particle`.
     const std::vector<std::uint32_t>& particle_by_voxel() const { return particle_; }
 
-    /// Calls visit(j, direction) for each spring between particle i and a later one j, in the order of
+    /// Calls visit(j, direction) for each spring from i to a later particle j, in the order of
     /// list_springs().
     template <class Visit>
     void of(std::size_t i, Visit visit) const {
         visit_neighbours(i, later_bits, visit);
     }
-    /// Visits each neighbour j of particle i, in the order of neighbours.h.
+    /// Calls visit(j, direction) for each spring of particle i, to particle j, in the order of neighbours.h.
     template <class Visit>
     void all_of(std::size_t i, Visit visit) const {
         visit_neighbours(i, all_bits, visit);
@@ -205,7 +205,7 @@ private:
 /// The moving part of a simulation, in float64 and canonical order. A backend that keeps displacements can
 /// return them without loss.
 struct State {
-    // One per particle. Empty: all are zero, which takes no memory.
+    // One element per particle. An empty list stands for zeros and takes no memory.
     std::vector<glm::dvec3> displacement;  ///< x(t) - rest position
     std::vector<glm::dvec3> increment;     ///< x(t) - x(t - dt)
 
@@ -235,11 +235,11 @@ struct VoxelGrid {
 /// pin(), which keeps masks and list consistent.
 Problem make_lattice_problem(const VoxelGrid& grid, std::uint32_t group_bits);
 
-/// Pins the particles for which `pinned` (one per particle) is not zero.
+/// Pins the particles for which `pinned` (one per particle) is not zero, and no others.
 void pin(Problem& problem, std::vector<std::uint8_t> pinned);
 
 /// Gives the problem a tool, and loads of zero if it has none. A step adds the tool's forces to the loads, so
-/// a problem without a tool pays nothing for it.
+/// that a problem without a tool pays nothing for tools.
 void take_hold(Problem& problem, Tool tool);
 
 }  // namespace voxspring

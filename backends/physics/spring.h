@@ -1,6 +1,6 @@
-// The integrators, written once for every language and precision, and the spring force with IEEE's root, as
-// processors compute it; GPUs use that of inverse_root.h. From Rasmusson, Mosegaard and Sorensen (2008),
-// section 2, in the formulations of formulation.h.
+// The integrators, written once for every language and precision, and the spring force with an IEEE root, as
+// processors compute it. GPUs use the spring force of inverse_root.h. From Rasmusson, Mosegaard and Sorensen
+// (2008), section 2, in the formulations of formulation.h.
 #ifndef VOXSPRING_SPRING_H
 #define VOXSPRING_SPRING_H
 
@@ -10,10 +10,10 @@
 namespace VOXSPRING_PHYSICS_NAMESPACE {
 #endif
 
-/// Force density of one spring, which is its force divided by its length: k (l - |d|) / |d| with d = x_i -
-/// x_j. It is positive if the spring pushes its ends apart, and has the same bits seen from either end.
-/// `shortest_squared` keeps coincident particles finite: |d|^2 is taken to be at least that large, so the
-/// force between two particles at the same place is zero instead of NaN.
+/// Force density of one spring, which is its force divided by its length: k (l - |d|) / |d| with `offset` d =
+/// x_i - x_j. It is positive if the spring pushes its ends apart, and has the same bits seen from either end.
+/// |d|^2 is taken to be at least `shortest_squared`, so the force between two particles at the same place is
+/// zero instead of NaN.
 SHARED(Real)
 force_density(Vec3 offset, Real rest_length, Real stiffness, Real shortest_squared) {
     PRECISE Real length = sqrt(larger(dot(offset, offset), shortest_squared));
@@ -28,11 +28,10 @@ spring_force(Vec3 offset, Real rest_length, Real stiffness, Real shortest_square
     return force;
 }
 
-/// The strain density of a spring whose ends are `relative` = u_i - u_j further apart than at rest, where
-/// they were `rest_offset` = X_i - X_j apart: d = rest_offset + relative. With `rest_deficit` = l^2 - |X_i -
-/// X_j|^2, which is zero if rest is free of stress, l^2 - |d|^2 = rest_deficit - relative.(2 rest_offset +
-/// relative) and l - |d| = (l^2 - |d|^2) / (l + |d|). So no difference of nearly equal lengths is left, and
-/// the result is zero to the bit at rest.
+/// force_density() by a formula that is zero to the bit at rest. `relative` is u_i - u_j and `rest_offset`
+/// X_i - X_j, so d = rest_offset + relative. With `rest_deficit` = l^2 - |X_i - X_j|^2, which is zero if rest
+/// is free of stress, l^2 - |d|^2 = rest_deficit - relative.(2 rest_offset + relative) and l - |d| = (l^2 -
+/// |d|^2) / (l + |d|). So no difference of nearly equal lengths is left.
 SHARED(Real)
 strain_density(Vec3 relative, Vec3 rest_offset, Real rest_length, Real rest_deficit, Real stiffness,
                Real shortest_squared) {
@@ -43,7 +42,7 @@ strain_density(Vec3 relative, Vec3 rest_offset, Real rest_length, Real rest_defi
     return density;
 }
 
-/// The force of that spring on particle i.
+/// The force of the spring of strain_density() on particle i.
 SHARED(Vec3)
 strain_force(Vec3 relative, Vec3 rest_offset, Real rest_length, Real rest_deficit, Real stiffness,
              Real shortest_squared) {
@@ -52,15 +51,16 @@ strain_force(Vec3 relative, Vec3 rest_offset, Real rest_length, Real rest_defici
     return force;
 }
 
-/// Force of a tool (problem.h) on a particle that it holds. `here` and `here_low` are the particle's place,
-/// `anchor` is where it was when the tool took hold, and `moved` is how far the tool has moved since then.
+/// Force of a tool (problem.h) on a particle that it holds. `here` + `here_low` is the particle's place,
+/// `anchor` is its place when the tool took hold, and `moved` is how far the tool has moved since then.
 SHARED(Vec3)
 hold_force(Vec3 anchor, Vec3 here, Vec3 here_low, Vec3 moved, Real stiffness) {
     PRECISE Vec3 force = (((anchor - here) - here_low) + moved) * stiffness;
     return force;
 }
 
-/// Stiffness of a spring between two materials: half of each spring in series, 2 / (1/k_a + 1/k_b).
+/// Stiffness of a spring between two materials: half a spring of each in series, 2 / (1/k_a + 1/k_b). A
+/// compliance is 1 / k.
 SHARED_SCALAR(Real)
 series_stiffness(Real compliance_a, Real compliance_b) { return Real(2) / (compliance_a + compliance_b); }
 

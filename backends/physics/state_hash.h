@@ -1,8 +1,8 @@
 // The hash by which a device tells whether two of its states have the same bits, for C++, CUDA and GLSL.
 //
 // Each word of 32 bits is mixed with its place, and the results are added up. The sum does not depend on the
-// order in which threads add. At one place different words always give different results, so a single wrong
-// word always shows. Two sums, each with a seed, make up the hash.
+// order in which threads add. Different words at one place always give different results, so a single wrong
+// word always shows. The hash consists of two sums, each with its seed.
 #ifndef VOXSPRING_STATE_HASH_H
 #define VOXSPRING_STATE_HASH_H
 

@@ -1,15 +1,15 @@
-// Rounding to a backend's precision for code that goes on to use what the rounding lost.
+// Rounds numbers to a backend's precision, for code that goes on to use what the rounding lost.
 //
-// GCC 12 drops double(float(x)) of two neighbouring numbers at -O2 and -O3: its vectoriser of straight-line
-// code takes the two conversions for none. Then x - double(float(x)) is 0. Plain conversions are safe if
-// nothing is widened again.
+// At -O2 and -O3, the vectoriser of GCC 12 for straight-line code leaves out both conversions of
+// double(float(x)) if they are done for two neighbouring numbers. Then x - double(float(x)) is 0. A plain
+// conversion to float is safe if its result is not widened again.
 #pragma once
 
 #include <glm/vec3.hpp>
 
 namespace voxspring {
 
-/// `value` rounded to Real. An optimiser must not omit an access to a volatile object.
+/// `value` rounded to Real. The volatile object keeps an optimiser from leaving the rounding out.
 template <class Real>
 double stored_as(double value) {
     const volatile Real stored = Real(value);
@@ -20,7 +20,7 @@ glm::dvec3 stored_as(const glm::dvec3& v) {
     return {stored_as<Real>(v.x), stored_as<Real>(v.y), stored_as<Real>(v.z)};
 }
 
-/// What the rounding lost: value = Real(value) + lost_by<Real>(value), exactly.
+/// What rounding `value` to Real loses: value = Real(value) + lost_by<Real>(value), exactly.
 template <class Real>
 double lost_by(double value) {
     return value - stored_as<Real>(value);

@@ -13,7 +13,7 @@ namespace voxspring::layout {
 struct BrickShape {
     int tx, ty, tz;
     int wx, wy, wz;
-    /// Bricks have neighbours on both sides along x. If false, they have them only on the side where X ends.
+    /// Whether bricks may have neighbours on both sides along x. If not, only where X ends.
     bool both;
     int row_pad, plane_pad;  ///< padding words that put lanes into different banks
 
@@ -42,7 +42,7 @@ struct BrickShape {
     VOXSPRING_HOST_DEVICE constexpr int axis() const { return (nz() + 2) * plane(); }
     /// Number of words in each half of the memory for points. Steps alternate between the two halves.
     VOXSPRING_HOST_DEVICE constexpr int half() const { return 3 * axis(); }
-    /// A word before the first row, where X = -1 may be read.
+    /// One word before the first row, since the point at X = -1 may be read there.
     static constexpr int guard = 1;
     VOXSPRING_HOST_DEVICE constexpr int shared_words() const { return guard + 2 * half(); }
     VOXSPRING_HOST_DEVICE constexpr int shared_bytes() const { return int(sizeof(float)) * shared_words(); }
@@ -60,13 +60,12 @@ struct BrickShape {
         return slot(X / tx, X % tx, Y, Z);
     }
 
-    /// The sides of a tile, as bits, that the way to its neighbour (i, j, k) crosses; only sides at which a
-    /// body may end count. Beyond j = -1 and k = -1 the body goes on, since tiles are mirrored there
-    /// (TilePlace).
+    /// The sides of a tile, as bits, that the way from the tile to point (i, j, k) crosses. Only sides at
+    /// which the body may end count. At j = -1 and k = -1 it goes on, since tiles are mirrored (TilePlace).
     VOXSPRING_HOST_DEVICE constexpr std::uint32_t crossed(int i, int j, int k) const {
         return (i < 0 ? 1U : 0U) | (i == tx ? 2U : 0U) | (j == ty ? 4U : 0U) | (k == tz ? 8U : 0U);
     }
-    static constexpr std::uint32_t sides = 4;  ///< number of sides that crossed() tells apart
+    static constexpr std::uint32_t sides = 4;  ///< number of bits of crossed()
 
     /// The number of a particle in its tile.
     VOXSPRING_HOST_DEVICE constexpr int number(int i, int j, int k) const { return (k * ty + j) * tx + i; }
@@ -91,11 +90,11 @@ struct TilePlace {
     int sy, sz;               ///< slots from one j to the next, and from one k to the next
     int dx, dy, dz;           ///< 1, or -1 where i, j or k runs against the lattice
     int x, y, z;              ///< voxel of the tile's particle (0, 0, 0)
-    std::uint32_t published;  ///< one bit for each particle at the border of the brick
+    std::uint32_t published;  ///< bit number(i, j, k): the particle is at a border of the brick
 
     VOXSPRING_HOST_DEVICE TilePlace(BrickShape shape, const BrickBlock& block, int thread) {
-        // Rows of tiles that follow each other along z belong to successive threads. plane_pad keeps their
-        // banks apart.
+        // Rows of tiles that follow each other along z belong to successive threads. plane_pad separates
+        // their banks.
         const int tile_x = thread % shape.wx, tile_z = thread / shape.wx % shape.wz,
                   tile_y = thread / (shape.wx * shape.wz);
         const bool turned_y = is_mirrored(tile_y, shape.wy, (block.sides & brick_low_y) != 0),
@@ -138,7 +137,8 @@ struct TilePlace {
 private:
     static VOXSPRING_HOST_DEVICE bool is_mirrored(int tile, int tiles, bool low) {
         if (tiles == 1) return low;
-        // Every other tile is chosen, so that lanes beside each other in y or z are in different banks.
+        // If the number of tiles is even, every other one is mirrored, so that lanes beside each other in y
+        // or z are in different banks.
         return tiles % 2 == 0 ? tile % 2 == 0 : tile == 0;
     }
     static VOXSPRING_HOST_DEVICE bool at_side(std::uint32_t sides, int at, int size) {
@@ -146,8 +146,8 @@ private:
     }
 };
 
-/// A poller with no more polls than kept_polls keeps them in registers and looks all of them up at once.
-/// Others look up polls_in_turn at a time.
+/// A poller, a thread that waits for points of other blocks, looks up all its polls at once and keeps them in
+/// registers if it has fewer than kept_polls. Other pollers look up polls_in_turn at a time.
 inline constexpr int kept_polls = 10, polls_in_turn = 6;
 
 /// A point that a block needs from another block.
@@ -157,9 +157,9 @@ struct alignas(8) BrickPoll {
     bool operator==(const BrickPoll&) const = default;
 };
 
-/// The bits of a thread's masks, from the lowest on: one per spring of visit_brick_springs(), first those
-/// visited with `late` false; one per particle of the tile, set if it moves; and one per particle, set if it
-/// exists. After the words of bits comes one word, a TileSides.
+/// The bits of a thread's masks, from the lowest on: one per spring of visit_brick_springs(), first the
+/// `early` ones, visited with `late` false; one per particle of the tile, set if it moves; and one per
+/// particle, set if it exists. After the words of bits comes one word, a TileSides.
 struct BrickMask {
     int early, springs, particles;
     VOXSPRING_HOST_DEVICE constexpr int moves(int n) const { return springs + n; }
@@ -169,9 +169,9 @@ struct BrickMask {
     VOXSPRING_HOST_DEVICE constexpr int words_in_all() const { return words() + 1; }
 };
 
-/// A summary of the masks of a thread whose tile is full and has all springs, except those across some of its
-/// sides. `plain`: the thread is of this kind; otherwise no bit is set. Bit number n: the tile has the
-/// springs for which BrickShape::crossed() is n.
+/// Summarises the masks of a thread. Bit `plain`: the tile is full and has all springs, except those across
+/// some of its sides. Otherwise no bit is set. Bit n: the tile has the springs for which
+/// BrickShape::crossed() is n.
 struct TileSides {
     static constexpr std::uint32_t plain = 1U << 31U;
     std::uint32_t bits;
@@ -190,7 +190,7 @@ struct BrickStep : MarchStep<float> {
     const BrickPoll* polls;      ///< rounds x blocks x pollers
     /// 2 x `axis` points: two halves, between which steps alternate, each indexed by lattice element.
     TaggedPoint* exchange;
-    float* increments;  ///< BrickTile::increment_words per block, if they are not in registers
+    float* increments;  ///< if not in registers: BrickTile::increment_words per block
     /// How many blocks have read the state with which their launch starts, counted over all launches.
     std::uint32_t* started_blocks;
     WaitLimit wait;

@@ -9,8 +9,8 @@ namespace voxspring::layout {
 /// Particles per slice: those that a warp steps.
 inline constexpr int slice_particles = 32;
 
-/// The eight rows of particles around a particle's own row, by (dy, dz). The four rows that share a face with
-/// it come first.
+/// The eight rows of particles around a particle's own row, by (dy, dz). The four that share a face with it
+/// come first.
 inline constexpr int row_count = 8;
 // clang-format off
 #define NEIGHBOUR_ROWS(X) \
@@ -27,10 +27,10 @@ VOXSPRING_HOST_DEVICE constexpr int row_number(int dy, int dz) {
     return number;
 }
 
-/// What the particles of a slice share (delta.h).
+/// What the particles of a slice share (cuda/kernels/delta.h).
 struct alignas(16) Slice {
     std::int32_t list;     ///< index of the list of the particle before the slice; -1: there is none
-    std::uint32_t starts;  ///< bit l: the list of particle l is the one after that of the particle before it
+    std::uint32_t starts;  ///< bit l: particle l begins the next list, which those after it share
     /// Where the slice's springs beyond the lattice begin, counted in slots. A slot has slice_particles
     /// elements.
     std::uint32_t off_lattice_begin;
@@ -39,14 +39,14 @@ struct alignas(16) Slice {
     bool operator==(const Slice&) const = default;
 };
 
-/// Four rows of a list of deltas (delta.h).
+/// The deltas of four rows (RowDeltas).
 struct alignas(16) FourDeltas {
     std::int32_t row[4];
     bool operator==(const FourDeltas&) const = default;
 };
 
 /// What to add to a particle's index to get the index of its neighbour at dx = 0 in each row. All particles
-/// of a run share these numbers. The neighbours at dx = -1 and dx = 1 have indices one less and one more.
+/// of a run share these numbers. The neighbours at dx = -1 and dx = 1 have the indices before and after that.
 struct alignas(16) RowDeltas {
     FourDeltas rows[2];
     /// Bit r: row r has neighbours at dx = -1 and dx = 1 but none at dx = 0. The neighbour at dx = 1 then has
@@ -63,11 +63,10 @@ struct DeltaStep : ImplicitStep<Real> {
     const Slice* slices;
     const RowDeltas* lists;
     // Springs beyond the lattice. Null: there are none. Slot s of particle l of a slice is element
-    // (off_lattice_begin + s) slice_particles + l. An unused slot names its own particle and has no
-    // stiffness.
+    // (off_lattice_begin + s) slice_particles + l. An unused slot names its own particle, at stiffness 0.
     const std::uint32_t* off_lattice_neighbour;
     const SpringConstants<Real>* off_lattice_constants;
-    const SpringRest<Real>* off_lattice_rest;  ///< null in the formulation `position`
+    const SpringRest<Real>* off_lattice_rest;  ///< null in formulations on positions
     bool operator==(const DeltaStep&) const = default;
 };
 

@@ -11,7 +11,7 @@ struct alignas(8) EditedWord {
     std::uint32_t word, bits;
 };
 
-/// New lists of some particles, `shape.slots` slots per particle, one particle after the other.
+/// New lists of some particles, one after the other, each with as many slots as the lists on the device.
 template <class Real>
 struct EditedRows {
     const std::uint32_t* particle;
@@ -19,7 +19,7 @@ struct EditedRows {
     const std::uint32_t* neighbour;
     const SpringConstants<Real>* constants;    ///< null without a secondary list
     const SpringRest<Real>* off_lattice_rest;  ///< null if there is no such list
-    bool squared;                              ///< whether rest lengths are squares that have to be measured
+    bool squared;  ///< rest lengths are squares, from which the kernel measures lengths
 };
 
 /// A slice after an edit.

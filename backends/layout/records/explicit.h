@@ -26,24 +26,24 @@ struct ExplicitStep {
     int particles;
     std::uint32_t group_bits;
     ListShape shape;
-    /// Indices of neighbours. In formulations on displacements each has a direction code (neighbours.h).
+    /// Indices of neighbours. In formulations on displacements each has a direction code too (neighbours.h).
     const std::uint32_t* neighbour;
-    const SpringConstants<Real>* constants;  ///< the secondary list; null if groups suffice
+    const SpringConstants<Real>* constants;  ///< the secondary list; null if the constants of groups suffice
     /// Without a secondary list: the slot at which each group begins in a particle's list, and the constants
     /// of the group's springs.
     std::uint32_t first_slot[3];
     Real stiffness[3], rest_length[3];
     SpringRest<Real> rest[direction_codes];  ///< how springs lie at rest, by direction code
-    /// How springs whose code is OWN_DIRECTION lie at rest, by slot; null: there are none.
+    /// How springs whose code is OWN_DIRECTION lie at rest, by list element; null: there are none.
     const SpringRest<Real>* off_lattice_rest;
     Motion<Real> motion;
     bool operator==(const ExplicitStep&) const = default;
 };
 
-/// With a secondary list a particle's bits count its springs.
+/// The bits of a particle that count its springs, if there is a secondary list.
 inline constexpr std::uint32_t list_count_bits = NEIGHBOUR_BITS;
 
-/// Without a secondary list a particle's bits count its springs in each group.
+/// How the bits of a particle count its springs in each group, if there is no secondary list.
 struct GroupCounters {
     static VOXSPRING_HOST_DEVICE std::uint32_t shift(int group) {
         return group == 0 ? 0 : group == 1 ? 3 : 7;

@@ -9,7 +9,7 @@ namespace voxspring::layout {
 template <class Real>
 struct alignas(4 * sizeof(Real)) FedWord {
     Vector<Real>
-        rest;  ///< to subtract from its place: the rest position, or 0 for a displacement (formulation.h)
+        rest;  ///< subtracted to get a displacement: the rest position, or 0 if displacements are stored
     std::uint32_t word;
     bool operator==(const FedWord&) const = default;
 };

@@ -13,9 +13,10 @@ struct alignas(16) BlockOrigin {
     bool operator==(const BlockOrigin&) const = default;
 };
 
-/// The active blocks: this step takes the blocks in the list `now`, and fills the list `next` for the next
-/// step. A block's place is its number in the grid of blocks. The grid has a frame around the lattice, so
-/// that each block has 26 neighbouring places. A place without particles stays marked.
+/// The blocks that are not at rest: this step takes the blocks in the list `now`, and fills the list `next`
+/// for the next step. A block's place is its number in the grid of blocks. The grid has a frame around the
+/// lattice, so that each block has 26 neighbouring places. A place without particles stays marked, so it is
+/// never listed.
 struct ActiveBlocks {
     int row, slice;          ///< places from a block to the next one along y, and along z
     const BlockOrigin* now;  ///< origins of the blocks to step, in any order

@@ -1,5 +1,5 @@
-// Pragmas before a loop. UNROLLED repeats its body, so that arrays that it indexes may be in registers;
-// ROLLED does not.
+// Pragmas before a loop. UNROLLED repeats the body of the loop, so that arrays that the body indexes may be
+// in registers. ROLLED keeps the loop.
 #pragma once
 
 #ifdef __CUDACC__

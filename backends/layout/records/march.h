@@ -64,8 +64,7 @@ struct MarchShape {
 struct alignas(16) MarchItem {
     int x, y, begin, end;
     /// Index in MarchStep::words of the item's first mask word. For each plane from `begin` to `end`
-    /// (inclusive) there is one word per thread (PlaneMask). If all warps have full stencils, there are no
-    /// words.
+    /// (inclusive) there is one word per thread (PlaneMask). If all warps have full stencils, there is none.
     std::size_t words;
     /// One bit per warp: all its particles exist, move and have every spring, except springs that would leave
     /// the lattice at its first or last column or plane.
@@ -90,20 +89,21 @@ struct MarchStep {
     const MarchItem* items;
     const std::uint64_t* words;
     Vector<Real> spacing;
-    /// By increments the rest length, otherwise 1 / rest length as inverse_root() computes it.
+    /// In formulations by increments the rest length, otherwise 1 / rest length as inverse_root() computes
+    /// it.
     Real rest_length[spring_classes];
     Real deficit[spring_classes];  ///< RestSpring::deficit
-    /// By increments the stiffness of each class, otherwise stiffness times rest length. If this is the same
-    /// for all edge springs (EQUAL_EDGES), all classes are in units of it.
+    /// In formulations by increments the stiffness of each class, otherwise stiffness times rest length. If
+    /// this number is equal for all edge springs (the kernel's EQUAL_EDGES), it is the unit for all classes.
     Real stiffness[spring_classes];
-    Real scale;            ///< that unit, or 1, times dt^2 / mass
+    Real scale;            ///< the unit of `stiffness`, or 1, times dt^2 / mass
     Vector<Real> gravity;  ///< times dt^2
     Real damping, retained;
     Real shortest_squared;
     bool operator==(const MarchStep&) const = default;
 };
 
-/// L2 may be told to keep some planes of every `kept_of` successive ones (MarchPlan::kept_planes).
+/// The L2 cache may be told to keep MarchPlan::kept_planes of every `kept_of` successive planes.
 inline constexpr int kept_of = 8;
 
 /// A CUtensorMap: x, y, z of a lattice and the three axes of its vectors as one tensor.
@@ -112,8 +112,7 @@ struct alignas(128) TensorMap {
     bool operator==(const TensorMap&) const = default;
 };
 
-/// What a step reads where the threads fill the windows themselves: x or u at t, and what the step
-/// overwrites.
+/// What a step reads if threads, not a copy engine, fill windows: x or u at t, and what it overwrites.
 template <class Real>
 struct MarchArrays {
     const Real* positions;
@@ -121,8 +120,8 @@ struct MarchArrays {
     bool operator==(const MarchArrays&) const = default;
 };
 
-/// What a step writes: x or u at t + dt, and v in place. The formulations `position` and `displacement`
-/// overwrite x or u at t - dt.
+/// What a step writes: x or u at t + dt and, in formulations by increments, v in place. In the formulations
+/// `position` and `displacement`, `next` holds x or u at t - dt before the step.
 template <class Real>
 struct MarchOutput {
     Real* next;
@@ -140,10 +139,11 @@ struct PlaneMask {
 };
 
 /// Visits every spring that a thread evaluates when a plane arrives, each with its bit. Particles are named
-/// by plane (1: the one that arrived, 0: the one before), row and column; a thread's particles are in rows 0
-/// to rows - 1 of columns 0 and 1. visit.both(bit, ...) is a spring between two of them. visit.half(bit, ...)
-/// is a spring to a neighbour, whose thread evaluates it too. If there are two rows, a thread evaluates 13.5
-/// springs per particle. If each particle evaluated all of its springs, it would be 18.
+/// by plane (1: the one that arrived, 0: the one before), row and column. The thread's particles are in rows
+/// 0 to rows - 1 of columns 0 and 1. visit.both(bit, ...) is a spring between two of them. visit.half(bit,
+/// ...) is a spring from one of them to a particle of another thread, which evaluates the spring too. If
+/// there are two rows, a thread evaluates 13.5 springs per particle. If each particle evaluated all of its
+/// springs, it would be 18.
 template <int rows, class Visit>
 VOXSPRING_HOST_DEVICE void visit_springs(Visit& visit) {
     int bit = 0;

@@ -1,16 +1,16 @@
-// What moves particles besides springs, and where a step writes them.
+// What moves particles besides springs, and the arrays that a step writes.
 #pragma once
 
 #include "backends/layout/records/particle.h"
 
 namespace voxspring::layout {
 
-/// What moves every particle besides springs.
+/// What moves particles besides springs, with their masses.
 template <class Real>
 struct Motion {
     Vector<Real> gravity;
-    Real inverse_mass;           ///< the same for all particles; used if inverse_masses is null
-    const Real* inverse_masses;  ///< one per word
+    Real inverse_mass;           ///< 1 / mass of every particle, if inverse_masses is null
+    const Real* inverse_masses;  ///< 1 / mass, one per word; null: all particles have one mass
     const Vector<Real>* load;    ///< constant force, one per word; null: none
     Real damping;                ///< lambda
     Real retained;               ///< 1 - lambda
@@ -23,10 +23,10 @@ struct Motion {
 /// What a step writes.
 template <class Real>
 struct Output {
-    /// x or u at t + dt. Before the step it holds x or u at t - dt (`position` and `displacement`).
+    /// x or u at t + dt. Before the step, in `position` and `displacement`, x or u at t - dt.
     ParticleRecord<Real>* next;
     ParticleRecord<Real>* next_low;  ///< low parts of `next` (`compensated`)
-    /// v, by increments: x of all words, then y, then z, `pitch` apart. A step overwrites it in place.
+    /// In formulations by increments v: x of all words, then y, then z, `pitch` apart. A step overwrites it.
     Real* increment;
     Real* increment_low;
     std::size_t pitch;

@@ -1,5 +1,5 @@
-// A particle in memory: a vector, and the word that holds a position and its bits. Like all of this folder
-// this is read by C++ and NVRTC.
+// A particle in memory: a vector, and the word that holds a position and its bits. C++ and NVRTC read this
+// file, like all files of this folder.
 #pragma once
 
 #include <cstddef>
@@ -35,7 +35,7 @@ VOXSPRING_HOST_DEVICE Vector<Real> fused(Vector<Real> a, Real s, Vector<Real> b)
     return {std::fma(a.x, s, b.x), std::fma(a.y, s, b.y), std::fma(a.z, s, b.z)};
 }
 
-/// The upper half of float64's 1 (shaders/words.glsl).
+/// The upper 32 bits of 1.0 in float64 (shaders/words.glsl).
 inline constexpr std::uint32_t upper_half_of_one = 0x3FF00000u;
 
 /// A position (or displacement; formulation.h) and the bits that go with it, in one word of 16 or 32 bytes.
@@ -43,8 +43,8 @@ inline constexpr std::uint32_t upper_half_of_one = 0x3FF00000u;
 /// case with ACTIVE_BIT and PINNED_BIT of neighbours.h. A word of low parts has no bits.
 ///
 /// Shaders and kernels move words as vectors of numbers, and the fourth number has the bits. It is a normal
-/// number, which no hardware flushes to zero: in float32 by ACTIVE_BIT, in float64 by the exponent of one in
-/// the upper half. particle_bits() are those in the lower half.
+/// number, which no hardware flushes to zero: in float32 by ACTIVE_BIT; in float64 because the upper half of
+/// `bits` is that of 1.0, and particle_bits() is the lower half.
 template <class Real>
 struct alignas(16) ParticleRecord {
     using Bits = std::conditional_t<sizeof(Real) == 4, std::uint32_t, std::uint64_t>;

@@ -13,8 +13,8 @@ struct alignas(16) TaggedPoint {
     std::uint32_t tag;
 };
 
-/// Kinds of border of a warp. Kind 2 y + z is Across<y, z>: only springs in its directions wait for points of
-/// other blocks. mixed_border: all springs of the warp wait.
+/// Kinds of border of a warp: which of its springs wait for points of other blocks. Kind 2 y + z, with y and
+/// z 0 or 1: those at dy = 1 if y is 1, and those at dz = 1 if z is 1 (Across<y, z>). mixed_border: all.
 inline constexpr int mixed_border = 4;
 inline constexpr int border_kinds = 5;
 /// Across has borders at dy = 1 and dz = 1 only. A warp with a border at dy = -1 is mirrored along y: in its
@@ -49,16 +49,17 @@ inline constexpr std::uint16_t pinned_slot = 1U << 15;
 /// Marks a lane without a particle, or a poll without a point.
 inline constexpr std::uint32_t resident_none = 0xFFFFFFFFu;
 
-/// Set in ResidentStep::polled_word if the poll is of a ghost that this poller stores in memory at the end of
-/// a launch. It is set for one poll of each ghost.
+/// Set in ResidentStep::polled_word if the poller that polls this ghost also stores it in memory at the end
+/// of a launch. Of the polls of one ghost, one has this bit.
 inline constexpr std::uint32_t keeps_ghost = 1U << 31;
 inline constexpr std::uint32_t resident_word_bits = keeps_ghost - 1;
 
 /// Set in ResidentLinks::sent if the point goes to the second of the two neighbours.
 inline constexpr std::uint32_t second_neighbour = 1U << 31;
 
-/// The block that waited in vain, and the step that it waited for, counted from the first step that the
-/// tables were made for. Both are packed into one word of 64 bits, so that they are written together.
+/// The block that waited in vain, and the step that it waited for, counted from the latest upload. If it
+/// waited for another part of the body, `step` is the number of the message. Both are packed into one word of
+/// 64 bits, so that they are written together.
 struct ResidentStall {
     std::uint32_t block, step;
     static constexpr std::uint64_t set = std::uint64_t(1) << 63;
@@ -85,16 +86,15 @@ struct ResidentStep : ImplicitStep<float> {
     /// Index in `exchange`, if other blocks need the particle; otherwise resident_none.
     const std::uint32_t* published;
     const std::uint16_t* own_slot;
-    /// Per mask bit (slot_index()): the slot of the neighbour, or the lane's own slot if there is no
-    /// neighbour.
+    /// Per mask bit (slot_index()): the slot of the neighbour, or the lane's own slot if there is none.
     const std::uint16_t* slot;
-    const std::uint8_t* border;  ///< one per warp: kind of border and how it is mirrored
-    // Arrays with one element per poll, in all poller_rounds x blocks x pollers:
+    const std::uint8_t* border;  ///< one per warp: its kind of border, and how the warp is mirrored
+    // Arrays with one element per poll, in all rounds x blocks x pollers:
     const std::uint32_t* polled;       ///< index in `exchange`
     const std::uint32_t* polled_word;  ///< index of the polled particle's word
     const std::uint16_t* polled_slot;
     std::uint32_t lane_count;  ///< number of lanes of all blocks together
-    /// Points in each half of `exchange`; steps alternate between the halves.
+    /// The number of points in each half of `exchange`. Steps alternate between the halves.
     std::uint32_t published_count;
     TaggedPoint* exchange;  ///< 2 x published_count points
     /// How many blocks have read the state with which their launch starts, counted over all launches.
@@ -113,7 +113,7 @@ struct HeldResidentStep : ResidentStep {
     const HeldWord<float>* held;
     ToolState<float> tool;     ///< where the tool is, in ToolMode::launch
     HeldForce<float>* forces;  ///< the tool's forces in the last step of a launch
-    TickLine line;             ///< for ToolMode::ticks
+    TickLine line;             ///< used in ToolMode::ticks
 };
 
 /// The exchange array of a neighbouring part of the body. It may be in another device's memory.

@@ -11,9 +11,9 @@ template <class Real>
 struct ScatterStep {
     int particles;
     std::uint32_t group_bits;
-    /// Slots of each array; a slot whose stiffness is 0 is empty.
+    /// The number of slots in each array. A slot whose stiffness is 0 is empty.
     std::size_t springs;
-    /// In formulations on displacements `second` has a direction code, as seen from `first` (neighbours.h).
+    /// In formulations on displacements `second` also has a direction code, seen from `first` (neighbours.h).
     const SpringEnds* ends;
     const SpringConstants<Real>* constants;
     SpringRest<Real> rest[direction_codes];  ///< how springs lie at rest, by direction code

@@ -10,11 +10,11 @@ template <class Real>
 struct alignas(2 * sizeof(Real)) SpringConstants {
     Real stiffness;
     /// The rest length as unit_pull() takes it. If the device has to measure it with measured_length(), the
-    /// square of the rest length stands here until then (calibrate_rest_lengths).
+    /// square of the rest length is stored here until then (calibrate_rest_lengths).
     Real rest_length;
 };
 
-/// How the ends of a spring lie at rest: RestSpring (problem.h) of particle i and its neighbour j.
+/// How the ends i and j of a spring lie at rest: RestSpring (problem.h), but with the offset from i to j.
 template <class Real>
 struct alignas(4 * sizeof(Real)) SpringRest {
     Vector<Real> offset;  ///< X_j - X_i

@@ -10,7 +10,7 @@ inline constexpr std::uint32_t term_damping = 2;
 inline constexpr std::uint32_t term_gravity = 4;
 inline constexpr std::uint32_t term_pins = 8;
 inline constexpr std::uint32_t term_loads = 16;
-inline constexpr std::uint32_t term_off_lattice_rests = 32;  ///< springs beyond the lattice, on displacements
+inline constexpr std::uint32_t term_off_lattice_rests = 32;  ///< rest offsets of springs off the lattice
 /// Threads skip the tests of mask bits if no particle of their warp lacks a neighbour.
 inline constexpr std::uint32_t term_full_stencil = 128;
 /// Springs beyond the lattice in the kernel of delta-compressed lists (delta.h).

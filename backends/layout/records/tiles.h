@@ -23,7 +23,7 @@ VOXSPRING_HOST_DEVICE constexpr int tile_x(int n) { return n & 1; }
 VOXSPRING_HOST_DEVICE constexpr int tile_y(int n) { return n >> 1 & 1; }
 VOXSPRING_HOST_DEVICE constexpr int tile_z(int n) { return n >> 2; }
 
-/// How many rows of tiles lie around a tile's own row, and the number of the row at (dy, dz) among them.
+/// The number of rows of tiles around a tile's own row. tile_row(): which of them is at (dy, dz).
 inline constexpr std::uint32_t tile_rows = 8;
 VOXSPRING_HOST_DEVICE constexpr std::uint32_t tile_row(int dy, int dz) {
     const int row = 3 * (dz + 1) + dy + 1;
@@ -38,7 +38,7 @@ struct TileRow {
     static VOXSPRING_HOST_DEVICE constexpr TileRow make(std::uint32_t tile, bool beside) {
         return {tile << 1 | (beside ? 1U : 0U)};
     }
-    /// The number of the neighbour at `dx`, provided that the neighbour is active.
+    /// The number of the neighbour at `dx` in this row. That neighbour must be active.
     VOXSPRING_HOST_DEVICE constexpr std::uint32_t at(int dx) const {
         const std::uint32_t tile = entry >> 1;
         return dx < 0 ? tile - 1 : dx == 0 ? tile : tile + (entry & 1U);

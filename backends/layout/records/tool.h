@@ -23,7 +23,7 @@ struct alignas(4 * sizeof(Real)) HeldForce {
 /// The present state of the tool.
 template <class Real>
 struct alignas(16) ToolState {
-    Vector<Real> moved;
+    Vector<Real> moved;  ///< how far the tool has moved since it took hold
     Real stiffness;
 };
 
