@@ -1,5 +1,5 @@
 // One cooperative launch for thousands of steps. Every block keeps a brick of the lattice in shared memory,
-// and every thread owns a tile of particles in it. What crosses the border of a brick goes through L2.
+// and every thread owns a tile of particles in it. Points that cross the border of a brick go through L2.
 #include <algorithm>
 #include <memory>
 #include <optional>
@@ -21,7 +21,7 @@ std::string name_of(const BrickTileSize& size) {
     return std::to_string(size.x) + "x" + std::to_string(size.y) + "x" + std::to_string(size.z);
 }
 
-/// The size that the tuning parameter names, or none if any size is allowed.
+/// The tile size that the tuning parameter names, or none for `auto`, which allows any size.
 std::optional<BrickTileSize> size_of(const std::string& tuned) {
     for (const BrickTileSize& size : brick_tile_sizes()) {
         if (name_of(size) == tuned) return size;
@@ -36,7 +36,7 @@ std::uint64_t exchange_bytes(const Lattice& lattice) {
 
 /// An upper bound of the device memory: state, exchange, masks, polls and increments. It assumes that all
 /// tiles are half empty, that there are as many polls as particles, and that increments are in memory. The
-/// masks of a tile have 18 springs and two more bits per particle, and one more word.
+/// masks of a tile have 20 bits per particle, of which 18 are for springs, and one more word.
 std::uint64_t bricks_bytes(const Problem& problem, const Options& options) {
     constexpr std::uint64_t tables = 16 + sizeof(BrickPoll);
     const std::uint64_t increments = by_increments(options.formulation) ? 2 * sizeof(Vector<float>) : 0;
@@ -120,8 +120,8 @@ private:
         source.macros["BLOCKS"] = "1";
         source.macros["POLLERS"] = std::to_string(plan_.pollers);
         source.macros["ROUNDS"] = std::to_string(layout_->rounds());
-        // By measurement, plain code makes a step 7% shorter where threads have 3 particles, but up to 4%
-        // longer where they have 8 or 18. If some blocks need masks it gains nothing, because each block
+        // Code without masks was measured to make a step 7% shorter where threads have 3 particles, but up to
+        // 4% longer where they have 8 or 18. If some blocks need masks it gains nothing, because each block
         // waits for the slowest one.
         const bool has_plain_code = s.tile() <= 4 && layout_->all_plain();
         source.macros["PLAIN_BLOCKS"] = has_plain_code ? "1" : "0";
@@ -192,8 +192,8 @@ private:
     Buffer<float> increments_;
     Staging<EditedWord> staging_;
     JointLaunch joint_;
-    /// The latest plan and the body that it was made for. refused() and the upload after it ask for the same
-    /// plan.
+    /// The latest plan and the body that it was made for. refused() and the upload after refused() need the
+    /// same plan.
     struct Planned {
         glm::ivec3 dims;
         std::vector<std::uint32_t> voxel;
@@ -202,7 +202,7 @@ private:
     mutable std::optional<Planned> latest_;
 };
 
-/// The tile sizes by name. With auto plan_bricks() chooses the size.
+/// Values of the tuning parameter `tile`. With `auto`, plan_bricks() chooses the size.
 TuningValues tile_names() {
     TuningValues names{"auto"};
     for (const BrickTileSize& size : brick_tile_sizes()) names.push_back(name_of(size));

@@ -1,4 +1,4 @@
-// Neighbour lists compressed to what changes along a run of particles.
+// Explicit addressing by delta-compressed neighbour lists, which runs of particles share (kernels/delta.h).
 #include <memory>
 #include <optional>
 
@@ -32,8 +32,8 @@ std::uint64_t delta_bytes(const Problem& problem, Formulation formulation) {
            roomy(off_lattice.columns()) * column_bytes<Real>(formulation);
 }
 
-/// An upper bound of delta_bytes() that needs no lists: every particle begins a list, and every end of a
-/// spring beyond the lattice takes a chunk of columns.
+/// An upper bound of delta_bytes(), computed without making the lists. It assumes that every particle begins
+/// a list, and that every end of a spring beyond the lattice takes a chunk of columns.
 template <class Real>
 std::uint64_t max_delta_bytes(const Problem& problem, Formulation formulation) {
     const Placement placement = place_guarded(problem);

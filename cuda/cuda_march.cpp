@@ -22,7 +22,7 @@ namespace {
 
 constexpr int first_with_async_copies = 80, first_with_tensor_copies = 90;
 
-/// The tiles that the tuning parameter allows. The list is empty if it names a tile that the precision lacks.
+/// The tiles that `tuned`, the tuning parameter, allows. None if it names a tile that the precision lacks.
 std::vector<MarchTile> tiles_of(const std::string& tuned, Precision precision) {
     std::vector<MarchTile> tiles = march_tiles(precision);
     if (tuned != "auto") std::erase_if(tiles, [&](const MarchTile& tile) { return tile.name != tuned; });
@@ -48,7 +48,7 @@ decltype(&cuTensorMapEncodeTiled) encode_function() {
     return reinterpret_cast<decltype(&cuTensorMapEncodeTiled)>(function);
 }
 
-/// A map for boxes of width x height voxels of one plane, with all three axes of the vectors at `data`.
+/// A map by which one copy fetches a box of width x height voxels of one plane, all three axes, from `data`.
 template <class Real>
 TensorMap tensor_map(Real* data, const Lattice& lattice, const SoaStrides& axes, int width, int height) {
     static const auto encode = encode_function();
@@ -165,8 +165,8 @@ private:
     using AxesBackend<Real>::precision;
 
     bool gives_borders() const override { return true; }
-    /// A thread sums forces by pairs of columns and of rows. Parts that are cut across x or y would have
-    /// other pairs.
+    /// Throws Unavailable unless the particles lie in one plane of constant z. A thread sums forces by pairs
+    /// of columns and of rows, and parts that are cut across x or y would have other pairs.
     void check_border(const std::vector<std::uint32_t>& particles) const {
         const Lattice& lattice = this->problem().lattice;
         const auto plane = [&](std::uint32_t i) { return lattice.coordinates(lattice.voxel[i]).z; };
@@ -223,10 +223,10 @@ private:
         bool operator==(const Launch&) const = default;
     };
 
-    /// Continues with `launch` and a new plan.
+    /// Makes the next steps use `launch` with the items and masks of `plan`.
     void resume(const MarchPlan& plan, Launch launch) {
         predicted_seconds_ = plan.seconds;
-        this->synchronize();  // work under way may still read the old plan
+        this->synchronize();  // enqueued steps may still read the old plan
         items_.upload(plan.items, this->stream());
         words_.upload(plan.words, this->stream());
         launch.step.items = items_.data();
@@ -295,7 +295,7 @@ std::unique_ptr<Backend> make_march(const Options& options) {
     return std::make_unique<MarchBackend<double>>(options);
 }
 
-/// Tiles by their width and height in particles, the default first. With auto plan_march() chooses the tile.
+/// Tiles by their width and height in particles. With `auto`, the default, plan_march() chooses the tile.
 const TuningValues tiles = {"auto", "32x20", "64x4", "64x8", "64x16", "64x20", "128x8", "128x16", "128x20"};
 
 const Registered entry({
@@ -307,8 +307,8 @@ const Registered entry({
         "one material, face and edge springs.",
     .precisions = {Precision::float32, Precision::float64},
     .formulations = {Formulation::increment, Formulation::position, Formulation::displacement},
-    // How windows are filled. With auto the tensor copy engine does it where there is one, from compute
-    // capability 9.0 on, and otherwise threads.
+    // How windows are filled. `auto`: by the tensor copy engine from compute capability 9.0 on, otherwise by
+    // threads. `async`: by threads.
     .tuning = {{"tile", tiles}, {"copies", {"auto", "async"}}},
     .make = make_march,
     .bytes = march_bytes,

@@ -1,5 +1,5 @@
 // One cooperative launch for thousands of steps. A block's particles stay in registers and shared memory.
-// What crosses the border of a block goes through L2, or by NVLink to a part of the body on another device.
+// Points cross the border of a block through L2, or by NVLink to a part of the body on another device.
 #include <algorithm>
 #include <memory>
 #include <optional>
@@ -31,7 +31,7 @@ namespace {
 /// The tables of a ResidentStep on the device.
 class ResidentTables {
 public:
-    /// `mask`: as in Lattice.
+    /// Uploads the tables and points `step` at them. `mask`: a Lattice::mask.
     void upload(const ResidentLayout& layout, const std::vector<std::uint32_t>& mask, ResidentStep& step,
                 const Stream& stream) {
         const auto send = [&](auto& buffer, const auto& values, auto& pointer) {
@@ -98,8 +98,8 @@ public:
         return points * sizeof(TaggedPoint);
     }
 
-    /// Does now what would otherwise be loaded or freed by a later launch: that must not happen while other
-    /// parts wait for this one.
+    /// Allocates and uploads here all that launches need to send points: nothing may be allocated or freed
+    /// later, while other parts wait for this one.
     void connect(const std::vector<std::shared_ptr<DeviceBorders>>& parts, std::size_t part) override {
         for (std::size_t border = 0; border < beside_.size(); ++border) {
             const auto* const theirs =
@@ -133,15 +133,15 @@ private:
     const int steps_per_call_;
     std::vector<int> beside_;  ///< the number of the part on the other side of each border
     std::vector<ResidentSending> sendings_;
-    std::vector<std::vector<std::uint32_t>> words_;  ///< by border: where points of ghosts arrive
-    /// Kept alive for as long as a launch may write to them.
+    std::vector<std::vector<std::uint32_t>> words_;  ///< per border: where in exchange_ ghosts arrive
+    /// The other parts' exchanges, kept alive for as long as a launch may write to them.
     std::vector<std::shared_ptr<Buffer<TaggedPoint>>> their_exchanges_;
     Buffer<std::uint32_t> sent_;
     ResidentLinks links_{};
 };
 
-/// An upper bound of the bytes. It assumes that every particle is published and that every lane has a
-/// particle.
+/// An upper bound of the device memory in bytes. It assumes that every particle is published and that every
+/// lane has a particle.
 std::uint64_t resident_bytes(const Problem& problem, const Options& options) {
     return particle_bytes<float>(problem, place_compact(problem), options.formulation) +
            problem.particle_count() * (2 * sizeof(TaggedPoint) + 2 * sizeof(std::uint32_t) +
@@ -173,7 +173,7 @@ public:
               [this] { wait_for_stream(); }) {}
     ResidentBackend(const ResidentBackend&) = delete;
     ResidentBackend& operator=(const ResidentBackend&) = delete;
-    /// The memory that a launch uses must outlive the launch.
+    /// Ends a launch that still runs, since the memory that it uses must outlive it.
     ~ResidentBackend() override {
         try {
             ResidentBackend::let_end();
@@ -190,8 +190,8 @@ public:
         start(problem, state, place_compact(problem), problem.lattice.mask, prepare(problem));
     }
 
-    /// Where threads have several particles, cuda_bricks may be faster: the rules of `--backend auto` come
-    /// from cards with enough multiprocessors for one particle per thread.
+    /// Empty unless threads have several particles. Then cuda_bricks may be faster: the rules of `--backend
+    /// auto` come from cards with enough multiprocessors for one particle per thread.
     std::string outpaced(const Problem& problem) const override {
         const auto bricks = registry().find("cuda_bricks");
         const auto layout = layout_of(problem, stressed_at_rest(problem));
@@ -261,7 +261,7 @@ private:
     /// Particles are in memory only at the end of a launch. Within a launch device_borders() exchanges them.
     bool gives_borders() const override { return false; }
 
-    /// Blocks of all parts on a device wait for each other, so there must be room for all of them at once.
+    /// This part's share of the device. The blocks of all parts on it wait for each other, so all need room.
     ResidentCard card() const {
         return {device().multiprocessors() / device().parts(), device().shared_bytes()};
     }
@@ -281,14 +281,14 @@ private:
         return is_stressed(make_implicit_step<float>(problem, place_on_grid(problem.lattice), formulation()));
     }
 
-    /// The tables for `problem`. The latest layout is used again if it was made for the same body, even with
-    /// other springs: refused() and the upload after it need the same one.
+    /// The tables for `problem`, whose lattice may be `stressed` at rest. The latest tables are used again
+    /// for the same body, even with other springs: refused() and the upload after it need the same tables.
     std::shared_ptr<const ResidentLayout> layout_of(const Problem& problem, bool stressed) const {
         if (latest_ && latest_->stressed == stressed && latest_->group_bits == problem.group_bits &&
             latest_->dims == problem.lattice.dims && latest_->voxel == problem.lattice.voxel &&
             latest_->ghosts == problem.ghosts)
             return latest_->layout;
-        // With overlap a warp's tables may be mirrored, but not its masks, which a stressed lattice needs.
+        // A stressed lattice needs masks. Overlap may mirror a warp's tables, but masks cannot be mirrored.
         const bool overlap = options_.tuning.at("overlap") == "on" && !stressed;
         latest_ = {stressed,
                    problem.group_bits,
@@ -429,8 +429,8 @@ private:
     const int pollers_;
     const bool in_ticks_;  ///< a tool's ticks share one launch (tuning `ticks`)
     ResidentTables tables_;
-    /// The latest layout and everything that it depends on. refused() and the upload after it ask for the
-    /// same one.
+    /// The latest layout and everything that it depends on. refused() and the upload after refused() need the
+    /// same layout.
     struct LaidOut {
         bool stressed;
         std::uint32_t group_bits;
@@ -443,7 +443,7 @@ private:
     Staging<EditedWord> staging_;
     JointLaunch joint_;
     Buffer<std::uint32_t> held_by_lane_;
-    // Copies from the latest upload: a launch may have to begin again when the problem no longer exists.
+    // Values copied at the latest upload: a launch may have to begin again after the problem is gone.
     ToolMode tool_mode_ = ToolMode::none;
     float tool_stiffness_ = 0;
     Vector<float> moved_{};  ///< displacement of the tool from the next step on

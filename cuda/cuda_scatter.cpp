@@ -12,7 +12,7 @@ namespace {
 
 constexpr int max_threads = 512;
 
-// Each axis of the force array begins on a cache line.
+// Elements from one axis of the force array to the next. Each axis begins on a cache line.
 std::size_t force_pitch(const Problem& problem) { return (problem.particle_count() + 31) / 32 * 32; }
 
 template <class Real>

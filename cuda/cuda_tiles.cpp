@@ -1,4 +1,4 @@
-// The active tiles of 2 x 2 x 2 voxels as a list, one or two threads per tile: explicit addressing of tiles.
+// Explicit addressing of tiles: a list of active tiles of 2 x 2 x 2 voxels, with one or two threads per tile.
 #include <memory>
 #include <optional>
 #include <span>
@@ -127,7 +127,7 @@ private:
         const std::size_t count = parts_.count_of(part);
         if (count == 0) return;
         const std::uint32_t* const blocks = blocks_.data() + parts_.begin_of(part);
-        // A part also waits for what is in another stream, before which it cannot begin.
+        // Not launched dependently: a part also waits for work in another stream, so it cannot begin early.
         launch(*part_kernel_, in, count, reading, false, blocks);
     }
 
@@ -148,7 +148,7 @@ private:
 
     const std::string tuned_threads_;
     unsigned tile_threads_ = 1;
-    const bool dependent_;  ///< whether a step is launched while the one before still runs
+    const bool dependent_;  ///< whether a step is launched while the previous one still runs
     std::optional<TileLists> lists_;
     TileStep<Real> step_{};
     std::shared_ptr<const Kernel> kernel_;

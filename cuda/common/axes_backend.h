@@ -1,5 +1,5 @@
-// What strategies share whose state is a structure of arrays (backends/layout/march_layout.h): the buffers,
-// how the state goes in and out, and which problems can be stepped by spring class.
+// The base class of backends whose state is a structure of arrays (backends/layout/march_layout.h), and what
+// all kernels that evaluate springs by class (spring_class()) have in common.
 #pragma once
 
 #include <array>
@@ -24,7 +24,7 @@
 
 namespace voxspring::cuda {
 
-/// What plans need to know of the device.
+/// The numbers of `device` from which plan_march() and plan_bricks() predict times.
 inline MarchDevice march_device(const Device& device) {
     return {.multiprocessors = device.multiprocessors(),
             .threads = device.threads_per_multiprocessor(),
@@ -36,8 +36,8 @@ inline MarchDevice march_device(const Device& device) {
             .cache_bytes = double(device.cache_bytes())};
 }
 
-/// Empty, or why a kernel that steps by spring class (MarchStep) cannot step `problem`. `strategy`: its name
-/// in the message, for example "the march".
+/// Empty, or why a kernel that evaluates springs by class (spring_class()) cannot step `problem`. `strategy`:
+/// what the message calls the kernel, for example "the march".
 inline std::string class_refusal(const Problem& problem, Precision precision, Formulation formulation,
                                  const std::string& strategy) {
     if (std::string why = implicit_refusal(problem); !why.empty()) return why;
@@ -54,13 +54,13 @@ inline std::string class_refusal(const Problem& problem, Precision precision, Fo
     return {};
 }
 
-/// The macro EQUAL_EDGES and the terms of a kernel that steps by class.
+/// The macros REAL, FETCH, TERMS and EQUAL_EDGES for a kernel that evaluates springs by class.
 inline std::map<std::string, std::string> class_macros(const Problem& problem, Formulation formulation,
                                                        Precision precision) {
-    // Pins are no term of these kernels: their masks say which particles move.
+    // These kernels have no term for pins: their masks say which particles move.
     const std::uint32_t terms = terms_of(problem) & (term_damping | term_gravity);
     return {{"REAL", precision == Precision::float32 ? "float" : "double"},
-            {"FETCH", "PastL1"},  // used only by kernels that fetch words
+            {"FETCH", "PastL1"},  // entry.h needs it; these kernels do not use it
             {"TERMS", "KernelTerms<Formulation::" + to_string(formulation) + "," +
                           std::to_string(problem.group_bits) + "u," + std::to_string(terms) + "u,false>"},
             {"EQUAL_EDGES", equal_edges(problem, formulation) ? "true" : "false"}};
@@ -71,7 +71,7 @@ class AxesBackend : public CudaBackend {
 public:
     explicit AxesBackend(Formulation formulation) : formulation_(formulation) {}
 
-    /// Device memory of the state.
+    /// Bytes of device memory that the state takes.
     static std::uint64_t state_bytes(const Lattice& lattice, Formulation formulation) {
         return (by_increments(formulation) ? 3 : 2) * march_strides(lattice, sizeof(Real)).size() *
                sizeof(Real);
@@ -124,15 +124,15 @@ protected:
         return positions_[0].bytes() + positions_[1].bytes() + increment_.bytes();
     }
 
-    /// To be called after set_problem(problem).
+    /// Uploads `state`, in the places() of problem(). To be called after set_problem(problem).
     void upload_state(const Problem& problem, const State& state) {
         const SoaPlaces places = this->places();
         axis_ = places.axis;
         const SoaState<Real> packed = pack_soa<Real>(problem, state, formulation_, places);
         positions_[0].upload(packed.current, stream());
         if (by_increments(formulation_)) {
-            // A step writes every particle's u here before any step reads it; elements without a particle
-            // stay zero.
+            // The first step writes every particle's u to this buffer before any step reads it. Elements
+            // without a particle stay zero.
             positions_[1].resize(packed.current.size());
             positions_[1].fill_with_zeros(stream());
             increment_.upload(packed.before, stream());
@@ -141,7 +141,7 @@ protected:
             increment_.resize(0);
         }
     }
-    /// The kernel's constants for `problem`, with inverse roots that the device itself computed.
+    /// The kernel's constants for `problem`. Unless by increments, the device computes inverse rest lengths.
     MarchStep<Real> measured_step(const Problem& problem) const {
         MarchStep<Real> step = make_march_step<Real>(problem, formulation_);
         if (!by_increments(formulation_))

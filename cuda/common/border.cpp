@@ -10,7 +10,7 @@
 namespace voxspring::cuda {
 namespace {
 
-/// Border messages through the host's memory, which the kernels read and write themselves.
+/// A border whose messages are in pinned host memory, which the kernels read and write themselves.
 template <class Real>
 class HostBorder final : public Border {
 public:

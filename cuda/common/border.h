@@ -1,5 +1,5 @@
-// The border particles of a backend that launches one kernel per step: where their places (positions or
-// displacements) are in its state. Such particles are shared with a neighbouring part of the body.
+// Reads and writes the places (positions or displacements) of border particles in the state of a backend that
+// launches one kernel per step. Border particles are shared with a neighbouring part of the body.
 #pragma once
 
 #include <cstdint>
@@ -16,15 +16,15 @@
 
 namespace voxspring::cuda {
 
-/// A state that has some particles at borders.
+/// The state of one part of a body, as seen by the code that sends and receives its border particles.
 template <class Real>
 struct BorderState {
     const Stream& stream;  ///< the stream in which the state is stepped
-    /// Where the places are after the steps so far; `element` and `count` are unset.
+    /// Returns where places are after the steps enqueued so far; `element` and `count` are unset.
     std::function<BorderPlaces<Real>()> now;
-    std::function<void()> written;  ///< called once places have been written between steps
-    WaitLimit wait;                 ///< of a kernel that waits for another part
-    BordersFirst* first = nullptr;  ///< set if borders are stepped first; null: `stream` does all
+    std::function<void()> written;  ///< to be called once places have been written between steps
+    WaitLimit wait;                 ///< for kernels that wait for another part
+    BordersFirst* first = nullptr;  ///< steps borders first; null: all work is in `stream`
 
     /// The stream in which borders are sent and received.
     const Stream& lane() const { return first == nullptr ? stream : first->stream(); }
@@ -35,7 +35,7 @@ struct BorderState {
         if (first != nullptr) first->end_receive();
     }
 
-    /// Where the particles of these elements are now.
+    /// The result of now(), for the particles that are in `elements`.
     BorderPlaces<Real> places(const Buffer<std::uint32_t>& elements) const {
         BorderPlaces<Real> places = now();
         places.element = elements.data();
@@ -44,35 +44,35 @@ struct BorderState {
     }
 };
 
-/// A launch of exchange_places().
+/// How exchange_places() launches its kernel.
 struct ExchangeLaunch {
     unsigned blocks;  ///< per link
-    bool stores;      ///< whether it sends
-    bool takes;       ///< whether it waits for messages and writes them to the state
-    bool dependent;   ///< whether the launch may begin while the step before still runs
+    bool stores;      ///< whether the kernel sends messages
+    bool takes;       ///< whether the kernel waits for messages and writes them to the state
+    bool dependent;   ///< whether the kernel may begin while the previous step still runs
     /// How many threads serve one link.
     std::size_t threads() const { return std::size_t(blocks) * threads_per_block; }
     static constexpr unsigned threads_per_block = 512;
 };
 
-/// Links of one part, in device memory.
+/// All links of one part of a body, in device memory.
 template <class Real>
 using BorderLinks = Buffer<BorderLink<Real>>;
 
-// Each of these functions enqueues one kernel, or none if there are no particles or links. A message may be
-// in device memory, a peer's included, or in pinned memory of the host.
+// Each of the next three functions enqueues one kernel, or none if there are no particles or links. A message
+// may be in the memory of this device or of a peer, or in pinned host memory.
 
 template <class Real>
 void gather_places(const BorderPlaces<Real>& places, Real* message, const Stream& stream);
 template <class Real>
 void scatter_places(const BorderPlaces<Real>& places, const Real* message, const Stream& stream);
-/// Sends one message over each of the links, and takes one. A kernel that takes ends once the other parts
-/// have sent.
+/// Over each of `links`, sends one message if `launch.stores`, and takes one if `launch.takes`. A kernel that
+/// takes messages ends once the other parts have sent them, or when a wait exceeds `limit`.
 template <class Real>
 void exchange_places(const BorderPlaces<Real>& places, const BorderLinks<Real>& links,
                      const ExchangeLaunch& launch, const WaitLimit& limit, const Stream& stream);
 
-/// `elements`: elements of the state that hold the border's particles. The stream must outlive the border.
+/// `elements`: where the border's particles are in the state. `state.stream` must outlive the border.
 template <class Real>
 std::unique_ptr<Border> make_border(const std::vector<std::uint32_t>& elements, BorderState<Real> state);
 

@@ -1,5 +1,5 @@
-// Steps of a part of a body whose borders go first: they are stepped, sent and received in a second stream,
-// while the backend's stream steps all else.
+// Steps the borders of a part of a body before its interior. Borders are stepped, sent and received in a
+// second stream, while the backend's stream steps all other particles.
 #pragma once
 
 #include <utility>
@@ -15,20 +15,20 @@ namespace voxspring::cuda {
 ///                   v                            ^ stepped   ^ arrived
 ///     stream()      border of step n   send   receive          |  border of n + 1 ...
 ///
-/// So whatever is enqueued in the backend's stream between two steps sees the whole state and need not know
+/// So work that is enqueued in the backend's stream between two steps sees the whole state, and need not know
 /// of the second stream. A border is sent before the interior of its step ends, unless
 /// order_after_main_stream() was called.
 class BordersFirst {
 public:
-    /// `whole`: the backend's stream, which must outlive this object. Where the device could begin either, it
-    /// begins the border's work before the interior's.
+    /// `whole`: the backend's stream, which must outlive this object. The second stream has priority: where
+    /// the device could begin work of either stream, it begins the border's.
     explicit BordersFirst(const Stream& whole) : whole_(whole) {}
 
     /// The stream in which borders are stepped, sent and received.
     const Stream& stream() const { return own_; }
 
-    /// Enqueues a step with enqueue_border(stream) and enqueue_interior(stream). Neither may read what the
-    /// other writes.
+    /// Enqueues a step by calling enqueue_border(stream) and enqueue_interior(stream). Neither of the two may
+    /// read what the other writes.
     template <class EnqueueBorder, class EnqueueInterior>
     void step(EnqueueBorder enqueue_border, EnqueueInterior enqueue_interior) {
         wait_for_main_stream();
@@ -38,23 +38,23 @@ public:
         stepped_.hold(whole_);
         is_ahead_ = true;
     }
-    /// Makes the next send or receive wait for everything that is in the backend's stream by then. To be
-    /// called after work other than a step() of this object was enqueued there.
+    /// Makes the next send, and so the receive after it, wait for all work that is in the backend's stream by
+    /// then. To be called after anything but a step() was enqueued in that stream.
     void order_after_main_stream() { is_ahead_ = false; }
 
-    /// Called before a send is enqueued in stream().
+    /// To be called before a send is enqueued in stream().
     void begin_send() {
         if (!std::exchange(is_ahead_, false)) wait_for_main_stream();
     }
-    /// Called once the receive is enqueued in stream(). What follows in the backend's stream then finds the
-    /// ghosts as the neighbouring parts sent them, unless a step follows (step_follows()).
+    /// To be called once a receive is enqueued in stream(). Later work in the backend's stream then finds the
+    /// ghosts as the neighbouring parts sent them, unless step_follows(true) was called before.
     void end_receive() {
         if (step_follows_) return;
         arrived_.record(own_);
         arrived_.hold(whole_);
     }
-    /// Whether the next receive is followed by a step and by nothing else. The interior of that step then
-    /// waits for no ghosts, since it reads none.
+    /// Tells whether each receive from now on is directly followed by a step. The interior of that step then
+    /// does not wait for the ghosts, since it reads none.
     void step_follows(bool follows) { step_follows_ = follows; }
 
 private:
@@ -69,7 +69,7 @@ private:
     Event stepped_ = Event::without_time();  ///< in the second stream: the border of the latest step is done
     Event arrived_ = Event::without_time();  ///< in the second stream: the ghosts of that step have arrived
     bool step_follows_ = false;
-    bool is_ahead_ = false;  ///< whether the latest work that was enqueued is a step
+    bool is_ahead_ = false;  ///< whether the latest work that was enqueued is a step()
 };
 
 }  // namespace voxspring::cuda

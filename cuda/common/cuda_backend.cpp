@@ -86,7 +86,7 @@ void CudaBackend::begin_upload() {
     try {
         synchronize();
     } catch (const DeviceError&) {
-        // A launch that waited in vain has lost its state; everything else is intact.
+        // A launch that waited in vain has spoilt only the state, which this upload replaces.
         stream_.synchronize();
     }
     start_.clear();
@@ -151,8 +151,8 @@ void CudaBackend::reset_to_step_zero() {
 
 template <class Enqueue>
 void CudaBackend::between_checks(int count, Enqueue enqueue) {
-    // With a check after every graph of the greatest length, checks cost less than 1% of a graph, even where
-    // a step takes no longer than its launch. A caller that asks for more checks pays for them.
+    // A check that is due after 32 steps or more waits for the end of a graph: after each of the longest
+    // graphs it costs less than 1% of the graph, even if a step takes no longer than its launch.
     const bool often = monitor_.every > 0 && monitor_.every < 32;
     while (count > 0) {
         const int steps = often ? std::min(count, monitor_.every - int(steps_ - last_check_)) : count;
@@ -178,8 +178,8 @@ void CudaBackend::launch_graphs(int count, GraphOf graph) {
 
 void CudaBackend::enqueue_steps(int count) {
     if (is_split_ && splits_next_step()) {
-        // These are not captured: another stream could go on only at the end of a graph, but a border that
-        // the host sends is to be sent before that.
+        // Split steps are not captured: another stream can wait only for the end of a whole graph, but the
+        // host has to send a border before that.
         for (; count > 0; --count) {
             enqueue_split_step();
             stepped(1);
@@ -238,13 +238,13 @@ Graph& CudaBackend::exchanging_graph(DeviceBorders& borders, int k) {
 
 bool CudaBackend::prepare_exchanges(DeviceBorders& borders, int count) {
     if (!borders.waits_on_device() || !replays_steps() || !make_steps_alike()) return false;
-    // Checks may cut the steps anywhere, so that all graphs up to that length may be needed.
+    // Checks may cut the steps anywhere, so graphs of every length up to `count` may be needed.
     const int first = current_;
     for (current_ = 0; current_ < 2; ++current_) {
         for (int k = 0; k < graph_lengths && 1 << k <= count; ++k) exchanging_graph(borders, k);
     }
     current_ = first;
-    // A step that is not in a graph orders the two streams by itself.
+    // The next step that is not in a graph has to order the two streams by itself.
     if (borders_first_) borders_first_->order_after_main_stream();
     return true;
 }

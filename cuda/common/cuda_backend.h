@@ -26,7 +26,7 @@
 
 namespace voxspring::cuda {
 
-/// An array that steps write.
+/// An array in device memory that steps write.
 struct StateArray {
     void* data;
     std::size_t bytes;
@@ -56,35 +56,36 @@ public:
 protected:
     const Device& device() const { return device_; }
     const Stream& stream() const { return stream_; }
-    /// The problem of the latest upload or edit, as set_problem() was told.
+    /// The problem that was last passed to set_problem(): that of the latest upload or edit.
     const Problem& problem() const { return *problem_; }
     void set_problem(const Problem& problem) { problem_ = &problem; }
 
-    /// Whether border() returns a border: true for strategies that have all places in memory between two
-    /// steps.
+    /// Whether border() returns a border. True for strategies whose particles are all in device memory
+    /// between two steps.
     virtual bool gives_borders() const { return false; }
     /// Whether a step can be launched in two parts. A strategy that returns true overrides split_steps() and
     /// enqueue_part().
     virtual bool splits_steps() const { return false; }
-    /// To be called by device_borders(). If `way` asks for borders that are stepped first, steps are split
-    /// from here on until the next upload(), and the result is the object that enqueues them. Otherwise the
-    /// result is null. Throws Unavailable if the interior would have nothing to step.
+    /// To be called by device_borders(). If overlaps(way), steps are split from here on until the next
+    /// upload(), and the result is the object that enqueues them. Otherwise the result is null. Throws
+    /// Unavailable if the interior would have nothing to step.
     BordersFirst* enable_border_stream(const std::vector<SharedParticles>& borders, const std::string& way);
-    /// Whether borders are stepped first.
+    /// Whether steps are split, so that borders are stepped first.
     bool is_split() const { return is_split_; }
-    /// For kernels that wait for another part of the body. If one waits in vain, check_waits() says so.
+    /// The limit for kernels that wait for another part of the body. check_waits() throws once one exceeds
+    /// it.
     WaitLimit border_wait();
 
-    /// Makes a kernel end that runs on and waits for further steps. Called before anything but steps and
-    /// moves of the tool is enqueued.
+    /// Ends a kernel that keeps running to wait for further steps, if there is one. Called before anything
+    /// other than steps and moves of the tool is enqueued.
     virtual void let_end() {}
-    /// Waits for the stream without let_end(), and throws DeviceError if a launch in it has waited in vain.
+    /// Waits for the stream without calling let_end(). Throws DeviceError if a launch has waited in vain.
     void wait_for_stream();
-    /// Throws DeviceError with failure_note() if a launch has waited in vain.
+    /// Throws DeviceError if a launch has waited in vain: with failure_note(), or the message waited for.
     void check_waits() const;
 
-    /// To be called first in upload(): waits for the device, frees the copy of the last start and loads the
-    /// kernels that run between steps.
+    /// To be called first in upload(): waits for the device, frees the copy that keep_start() made and loads
+    /// the kernels that run between steps.
     template <class Real>
     void begin_upload() {
         begin_upload();
@@ -99,10 +100,10 @@ protected:
     /// The buffer that holds x(t), 0 or 1.
     int current() const { return current_; }
 
-    /// Counts steps from 0 again, and resets the tool and the divergence monitor. Before, the caller has put
-    /// the start's x(t) into buffer 0.
+    /// Counts steps from 0 again, and resets the tool and the divergence monitor. To be called once x(t) of
+    /// the start is in buffer 0.
     void reset_to_step_zero();
-    /// To be called when enqueue_step() would enqueue something else than before.
+    /// Drops captured graphs. To be called when enqueue_step() would no longer enqueue what they hold.
     void forget_graphs();
 
     /// To be called when `count` more steps have been enqueued: checks for divergence if a check is due.
@@ -121,26 +122,26 @@ private:
 
     /// Empty, or why the strategy cannot run `problem`, memory aside.
     virtual std::string refused(const Problem& problem) const = 0;
-    /// Bytes of device memory that upload(problem) would take; bytes_held(): bytes that the last upload took.
+    /// Bytes of device memory that upload(problem) would take. bytes_held(): bytes that are allocated now.
     virtual std::uint64_t bytes_needed(const Problem& problem) const = 0;
     /// An upper bound of bytes_needed(), for strategies that can compute one faster.
     virtual std::uint64_t max_bytes_needed(const Problem& problem) const { return bytes_needed(problem); }
     virtual std::uint64_t bytes_held() const = 0;
-    /// The arrays that a step leaves for the next one: rewind() copies them back. rewound() restores whatever
-    /// else a start needs.
+    /// The arrays in which a step leaves the state to the next step. rewind() restores them from the copies
+    /// that keep_start() made, and rewound() restores whatever else a start needs.
     virtual std::vector<StateArray> state_arrays() const = 0;
-    /// Called when the state arrays are those of step 0 again.
+    /// Called once rewind() has restored the state arrays of step 0.
     virtual void rewound() {}
     /// Enqueues what the tool, if there is one, does before a step that reads buffer `reading`.
     virtual void enqueue_tool(int) {}
     /// Puts the tool, if there is one, back to where it took hold.
     virtual void rest_tool() {}
-    /// Enqueues one step that reads buffer `reading`. Not called where enqueue_steps() is overridden.
+    /// Enqueues one step that reads buffer `reading`. Called by this class's enqueue_steps() and its graphs.
     virtual void enqueue_step(int reading) = 0;
     /// Splits later steps into two parts, one of which has the particles `border`. Returns whether the other
     /// part has anything to do.
     virtual bool split_steps(const std::vector<std::uint32_t>& /*border*/) { return false; }
-    /// Enqueues one of these two parts of a step that reads buffer `reading`.
+    /// Enqueues one of the two parts of a split step (split_steps()) that reads buffer `reading`.
     virtual void enqueue_part(int /*reading*/, StepPart, const Stream&) {}
     /// Whether steps are replayed from graphs. Otherwise the host launches each step.
     virtual bool replays_steps() const { return true; }
@@ -150,28 +151,29 @@ private:
     /// Returns false if the backend's options forbid that.
     virtual bool make_steps_alike() { return true; }
     void enqueue_split_step();
-    /// Splits the next `count` steps where the state is to be checked often, and calls enqueue(steps).
+    /// Calls enqueue(steps) for `count` steps in all: from check to check if checks are frequent, else at
+    /// once.
     template <class Enqueue>
     void between_checks(int count, Enqueue enqueue);
-    /// Enqueues `count` steps by graphs of 2^k steps: calls graph(k) for each, which returns it.
+    /// Enqueues `count` steps as graphs. graph(k) has to return the graph of 2^k steps.
     template <class GraphOf>
     void launch_graphs(int count, GraphOf graph);
-    /// The graph of 2^k steps with their exchanges, the first of which reads buffer current().
+    /// The graph of 2^k steps, each followed by an exchange. The first step reads buffer current().
     Graph& exchanging_graph(DeviceBorders& borders, int k);
     /// The kind of the next step, 0 or 1, for strategies with two kinds of step. Each kind has its graphs.
     virtual int kind_of_step() const { return 0; }
 
-    /// Empty, or the note of a launch that waited in vain: the state is worthless until the next upload.
+    /// Empty, or a note that a launch waited in vain. The state is then worthless until the next upload.
     virtual std::string failure_note() const { return {}; }
 
-    /// Enqueues a check of x(t).
+    /// Enqueues a check of the current state. If it has diverged, the kernel writes this to `first`.
     virtual void enqueue_divergence_check(const DivergenceCheck& parameters, FirstDivergence* first) = 0;
     void check_divergence();
 
     void mark(Mark which) final { (which == Mark::begin ? begin_ : end_).record(stream_); }
     double seconds_between_marks() const final { return end_.seconds_since(begin_); }
 
-    Device device_;  // first: a missing device is found before anything is created on it
+    Device device_;  // declared first, so that a missing device is found before all else
     Stream stream_;
     Event begin_, end_;
     const Problem* problem_ = nullptr;
@@ -188,7 +190,7 @@ private:
     /// first launched, so a batch of steps that was run once since upload() captures nothing when it is
     /// timed.
     std::array<std::array<std::array<std::optional<Graph>, graph_lengths>, 2>, 2> graphs_;
-    /// [b][k]: graphs of 2^k steps, each followed by an exchange of borders.
+    /// exchanging_graphs_[b][k]: like graphs_, but an exchange of borders follows each step.
     std::array<std::array<std::optional<Graph>, graph_lengths>, 2> exchanging_graphs_;
     Pinned<std::uint64_t> border_stall_;  ///< WaitLimit::stall of border_wait()
     /// Set once a caller has asked for borders that are stepped first.

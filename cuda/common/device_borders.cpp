@@ -19,7 +19,7 @@
 namespace voxspring::cuda {
 namespace {
 
-/// One part's side of a border: gathers the message to the other side, and scatters the message from it.
+/// One part's side of a border: gathers the message for the other part, and scatters that part's message.
 template <class Real>
 class Side {
 public:
@@ -54,7 +54,7 @@ Borders& same_kind(const std::shared_ptr<DeviceBorders>& other) {
     return *borders;
 }
 
-/// The only one of a part's links for which leads_there() holds.
+/// Finds the link of a part for which leads_there(link) holds. Throws if there is none.
 template <class Links, class LeadsThere>
 auto find_side(const Links& links, LeadsThere leads_there) {
     const auto link = std::find_if(links.begin(), links.end(), leads_there);
@@ -92,12 +92,12 @@ void say_once(const std::string& line) {
     if (said.insert(line).second) std::fprintf(stderr, "%s\n", line.c_str());
 }
 
-/// Messages that copies take to the device that receives them.
+/// Borders whose messages are copied to the device that receives them.
 ///
 /// Every part sends a message over every border in every exchange. Before a part sends message n + 2, its
-/// stream has waited for message n + 1 from the other side, and the other side has sent that only after it
-/// had taken message n. So two buffers per side of a border are enough, and the receiver need not say when a
-/// buffer is free.
+/// stream has waited for message n + 1 from the other side, which sent that message only after it had taken
+/// message n. So two buffers per side of a border are enough, and the receiver need not say when a buffer is
+/// free.
 template <class Real>
 class PeerBorders final : public DeviceBorders {
 public:
@@ -145,10 +145,9 @@ public:
 
 private:
     /// The two buffers for messages that arrive at one side of a border, and the events that this side
-    /// records after its sends. Both sides share it; it is freed when neither needs it any more.
+    /// records after its sends. Both sides share this object, which is freed when neither needs it any more.
     struct BorderInbox {
         std::array<Buffer<Real>, 2> arrived;
-        /// Recorded after this side's sends.
         std::array<Event, 2> sent{Event::without_time(), Event::without_time()};
     };
     struct Link {
@@ -159,7 +158,7 @@ private:
         int their_device = 0;
     };
 
-    /// A copy uses peer access if there is any; otherwise the driver copies through the host's memory.
+    /// Enables copies by peer access. Without it the driver copies through the host's memory.
     void connect_to(int device) const {
         if (enable_peer_access(device_, device)) return;
         say_once(without_peer_access(device_, device) + ": copies between them go through the host's memory");
@@ -175,13 +174,13 @@ private:
     std::size_t sent_ = 0, received_ = 0;  ///< calls of send() and of receive()
 };
 
-/// Messages that a kernel stores into the memory of the device that receives them. A kernel of that device
-/// waits for them and writes them to the state. If no two parts share a device, no host takes part, so that
-/// graphs can hold exchanges. Parts that share a device must not wait there, since one might keep the other
-/// from running: each sends by one launch and takes by another, and events order these.
+/// Borders whose messages a kernel stores into the memory of the device that receives them. A kernel there
+/// waits for the messages and writes them to the state. If no two parts share a device, no host takes part,
+/// so that graphs can hold exchanges. If some do, no kernel may wait, since it might keep the one that it
+/// waits for from running: each part sends by one launch and takes by another, and events order these.
 ///
 /// Buffers are free in time for the same reason as those of PeerBorders: a part sends message n + 2 only
-/// after message n + 1 has arrived, which the other part has sent after it had taken message n.
+/// after message n + 1 has arrived, and the other part sends that only after it has taken message n.
 template <class Real>
 class StoredBorders final : public DeviceBorders {
 public:
@@ -257,7 +256,7 @@ public:
 
 private:
     /// The two buffers for messages that arrive at one side of a border, and the events that this side
-    /// records after its sends if the hosts order the launches. Both sides share it; it is freed when neither
+    /// records after its sends unless devices wait. Both sides share this object, which is freed when neither
     /// needs it any more.
     struct BorderInbox {
         std::array<Buffer<TaggedPoint>, 2> arrived;
@@ -269,7 +268,7 @@ private:
         std::shared_ptr<BorderInbox> own, theirs;
     };
 
-    /// Enough for one thread per particle, unless the device has fewer multiprocessors.
+    /// Blocks per link: enough for one thread per particle, but at most one block per multiprocessor.
     static unsigned blocks_for(const std::vector<SharedElements>& borders, const Device& device) {
         constexpr std::size_t threads = ExchangeLaunch::threads_per_block;
         std::size_t most = 1;
@@ -291,10 +290,10 @@ private:
     bool waits_on_device_ = false;
     std::vector<Side> sides_;
     BorderLinks<Real> links_;
-    std::size_t sent_ = 0, received_ = 0;  ///< calls of send() and of receive() that the hosts order
+    std::size_t sent_ = 0, received_ = 0;  ///< calls of send() and receive() unless waits_on_device_
 };
 
-/// Messages that NCCL carries.
+/// Borders whose messages NCCL carries.
 template <class Real>
 class NcclBorders final : public DeviceBorders {
 public:
@@ -363,7 +362,7 @@ private:
     const BorderState<Real> state_;
     const Stream& stream_;
     std::vector<Link> links_;
-    std::promise<NcclId> id_;  ///< set by the first part; the others copy it
+    std::promise<NcclId> id_;  ///< set in the first part; all parts take the id from there
     std::shared_future<NcclId> known_id_ = id_.get_future().share();
     std::unique_ptr<NcclRanks> ranks_;
 };

@@ -13,7 +13,7 @@
 namespace voxspring::cuda {
 
 /// Values for Capabilities::border_ways: "peer", "stores" and "nccl". If `splits_steps`, each of them also
-/// with the suffix `_overlap`: then the particles at borders are stepped and sent before the others are
+/// with the suffix `_overlap`: borders are then stepped first, and are sent while the other particles are
 /// stepped.
 std::vector<std::string> border_ways(bool splits_steps);
 /// Whether `way` has the suffix `_overlap`.
@@ -22,10 +22,10 @@ bool overlaps(const std::string& way);
 /// Lets the current device, `own`, read and write the memory of `other`. Returns false if the hardware does
 /// not connect the two in this way.
 bool enable_peer_access(int own, int other);
-/// Throws Unavailable if a word of 16 bytes might not arrive whole (kernels/exchange.h). Support for atomics
-/// between the devices tells NVLink from PCIe.
+/// Throws Unavailable unless words of 16 bytes arrive whole (kernels/exchange.h), which takes NVLink. NVLink
+/// is told from PCIe by the support for atomics between the devices.
 void require_whole_words(int own, int other);
-/// Calls enable_peer_access() and throws Unavailable where that returns false.
+/// Calls enable_peer_access(), and throws Unavailable if that returns false.
 void require_peer_access(int own, int other);
 
 /// Like SharedParticles, but `sent` and `received` have the indices of the particles' elements in the state.

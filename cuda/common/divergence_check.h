@@ -15,8 +15,8 @@ struct DivergenceCheck {
     double largest_increment;  ///< the largest |x(t) - x(t - dt)| that passes
 };
 
-/// Enqueues a check of the first `count` elements of `particles`. `kernel` is check_words or check_axes, as
-/// the type of `particles` needs. In structure of arrays, elements without a particle pass: they are finite
+/// Enqueues a check of the first `count` elements of `particles` by `kernel`: check_words or check_axes,
+/// whichever takes their type. In a structure of arrays, elements without a particle pass: they are finite
 /// and do not move. Before the first check the caller fills `first` with the largest numbers of its type.
 template <class Real, template <class> class Particles>
 void launch_divergence_check(const Kernel& kernel, const Particles<Real>& particles, std::size_t count,

@@ -16,18 +16,19 @@
 
 namespace voxspring::cuda {
 
-/// Copies the few bytes `from` to `to`. `to` is aligned to 16 bytes and has room for them, rounded up to a
-/// multiple of 16. Enqueues one kernel, which gets the bytes as an argument. So `from` may be changed at
-/// once, and no step waits for the copy engine, which would take longer than many an edit does.
+/// Copies `from`, at most max_argument_bytes, to `to` in device memory. `to` is aligned to 16 bytes, and has
+/// room for that many bytes rounded up to a multiple of 16. Enqueues one kernel, which gets the bytes as an
+/// argument. So `from` may be changed at once, and no step waits for the copy engine, which would take longer
+/// than many edits do.
 void send_as_argument(std::byte* to, std::span<const std::byte> from, const Stream& stream);
 
 /// Memory for values on their way to a kernel; grows by doubling, so that edits seldom allocate.
 template <class T>
 class Staging {
 public:
-    /// Returns the values on the device, valid until the next call in the same `stream`. `values` may be
-    /// changed at once. Values that are too many for a kernel argument go through one of `slots_`, in turn;
-    /// the call waits until the device has fetched what that slot held before.
+    /// Copies `values` to the device and returns their address there, which is valid for work enqueued in
+    /// `stream` before the next call. `values` may be changed at once. More than max_argument_bytes go
+    /// through the next of `slots_`; the call first waits until the device has fetched what that slot held.
     const T* send(std::span<const T> values, const Stream& stream) {
         if (values.empty()) return buffer_.data();
         constexpr std::size_t word = 16;
@@ -77,7 +78,7 @@ private:
 template <class Real>
 class StagedRows {
 public:
-    /// `squared`: as in EditedRows.
+    /// Returns the lists by their addresses on the device. `squared`: as in EditedRows.
     EditedRows<Real> send(const EditedLists<Real>& edited, bool squared, const Stream& stream) {
         bytes_.clear();
         const std::size_t particle = append(edited.particle), bits = append(edited.lists.bits);

@@ -65,8 +65,8 @@ public:
         if (edit.empty()) return;
         const ExplicitStep<Real>& step = this->launch().step;
         const bool secondary = options_.has_secondary(edited);
-        // Lists with rows are laid out anew instead: rows exist to compare with the paper, which timed no
-        // edits.
+        // Lists with rows are laid out anew, never edited in place: rows exist to compare with the paper,
+        // which timed no edits.
         if (options_.rows || secondary != (step.constants != nullptr) ||
             longest_list(edit) > step.shape.slots ||
             (needs_off_lattice_rest(edited) && step.off_lattice_rest == nullptr)) {
@@ -85,8 +85,8 @@ public:
     StepWork step_work(const Problem& problem) const override {
         const bool secondary = options_.has_secondary(problem);
         StepWork work = explicit_work<Real>(problem, secondary, this->formulation());
-        // The rows (ListRows) that a step reads: where each list begins, and how many entries it has. With
-        // the secondary list that is one number, otherwise one per spring group.
+        // A step also reads the rows (ListRows): where each list begins, and how many entries it has. That
+        // count is one number with the secondary list, otherwise one number per spring group.
         const int groups = int((problem.group_bits & FACE_BITS) != 0) +
                            int((problem.group_bits & EDGE_BITS) != 0) +
                            int((problem.group_bits & CORNER_BITS) != 0);
@@ -213,7 +213,7 @@ BackendEntry explicit_entry(const std::string& name, const std::string& summary,
         {"counters", {"word", "rows"}},
         // Whether steps are replayed from a graph, or launched one by one, as in the paper.
         {"graph", {"on", "off"}}};
-    // The paper always has the secondary list, even if the scene does not need it.
+    // `always`: the secondary list is stored even if the scene does not need it, as in the paper.
     if (secondary == Secondary::where_needed) own["secondary"] = {"where_needed", "always"};
     return {.name = name,
             .api = "cuda",

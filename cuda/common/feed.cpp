@@ -18,7 +18,7 @@
 namespace voxspring::cuda {
 namespace {
 
-/// The particles of a feed, and the launch that writes where they are.
+/// The particles of a feed, and the kernel that writes their displacements.
 template <class Real>
 class FeedKernel {
 public:
@@ -29,8 +29,8 @@ public:
     }
     FeedKernel(const FeedKernel&) = delete;
     FeedKernel& operator=(const FeedKernel&) = delete;
-    /// Freeing the buffers of a feed waits until the device is idle. A launch that waits for ticks would keep
-    /// the device busy up to its time limit, so it is ended first: calling feeding_() does that.
+    /// Freeing the buffers of a feed waits until the device is idle. A launch that waits for ticks (Ticks)
+    /// would keep the device busy up to its time limit. Calling feeding_() first ends it.
     ~FeedKernel() {
         try {
             static_cast<void>(feeding_());
@@ -109,7 +109,7 @@ public:
 private:
     static_assert(sizeof(glm::vec4) == sizeof(FedDisplacement));
     Pinned<glm::vec4> displacements_;
-    // Declared last, so destroyed first: that ends a launch which writes to the memory above.
+    // Declared last, so destroyed first: its destructor ends a launch that may use the memory above.
     FeedKernel<Real> kernel_;
 };
 
@@ -135,7 +135,7 @@ public:
 private:
     int device_ = 0;
     Buffer<glm::vec4> displacements_;
-    // Declared last, so destroyed first: that ends a launch which writes to the memory above.
+    // Declared last, so destroyed first: its destructor ends a launch that may use the memory above.
     FeedKernel<Real> kernel_;
 };
 
@@ -148,7 +148,7 @@ std::unique_ptr<Feed> make_feed(const std::vector<FedWord<Real>>& fed, std::uint
     const cudaError_t refused =
         cudaGraphicsGLRegisterBuffer(&resource, buffer, cudaGraphicsRegisterFlagsWriteDiscard);
     if (refused != cudaSuccess) {
-        cudaGetLastError();  // clears the error, which was handled here
+        cudaGetLastError();  // clears the error, since returning null handles it
         return nullptr;
     }
     return std::make_unique<WindowFeed<Real>>(Resource(resource), fed, stream, std::move(feeding));

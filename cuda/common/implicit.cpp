@@ -56,16 +56,16 @@ public:
         resting_.upload(problem, state, shape_, this->stream());
         launch.kernel = this->kernel(source(problem, launch.grid, registers_for(launch.grid)));
         if (tiled_) launch.shared_bytes = tile_bytes();
-        // The kernel that leaves out blocks at rest is compiled only if the run may use it. An older one is
-        // kept for as long as graphs may refer to it.
+        // The kernel that leaves out blocks at rest is compiled only if the run may use it. Graphs that hold
+        // the previous one are dropped before that kernel is.
         if (resting_.may_check()) {
             std::shared_ptr<const Kernel> kernel =
                 this->kernel(source(problem, launch.grid, resting_registers, resting_.terms()));
             if (kernel != resting_kernel_) this->forget_graphs();
             resting_kernel_ = std::move(kernel);
             resting_kernel_->allow_shared(launch.shared_bytes);
-            // Launch no more blocks of threads than can run at once. Only the device knows how many blocks
-            // have to be stepped, and each block of threads steps several in turn.
+            // No more blocks of threads are launched than can run at once: only the device knows how many
+            // blocks of voxels have to be stepped, and each block of threads steps several of these in turn.
             const int at_once = this->device().multiprocessors() *
                                 this->blocks_with(resting_registers, shape_.x * shape_.y * shape_.z);
             resting_grid_ = dim3(unsigned(std::min(resting_.blocks(), std::size_t(at_once))));
@@ -73,8 +73,8 @@ public:
         launch.step = make_implicit_step<Real>(problem, placement, this->formulation());
         launch.step.origins = origins_.data();
         launch.step.compliance = compliance_.data();
-        // Only for resume(), which compares it with the latest launch: other addresses mean that the buffers
-        // have moved.
+        // `active` is set only for resume(), which compares the step with the latest one: other addresses
+        // tell that the buffers have moved.
         launch.step.active = resting_.active(0);
         if (!by_increments(this->formulation()))
             calibrate_rest_lengths<Real>(launch.step.rest_length, this->stream());
@@ -138,8 +138,8 @@ private:
                resting_.bytes_held();
     }
 
-    /// Particles were moved from outside, so the blocks around them have to be stepped. It is simpler to step
-    /// all blocks once than to find out which ones these are.
+    /// A message from another part has moved particles, so the blocks around them have to be stepped. It is
+    /// simpler to step all blocks once than to find these.
     void border_written() override { resting_.wake(this->current(), this->stream()); }
 
     bool splits_steps() const override { return !launches_all_; }
@@ -160,8 +160,8 @@ private:
                             step, reading);
     }
     bool splits_next_step() const override { return !resting_.checks(); }
-    /// A message over a border wakes all blocks (border_written()), so that none is left out anyway. Only
-    /// `flush` has other bits than a step of all blocks, and `skip` promises to look for blocks at rest.
+    /// Ends the search for blocks at rest, unless the tuning asks for it: a message over a border wakes all
+    /// blocks anyway (border_written()). With `flush` steps have other bits, and `skip` promises to search.
     bool make_steps_alike() override { return resting_.stop(); }
 
     void rewound() override { resting_.rewind(this->stream()); }
@@ -220,15 +220,15 @@ private:
     }
 
     int registers_for(dim3 grid) const {
-        // Measured with box 160^3 and 256^3 (study `tuning`).
+        // Chosen by measurements of box 160^3 and 256^3 (study `tuning`).
         constexpr RegisterChoice choice{
             .on_positions = 32, .displacement = 40, .increment = 48, .compensated = 64};
         return ParticleBackend<Real, ImplicitStep<Real>>::registers_for(registers_, threads_of(grid),
                                                                         max_threads, {128, 64}, choice);
     }
 
-    /// Whether warps vote (tuning `interior`). With `auto` they do not if all threads run at once: such a
-    /// step is as long as one thread's waits, and the vote would be one more.
+    /// Whether warps vote (tuning `interior`). With `auto` they do not if all threads run at once: a step
+    /// then takes as long as one thread waits for memory, and the vote would be one more wait.
     bool votes(dim3 grid) const {
         return interior_ == "auto" ? !this->run_at_once(threads_of(grid), 64, max_threads)
                                    : interior_ == "vote";
@@ -278,13 +278,14 @@ BackendEntry implicit_entry(const std::string& name, const std::string& summary,
         {"block", blocks},
         // Registers per thread in float32; in float64 a thread has twice as many. All threads of a small
         // lattice run at once, and a step takes as long as one thread waits for memory: with many registers
-        // it fetches all neighbours of a group at once. On a large lattice other threads run meanwhile, and
-        // few registers make room for more of them. `auto` decides by the lattice's size and the formulation.
+        // that thread fetches all neighbours of a group at once. On a large lattice other threads run
+        // meanwhile, and few registers make room for more of them. `auto` decides by the lattice's size and
+        // the formulation.
         {"registers", {"auto", "32", "40", "48", "64", "128"}},
-        // How a thread treats neighbours that may not exist. `mask`: it fetches all, and drops those whose
-        // mask bit is not set. `vote`: like `mask`, but a warp skips the masks if all its particles have all
-        // neighbours. `bits`: it fetches a neighbour only after testing its bit, as in the paper. `auto`:
-        // `mask` or `vote`, by the lattice's size.
+        // How a thread treats neighbours that may not exist. `mask`: it fetches all neighbours, and drops
+        // those whose mask bit is not set. `vote`: like `mask`, but a warp skips the masks if all its
+        // particles have all neighbours. `bits`: it fetches a neighbour only after testing its bit, as in the
+        // paper. `auto`: `mask` or `vote`, by the lattice's size.
         {"interior", {"auto", "mask", "vote", "bits"}},
         // Whether steps are replayed from a graph, or launched one by one, as in the paper.
         {"graph", {"on", "off"}},

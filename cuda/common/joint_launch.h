@@ -17,7 +17,7 @@ namespace voxspring::cuda {
 
 class JointLaunch {
 public:
-    static constexpr int most_steps = 1 << 16;  ///< in one launch
+    static constexpr int most_steps = 1 << 16;  ///< per launch
 
     /// `watched`: the device has a display, so that its driver ends kernels that run for seconds.
     explicit JointLaunch(bool watched) : watched_(watched) {}
@@ -35,9 +35,9 @@ public:
     WaitLimit wait_limit() const { return {stall_.data(), max_wait_nanoseconds}; }
 
     /// Launches `count` steps: calls launch(steps, tag, launches) as often as needed, with at most `longest`
-    /// steps each, and stepped(steps) after each launch. `launches` counts launches since start_anew(). On a
-    /// watched device launches are kept short (Pace): after start_anew() the host waits in `stream` for the
-    /// first ones, to see how long they take.
+    /// steps each, and stepped(steps) after each launch. `tag` is that of the latest step before; `launches`
+    /// counts launches since start_anew(), this one included. On a watched device launches are kept short
+    /// (Pace): the host waits in `stream` for the first ones, to see how long they take.
     template <class Launch, class Stepped>
     void enqueue(int count, int longest, const Stream& stream, Launch launch, Stepped stepped) {
         while (count > 0) {
@@ -65,7 +65,7 @@ public:
     }
     void advance_tag(int steps) { tag_ += std::uint32_t(steps); }
 
-    /// Empty, or says which wait a launch has reported to be in vain. Such a launch ends soon after. `block`:
+    /// Empty, or a note that says which wait of a launch was in vain. Such a launch ends soon after. `block`:
     /// what to call a block in the note, for example "resident block".
     std::string failure_note(const std::string& block) const {
         if (stall_.size() == 0) return {};
@@ -88,9 +88,8 @@ private:
     std::uint32_t launches_ = 0;  ///< since start_anew()
 };
 
-/// The most steps per launch. A launch costs as much as some ten steps. If the state is checked for
-/// divergence between launches, a launch has few enough steps to find a divergence early, and enough to cost
-/// 1% at most.
+/// The most steps per launch. `monitored`: the state is checked for divergence between launches. A launch
+/// then has few enough steps to find a divergence early. It costs as much as some ten steps, so 1% at most.
 inline int longest_joint_launch(bool monitored) { return monitored ? 1024 : JointLaunch::most_steps; }
 
 }  // namespace voxspring::cuda

@@ -23,7 +23,7 @@ template <class Real>
 void calibrate_rest_lengths(std::span<Real> squared, const Stream& stream) {
     measure_on_device(*support_kernels<Real>().measure_lengths, squared, stream);
 }
-/// Turns the squared rest length of every spring into its length, in place.
+/// Replaces the squared rest length of every spring by its measured_length().
 template <class Real>
 void calibrate_rest_lengths(const Buffer<SpringConstants<Real>>& springs, const Stream& stream) {
     launch_for_each(*support_kernels<Real>().measure_springs, springs.size(), stream, springs.data(),

@@ -47,7 +47,7 @@ inline constexpr std::size_t texels_per_word = sizeof(ParticleRecord<Real>) / 16
 
 /// Adds to `own` the tuning parameters that all backends with a KernelFamily have.
 inline std::map<std::string, TuningValues> tuning(std::map<std::string, TuningValues> own) {
-    // Compile in the terms that the scene needs, or compile in all terms and choose at run time.
+    // `needed`: compile in the terms that the scene has. `all`: compile in all, and test at run time.
     own["terms"] = {"needed", "all"};
     return own;
 }
@@ -57,13 +57,13 @@ struct KernelFamily {
     Precision precision;
     Formulation formulation;
     Fetch fetch;
-    bool all_terms;         ///< compile in all terms and choose at run time (tuning `terms`)
-    bool dependent_launch;  ///< tuning `dependent_launch`
+    bool all_terms;         ///< compile in all terms, and test at run time which the scene has
+    bool dependent_launch;  ///< let a step begin while the previous one still runs
     bool may_be_dependent;  ///< tuning `dependent_launch` is "auto": on if the device can
     bool replays;           ///< replay steps from graphs, unless tuning `graph` is "off"
 
     explicit KernelFamily(const Options& options, Fetch path);
-    /// This family with "auto" replaced by what it means on `device`.
+    /// This family for `device`, which decides about dependent launches if the tuning is "auto".
     KernelFamily on(const Device& device) const;
     /// The source of the kernel in `file` for a scene, for at most `threads` threads per block and at least
     /// `blocks` blocks per SM. `more_terms`: terms to compile in beyond terms_of(problem).
@@ -71,8 +71,8 @@ struct KernelFamily {
                         std::uint32_t more_terms = 0) const;
 };
 
-/// Registers per thread in float32, by formulation, for lattices whose threads do not all run at once. These
-/// were the fastest on an H200.
+/// Registers per thread in float32, by formulation, for lattices whose threads do not all run at once.
+/// Backends use the numbers that were the fastest on an H200.
 struct RegisterChoice {
     int on_positions, displacement, increment, compensated;
     int of(Formulation formulation) const {
@@ -86,10 +86,10 @@ struct RegisterChoice {
 template <class Real>
 std::uint64_t particle_bytes(const Problem& problem, const Placement& placement, Formulation formulation);
 
-/// Empty, or why an array of `words` words cannot be indexed or, through a texture, fetched.
+/// Empty, or why kernels cannot index an array of `words` words, or not fetch it through a texture.
 template <class Real>
 std::string too_many_words(std::size_t words, const Device& device, Fetch fetch);
-/// too_many_words(), or else why the device cannot launch the family's kernels.
+/// Empty, or why the device cannot launch the family's kernels for an array of `words` words.
 template <class Real>
 std::string launch_refusal(std::size_t words, const Device& device, const KernelFamily& family);
 
@@ -168,7 +168,7 @@ protected:
     explicit ParticleBackend(const KernelFamily& family) : family_(family.on(this->device())) {}
 
     struct Launch {
-        KernelSource source = {};  ///< set if `kernel` can be compiled with LISTED_BLOCKS
+        KernelSource source = {};  ///< that of `kernel`, if it supports LISTED_BLOCKS
         std::shared_ptr<const Kernel> kernel;
         dim3 grid, block;
         std::size_t shared_bytes = 0;
@@ -205,8 +205,8 @@ protected:
         return choice.of(family_.formulation);
     }
 
-    /// Uploads the state and returns to step 0, ready to go on with `launch`. `bits` has one word per
-    /// particle. Points the motion of the launch's step at the arrays of this backend.
+    /// Uploads the state, goes to step 0 and makes the next steps use `launch`, after pointing its step's
+    /// motion at the arrays of this backend. `bits`: one ParticleRecord::bits per particle.
     void start(const Problem& problem, const State& state, const Placement& placement,
                std::span<const std::uint32_t> bits, Launch launch) {
         set_problem(problem);
@@ -216,8 +216,8 @@ protected:
             PackedState<Real> packed = pack<Real>(problem, state, placement, bits, family_.formulation);
             const bool increments = by_increments(family_.formulation);
             moved = upload_words(words_, 0, packed.current) || moved;
-            // By increments there is no previous state, and these values are not read: the first step writes
-            // every particle's word to this buffer.
+            // By increments there is no previous state, and what is uploaded here is not read: the first step
+            // writes every particle's word to this buffer.
             moved = upload_words(words_, 1, increments ? packed.current : packed.previous) || moved;
             moved = upload_words(low_, 0, packed.current_low) || moved;
             moved = upload_words(low_, 1, packed.current_low) || moved;
@@ -233,8 +233,8 @@ protected:
         resume(launch, moved);
     }
 
-    /// Takes the next steps with `launch`, whose motion points at the same arrays as that of the previous
-    /// launch. `words_moved`: particles are in other memory than before.
+    /// Makes the next steps use `launch`, whose motion points at this backend's arrays. `words_moved`:
+    /// particles are in other memory than before.
     void resume(const Launch& launch, bool words_moved = false) {
         const bool changed = words_moved || launch.kernel != launch_.kernel ||
                              !same(launch.grid, launch_.grid) || !same(launch.block, launch_.block) ||
@@ -246,7 +246,7 @@ protected:
         this->forget_graphs();
     }
     const Launch& launch() const { return launch_; }
-    /// Compiles the kernel for parts of a step, if whole steps use another one.
+    /// Compiles the kernel for parts of split steps. Overridden if the kernel of whole steps steps parts too.
     virtual void compile_for_parts() {
         KernelSource source = launch_.source;
         source.macros["LISTED_BLOCKS"] = "1";
@@ -257,7 +257,7 @@ protected:
     const Buffer<HeldWord<Real>>& held() const { return held_; }
     HeldForce<Real>* held_forces() const { return held_forces_.data(); }
 
-    /// x(t) of every word.
+    /// The words that hold the particles' places at t.
     ParticleRecord<Real>* current_words() const { return words_[std::size_t(current())].data(); }
 
     /// Writes new bits of `particles` to the current state. Every step copies the bits from the buffer that
@@ -288,7 +288,7 @@ protected:
                edited_words_.bytes() + blocks_.bytes() + held_.bytes() + held_forces_.bytes() + tool_.bytes();
     }
 
-    /// Enqueues a kernel with the arguments that all kernels have, followed by `more`.
+    /// Enqueues a kernel with the arguments that all kernels of these backends have, followed by `more`.
     template <class... More>
     void launch_kernel(const Stream& in, const Kernel& kernel, dim3 grid, dim3 block,
                        std::size_t shared_bytes, const Step& step, int reading, const More&... more) const {
@@ -296,7 +296,7 @@ protected:
             kernel.launch(in, grid, block, shared_bytes, arguments..., more...);
         });
     }
-    /// Calls `launch` with the arguments that all kernels have.
+    /// Calls `launch` with the arguments that all kernels of these backends have.
     template <class DoLaunch>
     void with_arguments(const Step& step, int reading, const DoLaunch& launch) const {
         const auto from = std::size_t(reading), to = std::size_t(1 - reading);
@@ -306,8 +306,8 @@ protected:
                output);
     }
 
-    /// Enqueues a kernel that takes many steps of the particles in their buffers (kernels/resident.cu). Its
-    /// first argument may extend Step. The launch has the shape of `launch`.
+    /// Enqueues a kernel that takes many steps in one launch and leaves the state in the same buffers
+    /// (kernels/resident.cu). `step` may be of a class derived from Step. `launch`: its kernel and shape.
     template <class AnyStep, class... Arguments>
     void launch_words_together(const Launch& launch, const AnyStep& step,
                                const Arguments&... arguments) const {

@@ -15,36 +15,36 @@
 
 namespace voxspring::cuda {
 
-/// The tuning parameter `rest` (rest_policy.h). With `step` every block is stepped. With `skip` blocks at
-/// rest are left out, which changes no bit. `flush` is `skip` and sets displacements and increments below
-/// flushed_below to zero. `auto` is meant to be the faster of `step` and `skip`: it begins with `skip` if
-/// at least a third of the blocks are at rest at the start. When fewer rest it changes to `step`, and tries
-/// `skip` again from time to time.
+/// The tuning parameter `rest` (rest_policy.h). `step`: every block is stepped. `skip`: blocks at rest are
+/// left out, which changes no bit. `flush`: like `skip`, and displacements and increments below flushed_below
+/// become zero. `auto` is meant to be the faster of `step` and `skip`. If at least a third of the blocks are
+/// at rest at the start, it begins with `skip`, changes to `step` while fewer rest, and tries `skip` again
+/// from time to time. Otherwise it is `step`.
 class Resting {
 public:
     explicit Resting(const Options& options);
 
-    /// The reason to refuse a lattice: it has more blocks of this shape than kernels that leave out blocks
-    /// can index. Empty if it is not refused.
+    /// Empty, or why the lattice is refused: it has more blocks of this shape than kernels that leave out
+    /// blocks can index.
     std::string refused(const Lattice& lattice, BlockShape shape) const;
-    /// An upper bound of the bytes on the device.
+    /// An upper bound of the bytes that upload() allocates on the device.
     std::uint64_t bytes_needed(const Problem& problem, BlockShape shape) const;
     std::uint64_t bytes_held() const;
 
-    /// Prepares a run that starts from `state`. Its first step takes all blocks, unless start_checked() is
+    /// Prepares a run that starts from `state`. The first step takes all blocks, unless start_checked() is
     /// called before that step.
     void upload(const Problem& problem, const State& state, BlockShape shape, const Stream& stream);
     /// The blocks for the start check, which is a step from the start that stores nothing.
     ActiveBlocks start_check() const;
-    /// Call it after the start check is enqueued. The first step of each run then takes only the blocks that
-    /// the check has listed, those that are not at rest at the start.
+    /// To be called after the start check is enqueued. The first step of each run then takes only the blocks
+    /// that the check has listed: those that are not at rest at the start.
     void start_checked(const Stream& stream);
     /// Prepares a run that starts from the same state as the last one: the first step takes the same blocks.
     void rewind(const Stream& stream);
-    /// Steps take all blocks until rewind() or the next upload, unless the tuning forbids that (`skip`,
-    /// `flush`). Returns whether they do.
+    /// Makes steps take all blocks until rewind() or the next upload. Does nothing and returns false if the
+    /// tuning is `skip` or `flush`; otherwise returns true.
     bool stop();
-    /// The next step takes all blocks. It reads buffer `reading` of the particles.
+    /// Makes the next step, which reads buffer `reading` of the particles, take all blocks.
     void wake(int reading, const Stream& stream);
 
     /// Whether steps leave out blocks at rest now or may do so later; checks() says whether the next step
@@ -57,9 +57,9 @@ public:
     /// The blocks for a step that reads buffer `reading`.
     ActiveBlocks active(int reading) const;
 
-    /// How many steps may be enqueued before stepped(), after which checks() may have changed.
+    /// How many steps may be enqueued before stepped() has to be called, which may change checks().
     int steps_to_decision() const { return policy_.steps_to_decision(); }
-    /// `count` steps were enqueued, and the next one reads buffer `reading`.
+    /// To be called after `count` steps were enqueued. The next step reads buffer `reading`.
     void stepped(int count, int reading, const Stream& stream);
 
     std::size_t blocks() const { return all_.size(); }
@@ -67,14 +67,14 @@ public:
     std::size_t blocks_stepped(const Stream& stream) const;
 
 private:
-    /// If there are fewer blocks than this, none is checked: a step then takes no longer than its launch.
+    /// With `auto`, fewer blocks than this are never checked: a step of them takes no longer than its launch.
     static constexpr std::size_t min_blocks = 512;
 
     /// Indices into Counts.
     enum Count : std::uint8_t { listed_for_0, listed_for_1, readers, taken, counts };
     using Counts = std::array<unsigned, counts>;
 
-    /// Whether blocks are checked in some states of `problem`.
+    /// Whether steps of `problem` may leave out blocks in some states.
     bool could_check(const Problem& problem, BlockShape shape) const;
 
     const Rest rest_;
@@ -82,9 +82,9 @@ private:
     bool starts_checking_ = false;  ///< upload() decided that the run begins with checks
     int row_ = 0, slice_ = 0;
     Buffer<BlockOrigin> all_;                     ///< blocks with particles
-    Buffer<std::uint32_t> all_marks_, no_marks_;  ///< marks that list all blocks, and none
+    Buffer<std::uint32_t> all_marks_, no_marks_;  ///< ActiveBlocks marks of all blocks, and of none
     Buffer<Counts> awake_counts_;                 ///< for a step of all blocks that reads buffer 0 or 1
-    // One element for steps that read buffer 0, one for steps that read buffer 1.
+    // lists_ and marks_ have one element for steps that read buffer 0, one for steps that read buffer 1.
     std::array<Buffer<BlockOrigin>, 2> lists_;
     std::array<Buffer<std::uint32_t>, 2> marks_;
     Buffer<Counts> counts_;

@@ -10,7 +10,7 @@
 
 namespace voxspring::cuda {
 
-/// The kernels, named as in between_steps.cu.
+/// Expands X(name) for each kernel of between_steps.cu.
 // clang-format off
 #define SUPPORT_KERNELS(X) \
     X(gather_border) X(scatter_border) X(exchange_borders) X(check_words) X(check_axes) \
@@ -26,18 +26,17 @@ struct SupportKernels {
 #undef MEMBER
 };
 
-/// Compiles and loads the kernels of `Real` on the current device, `device`, unless that has been done.
-/// `time` grows by what compiling takes, also if another backend has already compiled them: the time belongs
-/// to the start of every backend that needs them. The kernels are loaded here because one that is first
+/// Compiles and loads the kernels of `Real` on the current device, `device`, unless this process has done so.
+/// `time` grows by the time that this compiling takes. The kernels are loaded here because one that is first
 /// loaded by its launch may wait until nothing runs on the device, and cannot be captured.
 template <class Real>
 void load_support_kernels(const Device& device, CompileTime& time);
 
-/// The kernels of the current device, on which load_support_kernels() has been called.
+/// The kernels on the current device. Throws DeviceError unless load_support_kernels() has been called there.
 template <class Real>
 const SupportKernels& support_kernels();
 
-/// The kernels for float or for double, whichever are loaded. Use only those that are the same.
+/// The kernels for float or for double, whichever are loaded. Use only those that do not depend on Real.
 const SupportKernels& any_support_kernels();
 
 /// Launches one thread for each of `count` elements, in blocks of 128. Launches nothing if there are none.

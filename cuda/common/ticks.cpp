@@ -24,7 +24,7 @@ void Ticks::end() {
     wait();
     desk_.order_end();
     running_ = false;
-    // Wait until the launch has read this order, since the next order would replace it.
+    // Wait for the end of the launch: until it has read this order, no other order may replace it.
     wait_for_stream_();
 }
 
@@ -43,13 +43,13 @@ void Ticks::begin(std::uint32_t again) {
 
 void Ticks::wait() {
     using Clock = std::chrono::steady_clock;
-    // An answer takes microseconds. To ask the driver each time would delay it.
+    // An answer takes microseconds. Asking the driver at every look would delay the next look.
     constexpr auto patience = std::chrono::milliseconds(1);
     bool again = false;
     for (auto look = Clock::now() + patience; !desk_.answered();) {
         if (Clock::now() < look) continue;
         look = Clock::now() + patience;
-        // The answer may have come after the last look at it.
+        // The answer may have come after the last look at desk_.
         if (!stream_.has_ended() || desk_.answered()) continue;
         running_ = false;
         wait_for_stream_();

@@ -15,8 +15,9 @@
 
 namespace voxspring::cuda {
 
-/// Orders and answers are in pinned memory, which the device reads and writes in place. The owner of a Ticks
-/// calls end() before it enqueues anything else in the stream, and before it destroys this.
+/// The host's side of such a launch. Orders and answers are in pinned memory, which the device reads and
+/// writes in place. The owner of a Ticks calls end() before enqueuing anything else in the stream, and before
+/// destroying the Ticks.
 class Ticks {
 public:
     /// Enqueues a launch that begins with the latest order. `again`: the steps of that order if an earlier
@@ -30,19 +31,20 @@ public:
     void open(std::size_t held);
     std::uint64_t bytes() const { return handed_on_.bytes() + taken_blocks_.bytes(); }
 
-    /// Orders `steps` steps from the running launch, or from a new one, once the previous order is answered.
+    /// Waits for the answer to the previous order. Then orders `steps` steps with the tool at `moved`, from
+    /// the running launch or else from a new one.
     void order(Vector<float> moved, std::uint32_t steps);
-    /// Orders the end once the previous order is answered, and waits for it. Does nothing if no launch is
-    /// running.
+    /// Waits for the answer to the previous order, orders the launch to end, and waits until it has. Does
+    /// nothing if no launch is running.
     void end();
-    /// The forces of the latest order, once it is answered.
+    /// Waits for the answer to the latest order and returns its forces, one per held particle.
     const std::vector<HeldForce<float>>& forces();
 
 private:
     /// Waits for the answer to the latest order. A launch ends by itself if it sees no order for too long
     /// (max_idle_nanoseconds), maybe just before it would have seen the latest one. Then another launch is
-    /// started; if that ends without an answer as well, this throws. So the wait is bounded, as every wait in
-    /// a launch is.
+    /// started. If that one ends without an answer too, this function throws. So the wait is bounded, as
+    /// every wait in a launch is.
     void wait();
     void begin(std::uint32_t again);
 

@@ -14,16 +14,16 @@ namespace voxspring::cuda {
 template <class T>
 class Buffer : public Memory<T, cudaMalloc, cudaFree> {
 public:
-    /// Resizes to `values` and copies them in. Returns once `values` may change.
+    /// Takes the size of `values` and copies them to the device. Returns once `values` may change.
     void upload(std::span<const T> values, const Stream& stream) {
         this->resize(values.size());
         if (!values.empty()) copy_to_device(this->data(), values.data(), values.size_bytes(), stream);
     }
-    /// Copies all elements out, after everything enqueued in `stream`.
+    /// Waits for everything enqueued in `stream` and copies all elements to `values`.
     void download(std::span<T> values, const Stream& stream) const {
         if (this->size() != 0) copy_from_device(values.data(), this->data(), this->bytes(), stream);
     }
-    /// Adds room at the end, filled with zeros. The elements move to the new memory.
+    /// Enlarges the buffer to `size` elements, in new memory. The elements added at the end are zero.
     void grow(std::size_t size, const Stream& stream) {
         Buffer larger;
         larger.resize(size);

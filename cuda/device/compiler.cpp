@@ -32,7 +32,7 @@ void check(nvrtcResult result, const std::source_location& where = std::source_l
                           " (compiler.cpp:" + std::to_string(where.line()) + ")");
 }
 
-/// The parts of the standard library that kernels use, since NVRTC does not bring it.
+/// The parts of the standard library that kernels use: NVRTC has no headers of that library.
 const std::map<std::string, std::string> standard_headers = {
     {"cstddef", "namespace std { using size_t = decltype(sizeof(0)); using ptrdiff_t = long; }"},
     {"cstdint",
@@ -81,7 +81,7 @@ public:
     Program& operator=(const Program&) = delete;
     ~Program() { nvrtc().DestroyProgram(&program_); }
 
-    /// `get_size`, `get_text`: the two NVRTC functions that return the size and the characters of one text.
+    /// A text that NVRTC made for this program. `get_size`, `get_text`: NVRTC's two functions for that text.
     std::string take(nvrtcResult (*get_size)(nvrtcProgram, std::size_t*),
                      nvrtcResult (*get_text)(nvrtcProgram, char*)) const {
         std::size_t size = 0;
@@ -144,7 +144,7 @@ std::string build_id(const dl_phdr_info& file) {
     return {};
 }
 
-/// Contraction is off: every fused multiply-add stands in the source, so that bits depend on nothing else.
+/// NVRTC's options. It must not fuse multiplications and additions: only the source says which are fused.
 std::vector<std::string> options_for(int architecture, bool moves_registers) {
     const auto [target, exact] = nearest(architecture);
     return {std::string("--gpu-architecture=") + (exact ? "sm_" : "compute_") + std::to_string(target) +

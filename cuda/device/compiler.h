@@ -10,19 +10,19 @@ namespace voxspring::cuda {
 struct KernelSource {
     std::string file;  ///< "implicit.cu"
     std::map<std::string, std::string> macros;
-    /// Registers move between threads (moves_registers()), so the code is for that one architecture only.
+    /// Whether registers move between threads (moves_registers()). If so, code fits one architecture only.
     bool moves_registers = false;
     bool operator==(const KernelSource&) const = default;
 };
 
 struct CompiledKernel {
-    std::string code;    ///< machine code, or PTX where NVRTC knows no such card
+    std::string code;    ///< machine code, or PTX if NVRTC does not know the card
     double seconds = 0;  ///< the time that compiling took, in this run or an earlier one
-    bool found = false;  ///< whether the code was on disk, where it is kept with that time
+    bool found = false;  ///< whether the code was on disk, where code is kept with its time
 };
 
-/// `architecture`: compute capability, 90 for 9.0. Throws DeviceError with NVRTC's log if the source is
-/// wrong.
+/// Compiles `source`, or finds its code on disk. `architecture`: compute capability, 90 for 9.0. Throws
+/// DeviceError with NVRTC's log if the source is wrong.
 CompiledKernel compile(const KernelSource& source, int architecture);
 
 /// The oldest compute capability that NVRTC compiles for and kernels run on: kernels/exchange.h loads 16

@@ -43,7 +43,7 @@ std::string uuid_of(const cudaDeviceProp& properties) {
     return uuid_text(bytes);
 }
 
-/// The UUID of the card that Device takes in a thread for which no device was chosen. Makes no context on it.
+/// The UUID of the first card, which Device takes by default; empty if there is none. Makes no context on it.
 std::string first_card() {
     cudaDeviceProp properties{};
     if (cudaGetDeviceProperties(&properties, 0) == cudaSuccess) return uuid_of(properties);

@@ -8,8 +8,8 @@ namespace voxspring::cuda {
 
 /// One of the devices that CUDA shows (CUDA_VISIBLE_DEVICES chooses those): the one that DeviceOfThread gives
 /// to the constructing thread, or else the first. It is current in that thread from then on, and may be used
-/// in that thread only. The constructor throws Unavailable, with the reason, where there is no device, driver
-/// or context, or this build has no code for the device.
+/// in that thread only. The constructor throws Unavailable, with the reason, if there is no device, driver,
+/// context or NVRTC, or if the device is older than oldest_architecture().
 class Device {
 public:
     Device();
@@ -23,15 +23,14 @@ public:
     const std::string& name() const { return name_; }
     /// GPU-xxxxxxxx-xxxx-xxxx-xxxx-xxxxxxxxxxxx
     const std::string& uuid() const { return uuid_; }
-    /// The most 16-byte texels of a texture on linear memory.
+    /// The largest number of 16-byte texels of a texture on linear memory.
     std::size_t max_texels() const { return max_texels_; }
-    /// The highest clocks that the card may run at.
+    /// The highest clocks, of multiprocessors and of memory, that the card may run at.
     int sm_mhz() const { return sm_mhz_; }
     int memory_mhz() const { return memory_mhz_; }
     int multiprocessors() const { return multiprocessors_; }
-    /// How many threads a multiprocessor holds.
     int threads_per_multiprocessor() const { return threads_per_multiprocessor_; }
-    /// Bytes per second that the memory's pins carry.
+    /// Bytes per second that the memory's pins carry at the highest clock.
     double memory_bytes_per_second() const { return memory_bytes_per_second_; }
     /// Size of the cache that all multiprocessors share.
     std::size_t cache_bytes() const { return cache_bytes_; }
@@ -49,7 +48,6 @@ public:
     int architecture() const { return architecture_; }
     /// Whether a kernel may be launched while the one before it still runs: from compute capability 9.0 on.
     bool has_dependent_launches() const { return architecture_ >= 90; }
-    /// Free device memory in bytes.
     std::size_t free_bytes() const;
 
     /// "CUDA 13.0": the version of the runtime in this build.

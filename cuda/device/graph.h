@@ -7,7 +7,7 @@ namespace voxspring::cuda {
 
 class Graph {
 public:
-    /// Captures what `enqueue()` puts into `stream`. It does not run yet.
+    /// Captures the work that `enqueue()` puts into `stream`. The work does not run until launch().
     template <class Enqueue>
     static Graph capture(const Stream& stream, Enqueue enqueue) {
         check(cudaStreamBeginCapture(stream.get(), cudaStreamCaptureModeThreadLocal));

@@ -9,7 +9,7 @@
 
 namespace voxspring::cuda {
 
-/// Owns `T` and destroys it with `destroy`, whose status a destructor could not report.
+/// Owns a handle of type `T`, which it destroys with `destroy`. The status of `destroy` is ignored.
 template <class T, cudaError_t (*destroy)(T)>
 class Handle {
 public:

@@ -14,7 +14,7 @@ namespace voxspring::cuda {
 
 using Library = Handle<cudaLibrary_t, cudaLibraryUnload>;
 
-/// A loaded kernel. All who launch it share one object, on any device of its architecture.
+/// A loaded kernel. All backends of a process share one object per source, on any device of its architecture.
 class Kernel {
 public:
     /// Compiles the source if this process has not done so yet, and loads its function `name` on the current
@@ -25,9 +25,9 @@ public:
 
     Kernel(std::shared_ptr<const Library> library, const std::string& name);
 
-    /// How many blocks of `block` threads the current device, `device`, holds at once.
+    /// How many blocks of `block` threads `device`, which is current, holds at once. Throws if it holds none.
     unsigned blocks_at_once(const Device& device, unsigned block) const;
-    /// Registers that a thread begins with.
+    /// Registers per thread when a launch begins.
     int registers() const;
     /// Lets a block of this kernel have `bytes` of shared memory, if that is more than any kernel may have by
     /// default.
@@ -39,8 +39,8 @@ public:
         check(cudaLaunchKernel(kernel_, grid, block, pointers.data(), shared_bytes, stream.get()));
     }
 
-    /// Launches so that it may begin before earlier work in the stream has ended. The kernel itself waits for
-    /// that (programmatic dependent launch). Needs compute capability 9.0.
+    /// Launches the kernel so that it may begin before earlier work in the stream has ended. The kernel
+    /// itself has to wait for that work (programmatic dependent launch). Needs compute capability 9.0.
     template <class... Arguments>
     void launch_dependent(const Stream& stream, dim3 grid, dim3 block, std::size_t shared_bytes,
                           const Arguments&... arguments) const {

@@ -69,10 +69,10 @@ double launch_seconds(const LimitKernels& kernels, const Stream& stream, Stopwat
     return graph_seconds / launches;
 }
 
-/// Passes over parts of one buffer of zeros.
+/// Measures bandwidths by passes over parts of one buffer of zeros.
 class Sweeps {
 public:
-    /// Every footprint is a multiple of this. So it divides into one, two or three arrays of whole blocks,
+    /// Every footprint is a multiple of this, in bytes. So whole blocks cover it as one, two or three arrays,
     /// even with two words per thread.
     static constexpr std::size_t unit = 6 * 2 * block * sizeof(float4);
 
@@ -94,7 +94,8 @@ public:
     }
 
 private:
-    /// Bytes per second of a pass over `arrays` arrays. If `writes`, it writes the last one.
+    /// Bytes per second of a pass over `footprint` bytes in `arrays` arrays; `writes`: it writes the last
+    /// one.
     template <int reads, bool writes>
     double of_arrays(std::size_t footprint, std::size_t arrays) {
         const std::size_t count = footprint / sizeof(float4) / arrays;

@@ -12,8 +12,8 @@ namespace voxspring::cuda {
 template <class T, cudaError_t (*allocate)(void**, std::size_t), cudaError_t (*free)(void*)>
 class Memory {
 public:
-    /// Makes room for `size` elements with any content. The memory stays the same if it had that size
-    /// already.
+    /// Makes room for `size` elements, whose values are undefined. If the size is the same as before, memory
+    /// and values stay.
     void resize(std::size_t size) {
         if (size == size_) return;
         handle_ = {};
@@ -25,7 +25,7 @@ public:
         size_ = size;
     }
 
-    /// Null if empty.
+    /// Null if the size is 0.
     T* data() const { return static_cast<T*>(handle_.get()); }
     std::size_t size() const { return size_; }
     std::size_t bytes() const { return size_ * sizeof(T); }

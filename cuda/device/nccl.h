@@ -49,9 +49,9 @@ private:
 /// One of several ranks, each on a separate device and in a separate thread.
 class NcclRanks {
 public:
-    /// Starts on the current device. Returns once all ranks have called it. Throws DeviceError, also if NCCL
-    /// has not started within `limit`: its start waits for all ranks and for the network and cannot be
-    /// cancelled. The thread that waits for it is then left behind until the process ends.
+    /// Starts this rank on the current device. Returns once all ranks have started. Throws DeviceError, also
+    /// if NCCL has not started within `limit`: its start waits for all ranks and for the network and cannot
+    /// be cancelled. The thread that waits for it is then left behind until the process ends.
     ///
     /// The start does not use ncclConfig_t::blocking = 0: with such a communicator every group of transfers
     /// starts a thread (ncclGroupEnd() of recent versions), which would add to the time of each step.
@@ -59,11 +59,11 @@ public:
               std::chrono::duration<double> limit = std::chrono::minutes(2));
     NcclRanks(const NcclRanks&) = delete;
     NcclRanks& operator=(const NcclRanks&) = delete;
-    /// Aborts what is not finished by then, transfers that are under way included.
+    /// Aborts the communicator unless end() was called, with all transfers that are under way.
     ~NcclRanks();
 
-    /// Waits for the transfers that are under way, and ends. Returns once all ranks have called it; no other
-    /// member may be called afterwards. Throws DeviceError.
+    /// Waits for the transfers that are under way, and ends. Returns once all ranks have called end(); no
+    /// other member may be called afterwards. Throws DeviceError.
     void end();
 
     /// Enqueues the sends and receives that `transfers` calls, as one group: none of them waits for another.

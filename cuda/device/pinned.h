@@ -1,4 +1,4 @@
-// Host memory that the device copies into, or out of, while the host goes on.
+// Host memory to and from which the device copies while the host goes on.
 #pragma once
 
 #include <span>
@@ -11,7 +11,7 @@ namespace voxspring::cuda {
 template <class T>
 class Pinned : public Memory<T, cudaMallocHost, cudaFreeHost> {
 public:
-    /// Takes over the size of `buffer` and enqueues a copy of it.
+    /// Takes the size of `buffer` and enqueues a copy of its elements to this memory.
     void copy(const Buffer<T>& buffer, const Stream& stream) {
         this->resize(buffer.size());
         check(cudaMemcpyAsync(this->data(), buffer.data(), buffer.bytes(), cudaMemcpyDeviceToHost,

@@ -12,7 +12,7 @@ namespace voxspring::cuda {
 /// in use, since tools are loaded only then.
 std::string serialised_by(int kernels);
 
-/// serialised_by() for any environment and loaded libraries. `value_of` gives a variable (null: not set).
+/// serialised_by() for the environment variables that value_of(name) returns (null: not set) and `libraries`.
 std::string serialised_by(int kernels, const std::function<const char*(const char* name)>& value_of,
                           const std::vector<std::string>& libraries);
 

@@ -14,7 +14,7 @@ namespace voxspring::cuda {
 namespace {
 
 constexpr std::size_t piece_bytes = std::size_t(1) << 25;
-/// Copies smaller than this do not go through pinned memory. A program without larger copies allocates none.
+/// Copies of fewer bytes do not go through pinned memory, so a program without larger ones allocates none.
 constexpr std::size_t large = 2 * piece_bytes;
 
 struct Piece {

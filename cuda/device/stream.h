@@ -13,7 +13,7 @@ public:
         check(cudaStreamCreateWithFlags(&stream, cudaStreamNonBlocking));
         handle_ = Handle<cudaStream_t, cudaStreamDestroy>(stream);
     }
-    /// A stream whose work begins before that of others wherever the device has room for either.
+    /// A stream whose work begins before that of other streams wherever the device has room for only one.
     static Stream with_priority() {
         int least = 0, greatest = 0;
         check(cudaDeviceGetStreamPriorityRange(&least, &greatest));

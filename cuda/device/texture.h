@@ -7,7 +7,7 @@ namespace voxspring::cuda {
 
 using Texture = Handle<cudaTextureObject_t, cudaDestroyTextureObject>;
 
-/// Texels are float4 or, where `kind` is cudaChannelFormatKindSigned, int4. Indices past the end give zeros.
+/// Texels are float4 or, if `kind` is cudaChannelFormatKindSigned, int4. Indices past the end give zeros.
 template <class T>
 Texture make_texture(const Buffer<T>& buffer, cudaChannelFormatKind kind) {
     cudaResourceDesc resource{};

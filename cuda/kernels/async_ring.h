@@ -8,14 +8,14 @@
 namespace voxspring::cuda {
 
 #ifdef __CUDACC__
-/// Copies `bytes` bytes, at most 16, and fills the rest of the 16 bytes with zeros.
+/// Begins a copy of `bytes` bytes, at most 16, to shared memory, with zeros up to 16 bytes.
 __device__ inline void copy_async(void* to, const void* from, int bytes) {
     asm volatile("cp.async.cg.shared.global [%0], [%1], 16, %2;" ::"r"(
                      static_cast<std::uint32_t>(__cvta_generic_to_shared(to))),
                  "l"(from), "r"(bytes)
                  : "memory");
 }
-/// Ends a group of this thread's copies.
+/// Closes a group: all copies that this thread began since it closed the last one.
 __device__ inline void end_copies() { asm volatile("cp.async.commit_group;" ::: "memory"); }
 /// Waits for this thread's copies, except for its `pending` latest groups.
 template <int pending>
@@ -84,7 +84,7 @@ public:
     }
     __device__ void release() {}
     __device__ const Real* before() {
-        // No plane arrives after the lattice's last one, so wait here for what the last step overwrites.
+        // No plane arrives after the lattice's last one, so the old values of that plane are awaited here.
         if (arriving_ == step_.nz && before_plane_ + 1 == item_.end - item_.begin) {
             await_copies<0>();
             meet_block<shape.threads()>();
@@ -115,7 +115,7 @@ private:
             copy_box<shape.width(), shape.height()>(befores_ + slot * (shape.before_bytes(real) / real),
                                                     from_.before, item_.x, item_.y, plane);
     }
-    /// Copies this thread's pieces, of 16 bytes each, of the box that begins at (x, y, z), for all three
+    /// Begins the copies of this thread's pieces, of 16 bytes each, of the box at (x, y, z), for all three
     /// axes. x is a multiple of a piece's elements. Elements outside of the lattice become zeros.
     template <int width, int height>
     __device__ void copy_box(Real* to, const Real* from, int x, int y, int z) const {
@@ -141,8 +141,8 @@ private:
     Real* const befores_;
     const int thread_, first_;
     int arriving_;                            ///< the next plane to arrive
-    int slot_ = 0;                            ///< the slot of that plane
-    int before_plane_ = 0, before_slot_ = 0;  ///< the item's next plane to be stepped, and its slot
+    int slot_ = 0;                            ///< the slot of plane `arriving_`
+    int before_plane_ = 0, before_slot_ = 0;  ///< the next plane to step, from item.begin, and its slot
 };
 
 }  // namespace voxspring::cuda

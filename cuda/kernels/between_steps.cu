@@ -17,7 +17,7 @@ using Real = REAL;
 
 #define KERNEL extern "C" __global__ void
 
-// A kernel that begins so may be launched while the step before it still runs.
+// A kernel that begins with this macro may be launched early: it waits here until the step before has ended.
 #if __CUDA_ARCH__ >= 900
 #define BEGIN_AFTER_THE_STEP asm volatile("griddepcontrol.wait;" ::: "memory")
 #else
@@ -34,8 +34,8 @@ KERNEL scatter_border(BorderPlaces<Real> places, const Real* message) {
 }
 
 // Each row of blocks serves one link. A thread stores its share of the message first and waits afterwards, so
-// that a wait depends on nothing but the stores of the other part. With `stores` or `takes` unset a launch
-// does one half, for parts that must not wait for each other.
+// that a wait depends on nothing but the stores of the other part. For parts that must not wait for each
+// other, a launch sets only `stores` or only `takes`.
 KERNEL exchange_borders(BorderPlaces<Real> places, const BorderLink<Real>* links, bool stores, bool takes,
                         WaitLimit limit) {
     BEGIN_AFTER_THE_STEP;
@@ -118,7 +118,7 @@ KERNEL write_springs(const EditedSpring<Real>* edited, std::size_t count, Spring
     if (thread_number() < count) write_spring(edited[thread_number()], ends, constants, off_lattice_rest);
 }
 
-// These values are so few that they travel as a kernel argument: a copy would not be worth it.
+// The values of these two kernels are so few that they travel as an argument: a copy would not be worth it.
 KERNEL write_short_argument(__grid_constant__ const ShortArgument argument, unsigned words,
                             ArgumentWord* to) {
     if (thread_number() < words) to[thread_number()] = argument.word[thread_number()];

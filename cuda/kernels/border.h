@@ -1,6 +1,6 @@
 // The bodies of the kernels that copy the places of a border's particles from a state into a message, and
-// from a message into another state. A message is an array, or consists of words that a device stores into
-// the memory of another.
+// from a message into a state. A message is an array of numbers, or consists of words (TaggedPoint) that a
+// device stores into the memory of another.
 #pragma once
 
 #include <cstddef>
@@ -22,9 +22,9 @@ struct BorderPlaces {
     Real* low;                              ///< address of the low part of x of element 0, or null
     std::size_t element_pitch, axis_pitch;  ///< distance to the next element, and from x to y
 
-    /// Numbers in a message: x of all particles, then y, then z, and then their low parts in the same order.
+    /// Numbers in a message: x of all particles, then y, then z, and then any low parts in the same order.
     VOXSPRING_HOST_DEVICE std::size_t numbers() const { return (low != nullptr ? 6 : 3) * count; }
-    /// Words in a message that has a tag in each word.
+    /// How many words (TaggedPoint) a message has if it consists of words.
     VOXSPRING_HOST_DEVICE std::size_t words() const {
         return numbers() * sizeof(Real) / sizeof(Vector<float>);
     }
@@ -61,7 +61,7 @@ VOXSPRING_HOST_DEVICE void scatter_place(const BorderPlaces<Real>& places, std::
     }
 }
 
-/// Calls put(k, numbers) with the place of particle n, three numbers of 32 bits at a time, k = 0, 1, …
+/// Calls put(k, numbers) with the place of particle n, three numbers of 32 bits at a time, for k from 0 on.
 template <class Real, class Put>
 VOXSPRING_HOST_DEVICE void split_place(const BorderPlaces<Real>& places, std::size_t n, Put put) {
     const std::size_t first = places.element[n] * places.element_pitch;
@@ -75,7 +75,7 @@ VOXSPRING_HOST_DEVICE void split_place(const BorderPlaces<Real>& places, std::si
     }
 }
 
-/// Writes the place of particle n, which get(k) returns as split_place() passed it.
+/// Writes the place of particle n, for which get(k) returns the numbers that split_place() passed to put(k).
 template <class Real, class Get>
 VOXSPRING_HOST_DEVICE void join_place(const BorderPlaces<Real>& places, std::size_t n, Get get) {
     const std::size_t first = places.element[n] * places.element_pitch;
@@ -92,18 +92,18 @@ VOXSPRING_HOST_DEVICE void join_place(const BorderPlaces<Real>& places, std::siz
     }
 }
 
-/// One border as the kernel `exchange_borders` sees it from one of the two parts. A message has words as
-/// kernels/exchange.h describes them: the first of all particles, then the second, as split_place() numbers
-/// them. Messages take turns between two buffers. The tag of a message is its number, from 1 on.
+/// One border as the kernel `exchange_borders` sees it from one of the two parts. A message consists of words
+/// (kernels/exchange.h): word 0 of all particles, then word 1, numbered as by split_place(). Successive
+/// messages use two buffers in turn. The tag of a message is its number, from 1 on.
 template <class Real>
 struct BorderLink {
     const std::uint32_t *sent, *received;  ///< elements of the particles, as in BorderPlaces
     std::size_t sent_count, received_count;
     TaggedPoint* outbox[2];       ///< in the memory of the other part's device
     const TaggedPoint* inbox[2];  ///< in this device's memory
-    std::uint32_t* taken;         ///< by thread: the number of messages that it has taken its share of
+    std::uint32_t* taken;         ///< per thread: of how many messages it has taken its share
 
-    /// `all` with the particles that this part sends, or that it receives.
+    /// `all`, restricted to the particles that this part sends; arriving(): to those that it receives.
     VOXSPRING_HOST_DEVICE BorderPlaces<Real> leaving(BorderPlaces<Real> all) const {
         all.element = sent;
         all.count = sent_count;

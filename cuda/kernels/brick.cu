@@ -1,8 +1,8 @@
-// Macros: SHAPE is a BrickShape; EQUAL_EDGES is as in march.cu. POLLERS: threads beside those with tiles,
-// each of which waits for ROUNDS points of other blocks. LANE_REGISTERS, POLLER_REGISTERS: registers of a
-// thread of either kind if they are moved between the two; 0: all threads have the same number. PLAIN_BLOCKS:
-// there is separate code for blocks all of whose threads are plain (TileSides), which tests no single spring.
-// INCREMENTS_IN_MEMORY: true if registers have no room for increments, else false.
+// Macros: SHAPE is a BrickShape. EQUAL_EDGES: true if equal_edges() holds. POLLERS: threads beside those with
+// tiles, each of which waits for ROUNDS points of other blocks. LANE_REGISTERS, POLLER_REGISTERS: registers
+// per thread with a tile and per poller, if registers are moved from pollers to the others; else 0.
+// PLAIN_BLOCKS: 1 if there is separate code for blocks all of whose threads are plain (TileSides), which
+// tests sides instead of springs. INCREMENTS_IN_MEMORY: true if increments are not in registers.
 #include "cuda/kernels/brick.h"
 #include "cuda/kernels/entry.h"
 #include "cuda/kernels/wait.h"
@@ -46,12 +46,12 @@ struct TileWords {
 __device__ std::uint32_t lane_of(int thread) { return blockIdx.x * lanes + std::uint32_t(thread); }
 
 /// The half of the points that is read in a step, and the half that is written. Two offsets are swapped: with
-/// a condition instead the compiler would duplicate the loop.
+/// a condition in place of this the compiler would duplicate the loop.
 class DoubleBuffer {
 public:
     __device__ float* now() const { return points + now_; }
     __device__ float* next() const { return points + next_; }
-    /// Where in the exchange this step's points are published.
+    /// The index in BrickStep::exchange from which on this step's points are published.
     __device__ std::size_t exchange(const BrickStep& step) const { return next_ == 0 ? 0 : step.axis; }
     __device__ void swap() {
         const int now = now_;
@@ -63,7 +63,7 @@ private:
     int now_ = 0, next_ = shape.half();
 };
 
-/// Takes the steps of a thread. `idle`: the thread has no tile, or its warp has no particles.
+/// Takes `count` steps of a thread's tile. `idle`: the thread has no tile, or its warp has no particles.
 template <class Words>
 __device__ void run_steps(const BrickStep& step, Tile& tile, Words& words, bool idle, int thread, int count,
                           std::uint32_t tag) {
@@ -90,11 +90,10 @@ __device__ void run_steps(const BrickStep& step, Tile& tile, Words& words, bool 
 
 /// How many points a poller looks up at the same time.
 constexpr int polls_in_flight = ROUNDS < kept_polls ? ROUNDS : polls_in_turn;
-/// Whether a poller keeps in registers where its points are. If there are more, it reads that anew in each
-/// step.
+/// Whether a poller keeps all its polls in registers. If not, it reads them anew in each step.
 constexpr bool keeps_polls = ROUNDS == polls_in_flight;
 
-/// The load bypasses L1, which is left to the masks.
+/// Loads a poll past L1, which is left to the masks.
 __device__ BrickPoll load_poll(const BrickPoll* from) {
     BrickPoll poll;
     asm("ld.global.nc.L1::no_allocate.v2.u32 {%0, %1}, [%2];" : "=r"(poll.from), "=r"(poll.slot) : "l"(from));
@@ -103,7 +102,7 @@ __device__ BrickPoll load_poll(const BrickPoll* from) {
 
 struct Polls {
     BrickPoll poll[polls_in_flight];
-    /// The poller's polls from number `first` on.
+    /// Loads polls_in_flight polls of the poller with number `poller`, from its poll number `first` on.
     __device__ void load(const BrickStep& step, int poller, int first) {
 #pragma unroll
         for (int n = 0; n < polls_in_flight; ++n) {
@@ -215,11 +214,11 @@ extern "C" __global__ void __launch_bounds__(all_threads, 1)
         if constexpr (!keeps_polls) polls.load(step, poller, 0);
         border_is_here();
         step_is_done();
-        bool in_vain = false;  // after one wait in vain this thread waits no more
+        bool in_vain = false;  // true: a wait was in vain, and this thread waits no more
         ROLLED
         for (int n = 1; n < count; ++n) {
-            // Poll only after this block's step is done: polling would take instruction slots from it and
-            // find little.
+            // Poll only after this block's step is done: earlier polls would take instruction slots from it
+            // and find little.
             ROLLED
             for (int first = 0; first < ROUNDS; first += polls_in_flight) {
                 // Load the next turn's polls while the points of this turn travel.

@@ -15,7 +15,7 @@ struct CountSprings {
     VOXSPRING_HOST_DEVICE constexpr void half(int, int, int, int, int, int, int) {}
 };
 
-/// The bits of a tile's masks.
+/// Which bit of a tile's masks stands for what.
 template <BrickShape shape>
 VOXSPRING_HOST_DEVICE constexpr BrickMask brick_mask() {
     CountSprings count;
@@ -51,7 +51,7 @@ template <class Terms, BrickShape shape, bool equal_edges, bool increments_in_me
 class BrickTile {
 public:
     static constexpr int particles = shape.tile();
-    // Numbers of mask bits: for the first late spring, and for whether particle 0 moves and exists.
+    // Mask bits of the first late spring, and of whether particle 0 moves and exists; words of bits.
     static constexpr int late_bit = brick_mask<shape>().early, moves_bit = brick_mask<shape>().moves(0),
                          exists_bit = brick_mask<shape>().exists(0), mask_words = brick_mask<shape>().words();
 
@@ -64,7 +64,7 @@ public:
           spacing_{float(place_.dx) * step.spacing.x, float(place_.dy) * step.spacing.y,
                    float(place_.dz) * step.spacing.z} {}
 
-    /// Slot and element of a particle.
+    /// The slot of particle (i, j, k) in shared memory, and its element in the lattice's arrays.
     VOXSPRING_HOST_DEVICE int slot(int i, int j, int k) const { return place_.slot_of(shape, i, j, k); }
     VOXSPRING_HOST_DEVICE std::size_t element(const BrickStep& step, int i, int j, int k) const {
         return place_.element_of(i, j, k, step.row, step.plane);
@@ -84,10 +84,10 @@ public:
         }
     }
 
-    /// Loads the thread's particles from a half of `points` before the first step. Particles at the border of
-    /// the brick will be published if they exist. `words`, here and in the functions below: the masks. They
-    /// say whether particle n exists(n) and moves(n), and whether there is a spring(bit, crossed): by its bit
-    /// or, if `by_side`, by the sides of the tile that it crosses.
+    /// Loads the thread's particles from `points`, one half of the points, before the first step. Particles
+    /// at the border of the brick will be published if they exist. `words`, here and in the functions below:
+    /// the thread's masks. words.exists(n) and words.moves(n) tell of particle n. words.spring(bit, crossed)
+    /// tells whether a spring exists: by its bit or, if `by_side`, by the sides of the tile that it crosses.
     template <class Words>
     VOXSPRING_HOST_DEVICE void start(const float* points, const Words& words) {
         load_own(points);
@@ -101,7 +101,7 @@ public:
         return i * place_.dx + j * place_.dy * int(step.row) + k * place_.dz * int(step.plane);
     }
 
-    /// The increment v of particle `number`, which a step overwrites. Used only by increments.
+    /// The increment v of particle `number`, which a step overwrites. For formulations by increments only.
     VOXSPRING_HOST_DEVICE Vector<float> increment(int number) const {
         if constexpr (!increments_in_memory) return increment_[number];
         return load_axes(increments_ + 3 * number * shape.lanes(), std::size_t(shape.lanes()));
@@ -134,8 +134,8 @@ public:
     }
     /// Moves the particles by one step. `next`: the half of `points` that is written; unless by increments it
     /// still holds x(t - dt). publish(whether, i, j, k, point) is called for each particle. No branch skips a
-    /// particle that is not there: without branches the compiler can fill the waits of one particle with the
-    /// work of the others, which takes about half of the time.
+    /// particle that does not exist: without branches the compiler fills the waits of one particle with the
+    /// work of the others, and a step takes about half as long.
     template <class Words, class Publish>
     VOXSPRING_HOST_DEVICE void integrate(const BrickStep& step, float* next, const Words& words,
                                          Publish publish) {

@@ -5,7 +5,7 @@
 // voxels, and the particles of each row follow one another in canonical order as well. So a list says how
 // many particles lie between the particle and its place in each of the other eight rows, and the particle's
 // mask says to which neighbours it has a spring. The deltas seldom change along a row: all particles of a run
-// share one list, and one bit per particle says whether the next list begins there. Springs beyond the
+// share one list, and one bit per particle says whether the next list begins with it. Springs beyond the
 // lattice are in separate lists, one per slice.
 #pragma once
 
@@ -18,7 +18,7 @@
 
 namespace voxspring::cuda {
 
-/// Counts the bits that are set among bits 0 to `lane`.
+/// Counts the bits that are set among bits 0 to `lane`, inclusive.
 VOXSPRING_HOST_DEVICE inline int rank(std::uint32_t bits, std::uint32_t lane) {
     const std::uint32_t counted = bits & 0xFFFFFFFFU >> (31U - lane);
 #ifdef __CUDA_ARCH__
@@ -28,11 +28,11 @@ VOXSPRING_HOST_DEVICE inline int rank(std::uint32_t bits, std::uint32_t lane) {
 #endif
 }
 
-/// A particle's list in registers: the offset, in words, from its own word to that of its neighbour in the
-/// middle of each row.
+/// A particle's list in registers. For each row: the offset, in words, from the particle's word to that of
+/// its neighbour in the middle of the row (dx = 0).
 struct ListedDeltas {
     FourDeltas near, far;
-    /// The distance from the particle to the middle of row (dy, dz).
+    /// The offset to the middle of row (dy, dz).
     VOXSPRING_HOST_DEVICE int operator()(int dy, int dz) const {
         const int row = row_number(dy, dz);
         return row == row_count ? 0 : row < 4 ? near.row[row] : far.row[row - 4];
@@ -87,7 +87,7 @@ VOXSPRING_HOST_DEVICE Vector<Real> listed_force(const DeltaStep<Real>& step, con
         [&](int dx, int dy, int dz) { return step.compliance[row(dx, dy, dz) + dx]; });
 }
 
-/// `force` with the forces of the particle's springs beyond the lattice added.
+/// Adds the forces of the particle's springs beyond the lattice to `force` and returns the sum.
 template <class Terms, class Real, class Current>
 VOXSPRING_HOST_DEVICE Vector<Real> with_off_lattice_springs(Vector<Real> force, const DeltaStep<Real>& step,
                                                             const Slice& slice, std::uint32_t lane,
@@ -112,7 +112,6 @@ VOXSPRING_HOST_DEVICE Vector<Real> with_off_lattice_springs(Vector<Real> force, 
     return force;
 }
 
-/// Steps particle i.
 template <class Terms, class Real, class Current>
 VOXSPRING_HOST_DEVICE void step_by_deltas(const DeltaStep<Real>& step, int i, const Current& current,
                                           const Output<Real>& output) {

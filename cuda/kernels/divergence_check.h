@@ -5,7 +5,7 @@
 
 namespace voxspring::cuda {
 
-/// Kept on the device: the step of the first check that failed, and of the check before it (Divergence).
+/// `found`: the step of the first check that failed. `last_good`: the step of the check before that one.
 struct FirstDivergence {
     long long last_good, found;
 };
@@ -37,7 +37,8 @@ struct ParticlesInWords {
     }
 };
 
-/// Particles in structure of arrays: x of `pitch` particles, then their y and z, then x of the next ones.
+/// Particles in a structure of arrays: x of `pitch` particles, then their y, their z, then x of the next
+/// ones. By increments `before` is null and `increment` is used.
 template <class Real>
 struct ParticlesInAxes {
     const Real* now;
@@ -56,7 +57,7 @@ struct ParticlesInAxes {
 };
 
 #ifdef __CUDACC__
-/// `step`: the step after which the check is made. `last_check`: the step of the check before it.
+/// Checks `count` particles after step `step`. `last_check`: the step of the check before this one.
 template <class Particles, class Real>
 __device__ void check_divergence(const Particles& particles, std::size_t count, Real max_squared,
                                  long long step, long long last_check, FirstDivergence* first) {

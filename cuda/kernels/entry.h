@@ -1,5 +1,5 @@
-// The macros with which a kernel file is compiled at run time (cuda/device/compiler.h) are REAL, FETCH,
-// TERMS, THREADS and BLOCKS. A kernel's arguments are those of cuda/common/particles.h.
+// What every kernel file of a step begins with. REAL, FETCH, TERMS, THREADS and BLOCKS are macros that are
+// defined when the file is compiled, at run time (cuda/device/compiler.h).
 #pragma once
 
 #include "cuda/kernels/fetch.h"
@@ -15,7 +15,7 @@ using Terms = TERMS;
 /// in flight.
 #define KERNEL extern "C" __global__ void __launch_bounds__(THREADS, BLOCKS)
 
-/// With LISTED_BLOCKS a launch covers some of the blocks only: a last argument lists their numbers.
+/// With LISTED_BLOCKS a launch steps only some blocks, whose numbers are in an additional last argument.
 #ifdef LISTED_BLOCKS
 #define AND_BLOCKS , const unsigned* __restrict__ blocks
 #define BLOCK_NUMBER blocks[blockIdx.x]
@@ -26,7 +26,7 @@ using Terms = TERMS;
 
 /// With DEPENDENT_LAUNCH the next step may start while this one still runs, once all blocks of this step have
 /// passed AWAIT_STEP_BEFORE() and there is room. Each thread waits there until the previous step has ended.
-/// Without a dependent launch it does not wait.
+/// Without DEPENDENT_LAUNCH there is no wait.
 #if defined(DEPENDENT_LAUNCH) && __CUDA_ARCH__ >= 900
 #define AWAIT_STEP_BEFORE()                            \
     asm volatile("griddepcontrol.wait;" ::: "memory"); \

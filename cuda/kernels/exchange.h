@@ -2,15 +2,15 @@
 // four of which are a tag. A word is read and written whole: once the tag has arrived, so has the point, and
 // no barrier is needed. Device code only.
 //
-// Words between parts of a body, whose kernels may run on different devices, use the scope of the system
-// instead. They lie in the memory of the device that reads them, so that only stores cross the link. The code
-// relies on this:
+// Words between blocks of one launch are accessed with the scope of the GPU; words between parts of a body,
+// whose kernels may run on different devices, with that of the system. The latter lie in the memory of the
+// device that reads them, so that only stores cross the link. The code relies on this:
 // - PTX counts .b128 as one scalar, unlike a vector of four floats, which is four accesses in any order. A
-//   store and a load of the word that name each other's thread in their scopes do not tear. Hence .sys on
+//   store and a load of one word do not tear if the scope of each includes the other's thread. Hence .sys on
 //   both sides: .gpu would leave out the threads of other devices.
-// - NVLink delivers an aligned word of 16 bytes whole. NCCL relies on more there (LL128: lines of 128 bytes
-//   arrive in order), and elsewhere on words of 8 bytes only. So there are no such words over PCIe: the
-//   backend refuses it.
+// - NVLink delivers an aligned word of 16 bytes whole. NCCL relies on even more there (LL128: lines of 128
+//   bytes arrive in order), but elsewhere only on words of 8 bytes. So the backend refuses to send such words
+//   over PCIe.
 // - The order of two words is undefined, and nothing depends on it: each word has its own tag.
 #pragma once
 
@@ -20,7 +20,7 @@
 namespace voxspring::cuda {
 
 #ifdef __CUDACC__
-/// Sends nothing if `here` is false. The store is predicated, so there is no branch.
+/// Stores a point and its tag as one word if `here` is true. The store is predicated, so there is no branch.
 __device__ inline void publish_if(bool here, TaggedPoint* to, Vector<float> point, std::uint32_t tag) {
     asm volatile(
         "{\n"
@@ -37,7 +37,7 @@ __device__ inline void publish_if(bool here, TaggedPoint* to, Vector<float> poin
         : "memory");
 }
 
-/// Defines TaggedPoint NAME(from). The scope, "gpu" or "sys", is part of the instruction.
+/// Defines TaggedPoint name(from), which loads a word. The scope, "gpu" or "sys", is part of the instruction.
 #define LOAD_WORD(name, scope)                                                               \
     __device__ inline TaggedPoint name(const TaggedPoint* from) {                            \
         TaggedPoint found;                                                                   \
@@ -57,11 +57,11 @@ __device__ inline void publish_if(bool here, TaggedPoint* to, Vector<float> poin
         return found;                                                                        \
     }
 LOAD_WORD(load_word_gpu, "gpu")
-/// Reads what threads of any device write.
+/// Reads words that threads of any device write.
 LOAD_WORD(load_word_system, "sys")
 #undef LOAD_WORD
 
-/// publish_if() for readers on any device.
+/// Stores a point and its tag as one word, for readers on any device.
 __device__ inline void store_word_system(TaggedPoint* to, Vector<float> point, std::uint32_t tag) {
     asm volatile(
         "{\n"

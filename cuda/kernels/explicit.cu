@@ -1,5 +1,5 @@
-// With SECONDARY the step reads the secondary list, otherwise one counter per spring group. With ROWS lists
-// are as the paper had them.
+// With SECONDARY the step reads the secondary list, otherwise one counter per spring group. With ROWS it
+// reads the paper's rows (ListRows).
 #include "cuda/kernels/entry.h"
 #include "cuda/kernels/explicit.h"
 

@@ -3,7 +3,7 @@
 // is the entry of a list at p.
 //
 // Every list has the same number of slots. An unused slot holds the particle itself, whose pull on itself is
-// zero. So lists can be read in whole chunks, before the counters that say where they end.
+// zero. So lists can be read in whole chunks, before the counters that say where lists end.
 #pragma once
 
 #include "backends/layout/records/explicit.h"
@@ -11,8 +11,8 @@
 
 namespace voxspring::cuda {
 
-/// How many slots are read together, unless the kernel is compiled for exactly faces and edges. The number
-/// divides the size of every group: 6, 12 and 8.
+/// How many slots step_by_groups() reads together, unless it is compiled for exactly faces and edges. The
+/// number divides the size of every group: 6, 12 and 8.
 inline constexpr int short_chunk = 2;
 
 /// The index of the neighbour that a list entry names.
@@ -20,7 +20,7 @@ template <class Terms>
 VOXSPRING_HOST_DEVICE int listed_index(std::uint32_t entry) {
     return int(Terms::positions ? entry : entry & LISTED_INDEX);
 }
-/// The offset at rest of the spring that a list entry stands for.
+/// How the spring of a list entry lies at rest, by the entry's direction code. Not used on positions.
 template <class Terms, class Real>
 VOXSPRING_HOST_DEVICE SpringRest<Real> listed_rest(const SpringRest<Real>* rest, std::uint32_t entry) {
     if constexpr (Terms::positions) {
@@ -30,7 +30,7 @@ VOXSPRING_HOST_DEVICE SpringRest<Real> listed_rest(const SpringRest<Real>* rest,
     }
 }
 
-/// Adds the pull of `count` springs to `sum`.
+/// Adds to `sum` the pulls, at stiffness 1, of the `count` springs in `entry`.
 template <class Terms, int count, class Real, class Current>
 VOXSPRING_HOST_DEVICE void add_chunk(Vector<Real>& sum, const Point<Real, Terms::split>& point,
                                      const std::uint32_t* entry, Real rest_length,

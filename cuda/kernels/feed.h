@@ -20,7 +20,6 @@ struct Feeding {
     const ParticleRecord<Real>* words_low;  ///< null: there are no low parts
 };
 
-/// The displacement of fed particle n.
 template <class Real>
 VOXSPRING_HOST_DEVICE FedDisplacement fed_displacement(const Feeding<Real>& feeding, std::size_t n) {
     const FedWord<Real> fed = feeding.fed[n];

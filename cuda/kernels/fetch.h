@@ -1,4 +1,4 @@
-// How kernels read memory: one type per path. Each is a handle of 8 bytes that a kernel gets as an argument.
+// How kernels read memory: one type per path. A kernel gets an object of that type, 8 bytes, as an argument.
 // Device code only.
 #pragma once
 
@@ -62,7 +62,7 @@ struct ThroughL1 {
     }
 };
 
-/// tex1Dfetch() that the compiler may not move before the wait for the previous step (words.h).
+/// tex1Dfetch(), which the compiler may not move before the wait for the previous step (words.h).
 __device__ inline float4 texel(cudaTextureObject_t texture, int index, float4) {
 #ifdef DEPENDENT_LAUNCH
     float4 v;
@@ -87,7 +87,7 @@ __device__ inline int4 texel(cudaTextureObject_t texture, int index, int4) {
 }
 
 /// Reads positions through a texture object (tex1Dfetch): one float4, or two int4 for float64. Lists are read
-/// through L1 or, with ROWS, past it: in 2008 no such cache served plain loads.
+/// through L1 or, with ROWS, past L1: in 2008 no such cache served plain loads.
 template <class Real>
 struct ThroughTexture {
     cudaTextureObject_t texture;

@@ -44,7 +44,7 @@ VOXSPRING_HOST_DEVICE Pull<Real> lattice_pull(const ImplicitStep<Real>& step, co
     return unit_pull<Terms>(here - there, rest, step.rest_length[bit / 2], step.motion.shortest_squared);
 }
 
-/// The sums of unit pulls, by spring group. Where each spring has a separate stiffness, the sums of pulls.
+/// The sums of pulls at stiffness 1, by spring group. With several materials, the sums of forces.
 template <class Real>
 struct GroupSums {
     Vector<Real> face{0, 0, 0}, edge{0, 0, 0}, corner{0, 0, 0};
@@ -55,11 +55,11 @@ struct EveryNeighbour {
     static VOXSPRING_HOST_DEVICE constexpr bool has(int, int, int) { return true; }
 };
 
-/// Adds the springs of `self` to its `Chosen` neighbours. `neighbour(dx, dy, dz)` is the point at that offset
-/// and `compliance(dx, dy, dz)` its compliance. Both are called for absent neighbours too, so that no fetch
-/// waits for the mask. A selection then drops what they gave, so that a NaN in an inactive voxel stays there.
-/// With term_bit_by_bit they are called only for neighbours that exist. `full_stencil`: every neighbour of
-/// the groups that are compiled in exists.
+/// Adds to `sums` the pulls of the springs of `self` to its `Chosen` neighbours. `neighbour(dx, dy, dz)` is
+/// the point at that offset and `compliance(dx, dy, dz)` its compliance. Both are called for absent
+/// neighbours too, so that no fetch waits for the mask. A selection then drops their results, so that a NaN
+/// in an inactive voxel stays there. With term_bit_by_bit they are called only for neighbours that exist.
+/// `full_stencil`: every neighbour of the groups that are compiled in exists.
 template <class Terms, bool full_stencil, class Chosen, class Real, class Neighbour, class Compliance>
 VOXSPRING_HOST_DEVICE void add_springs(const ImplicitStep<Real>& step, const Vector<Real>& spacing,
                                        const Self<Real, Terms::split>& self, Neighbour neighbour,
@@ -129,7 +129,7 @@ VOXSPRING_HOST_DEVICE Vector<Real> implicit_force(const ImplicitStep<Real>& step
     return force_of<Terms>(step, sums);
 }
 
-/// Whether `yes` holds for all threads that run this together.
+/// Whether `yes` is true in all threads that run this together.
 VOXSPRING_HOST_DEVICE inline bool all_say(bool yes) {
 #ifdef __CUDA_ARCH__
     return __all_sync(__activemask(), int(yes)) != 0;
@@ -149,8 +149,8 @@ VOXSPRING_HOST_DEVICE bool all_full_stencils(std::uint32_t bits) {
     }
 }
 
-/// Steps the particle of element `index`, if there is one. `self` is that particle as the reader returned it.
-/// Returns whether a bit of its state changed.
+/// Steps the particle of element `index`, if there is one. `self` is what Reader::self() returned for the
+/// element. Returns whether a bit of the particle's state changed.
 template <class Terms, class Real, class Neighbour, class Compliance>
 VOXSPRING_HOST_DEVICE bool step_voxel(const ImplicitStep<Real>& step, int index,
                                       const Self<Real, Terms::split>& self, const Output<Real>& output,
@@ -184,8 +184,8 @@ struct GridCompliance {
     }
 };
 
-/// The work of one thread in a kernel that fetches neighbours from memory. Its voxel (x, y, z) may lie
-/// outside of the lattice.
+/// Steps the particle of voxel (x, y, z), if there is one, with neighbours from memory. The voxel may lie
+/// outside of the lattice. Returns whether a bit of the particle's state changed.
 template <class Terms, class Real, class Current>
 VOXSPRING_HOST_DEVICE bool step_from_memory(const ImplicitStep<Real>& step, int x, int y, int z,
                                             const Current& current, const Output<Real>& output) {
@@ -229,8 +229,8 @@ struct Tile {
         return middle;
     }
 
-    /// Loads this thread's column, as thread (tx, ty), and the columns of the frame next to it. Returns the
-    /// thread's particle. What lies outside of the lattice stays unset: no spring reads it.
+    /// Loads the column of thread (tx, ty), and the columns of the frame next to it. Returns the thread's
+    /// particle. What lies outside of the lattice stays unset: no spring reads it.
     template <class Current>
     VOXSPRING_HOST_DEVICE Self<Real, split> fill(int tx, int ty, int index, int row, int slice,
                                                  const Current& current) {
@@ -248,7 +248,6 @@ struct Tile {
     }
 };
 
-/// Fetches neighbours from the tile.
 template <class Real, bool split, int W, int H>
 struct TileNeighbours {
     const Tile<Real, split, W, H>& tile;

@@ -14,9 +14,9 @@ __device__ inline float4 operator-(float4 a, float4 b) {
 }
 
 /// Makes `passes` passes. A pass reads one or two arrays and writes one or none, past L1 and in words of 16
-/// bytes, of which each thread moves `words` at a time. A launch has many passes, since a pass within the
-/// cache takes hardly longer than a launch. A grid of several rows has one row per pass; a grid of few blocks
-/// goes through the arrays in strides.
+/// bytes, of which each thread moves `words` at a time. A launch makes many passes, since a pass within the
+/// cache takes hardly longer than a launch. In a grid of several rows, each row makes one pass; a grid of few
+/// blocks goes through the arrays in strides.
 template <int reads, bool writes, int words>
 __device__ void sweep(int passes, const Sweep& arrays) {
     const std::size_t stride = std::size_t(gridDim.x) * THREADS * words;
@@ -56,8 +56,8 @@ KERNEL sweep_1_1_2(int passes, Sweep arrays) { sweep<1, true, 2>(passes, arrays)
 KERNEL sweep_2_1_1(int passes, Sweep arrays) { sweep<2, true, 1>(passes, arrays); }
 KERNEL sweep_2_1_2(int passes, Sweep arrays) { sweep<2, true, 2>(passes, arrays); }
 
-/// All blocks of a cooperative launch meet `barriers` times. `arrived`: how many blocks have reached a
-/// barrier since it was 0. `before`: how many of them did so in earlier launches.
+/// All blocks of a cooperative launch meet `barriers` times. `arrived` counts the arrivals of blocks at
+/// barriers, over all launches. `before`: its value after the earlier launches.
 KERNEL meet(int barriers, std::uint32_t* arrived, std::uint32_t before) {
     for (int n = 1; n <= barriers; ++n) {
         const std::uint32_t wanted = before + std::uint32_t(n) * gridDim.x;
@@ -92,8 +92,9 @@ KERNEL exchange(TaggedPoint* points, int exchanges, std::uint32_t tag) {
     }
 }
 
-/// Writes nothing, but the compiler cannot know that: the sums converge to 2, so that `total` never equals
-/// `impossible`. The multiply-adds are fused in the source, because the compiler is told not to fuse any.
+/// Computes sums and writes none, but the compiler cannot know that: the sums converge to 2, so that `total`
+/// never equals `impossible`. The multiply-adds are fused in the source, because the compiler must not fuse
+/// any.
 template <class Real>
 __device__ void multiply_add(int repetitions, Real factor, Real impossible, Real* result) {
     Real sum[limit_sums];

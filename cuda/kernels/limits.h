@@ -17,8 +17,8 @@ struct Sweep {
     const float4* second;  ///< the second array read, if there are two
     float4* written;
     std::size_t count;
-    /// `shift` is zero, and `impossible` is a sum that never occurs. The compiler does not know that, so
-    /// every pass has to read memory anew.
+    /// `shift` is zero, and `impossible` is a sum that never occurs. The compiler knows neither, so every
+    /// pass has to read memory anew.
     std::size_t shift;
     float impossible;
 };

@@ -9,7 +9,7 @@
 
 namespace voxspring::cuda {
 
-/// Two neighbours along x, which are moved at once.
+/// One component of each of two neighbours along x, which one access loads or stores.
 template <class Real>
 struct alignas(2 * sizeof(Real)) Pair {
     Real a, b;
@@ -24,7 +24,7 @@ struct Own {
         UNROLLED
         for (int r = 0; r < rows; ++r) at[r][0] = at[r][1] = {0, 0, 0};
     }
-    /// Loads from a window in which element `from` is the first particle.
+    /// Loads the particles from a window. `from` points at x of the thread's first particle there.
     VOXSPRING_HOST_DEVICE void load(const Real* from, int pitch, int axis) {
         UNROLLED
         for (int r = 0; r < rows; ++r) load_pair(from + r * pitch, axis, at[r][0], at[r][1]);
@@ -78,16 +78,16 @@ VOXSPRING_HOST_DEVICE Pull<Real> class_pull(const MarchStep<Real>& step, const V
     return spring;
 }
 
-/// Adds the force of a spring to `force` if the spring is there. The selection applies to the sum, not to the
-/// addend: so a point that is not finite has no effect through a spring that is not there.
+/// Adds the force of a spring to `force` if the spring exists. Otherwise `force` stays as it is, even if the
+/// spring's force is not finite.
 template <class Real>
 VOXSPRING_HOST_DEVICE void add_where(Vector<Real> offset, Real density, bool is_there, Vector<Real>& force) {
     const Vector<Real> sum = fused(offset, density, force);
     if (is_there) force = sum;
 }
-/// add_where() by predicated instructions. Where several sums share one condition, the compiler would add a
+/// add_where() by predicated instructions. If several sums share one condition, the compiler would add a
 /// selection to each of them; predicates need no instruction beyond the sum. `there` is nonzero if the spring
-/// is there. Pass a masked bit, which one instruction tests; a bit shifted into a bool would take three.
+/// exists. Pass a masked bit, which one instruction tests; a bit shifted into a bool would take three.
 template <class Real>
 VOXSPRING_HOST_DEVICE void add_predicated(Vector<Real> offset, Real density, std::uint32_t there,
                                           Vector<Real>& force) {
@@ -108,12 +108,12 @@ VOXSPRING_HOST_DEVICE void add_predicated(Vector<Real> offset, Real density, std
     add_where(offset, density, there != 0, force);
 }
 
-/// Which springs are evaluated when a plane arrives: those within the plane, those between it and the
-/// plane before, or both kinds.
+/// Which springs are evaluated when a plane arrives. `plane`: those within it; `between`: those to the plane
+/// before; `both`: both kinds.
 enum class PlaneSpringsOf { plane, both, between };
 
-/// The springs that a thread evaluates when a plane arrives, added to the forces on its particles in that
-/// plane and the one before. `masked`: only springs whose bits are set count; the forces of others are
+/// Evaluates springs when a plane arrives, and adds their forces to those on the thread's particles in that
+/// plane and in the one before. `masked`: only springs whose bits are set count; the forces of others are
 /// dropped by selection.
 template <class Terms, MarchShape shape, bool masked, bool equal_edges, PlaneSpringsOf which, class Real>
 class PlaneSprings {
@@ -166,8 +166,7 @@ private:
     VOXSPRING_HOST_DEVICE Pull<Real> pull(Vector<Real> relative, int k, int dx, int dy, int dz) const {
         return class_pull<Terms, equal_edges>(step_, step_.spacing, relative, k, dx, dy, dz);
     }
-    /// The selection applies to the sum, not to the addend: a neighbour that is not finite then has no
-    /// effect.
+    /// A spring that is masked out leaves `force` as it is, even if the neighbour is not finite.
     VOXSPRING_HOST_DEVICE void add(int bit, Vector<Real> offset, Real density, Vector<Real>& force) const {
         const Vector<Real> sum = fused(offset, density, force);
         if (!masked || (word_ >> bit & 1U) != 0) force = sum;
@@ -181,8 +180,8 @@ private:
     Particles* const force_[2];
 };
 
-/// One component of x or u at t + dt; by increments that of v at t + dt, which needs no `at`. `before` is the
-/// number that the step overwrites: x or u at t - dt, or v at t. `force` is in units of MarchStep::scale.
+/// One component of x or u at t + dt or, by increments, of v at t + dt, which needs no `at`. `before` is what
+/// the step overwrites: x or u at t - dt, or v at t. `force` is in units of MarchStep::scale.
 template <class Terms, class Real>
 VOXSPRING_HOST_DEVICE Real integrate_component(const MarchStep<Real>& step, Real at, Real before, Real force,
                                                Real gravity) {
@@ -199,8 +198,8 @@ VOXSPRING_HOST_DEVICE Real integrate_component(const MarchStep<Real>& step, Real
     return (Terms::increments ? before : at) + std::fma(force, step.scale, change);
 }
 
-/// Moves a thread's particles of one plane by one step. The first of them is element `index` of each axis.
-/// `before`: the window of what the step overwrites.
+/// Moves a thread's particles of one plane by one step. The first of these particles is element `index` of
+/// each axis. `before`: the window of what the step overwrites.
 template <class Terms, MarchShape shape, bool masked, class Real, class Planes>
 VOXSPRING_HOST_DEVICE void integrate_plane(const MarchStep<Real>& step, const MarchOutput<Real>& output,
                                            std::size_t index, std::uint64_t word, const Real* before,
@@ -236,8 +235,8 @@ VOXSPRING_HOST_DEVICE void integrate_plane(const MarchStep<Real>& step, const Ma
     }
 }
 
-/// Takes a thread's particles from the window that arrived, and adds the forces of springs to them and to
-/// those of the window before.
+/// Loads a thread's particles from the window that arrived into `above`. Adds the forces of springs to them
+/// (`force_above`) and to the thread's particles in the window before (`force`).
 template <class Terms, MarchShape shape, bool masked, bool equal_edges, PlaneSpringsOf which, class Real,
           class Planes>
 VOXSPRING_HOST_DEVICE void add_springs(const MarchStep<Real>& step, const Sides<Real>& sides,
@@ -257,20 +256,20 @@ VOXSPRING_HOST_DEVICE void add_springs(const MarchStep<Real>& step, const Sides<
 /// - arrive(): waits for the next plane and returns its window.
 /// - release(): says that the window before the newest one is no longer needed.
 /// - before(): waits for the old values that the step of the next plane overwrites, and returns their window.
-/// - release_before(): says that this window is no longer needed.
-/// - store(to, pair): stores what the step of that plane computes.
+/// - release_before(): says that the window of before() is no longer needed.
+/// - store(to, pair): stores what the step of the next plane computes.
 ///
 /// - refill(plane): may ask for later planes. It is called just before the arrive() that waits for `plane`.
 /// - any(here): whether `here` holds for any thread that steps together with this one.
 ///
-/// Windows begin at the thread's own particles.
+/// A returned window begins at the thread's first particle.
 template <class Terms, MarchShape shape, bool masked, bool equal_edges, class Real, class Planes>
 VOXSPRING_HOST_DEVICE void march(const MarchStep<Real>& step, const MarchItem& item,
                                  const MarchOutput<Real>& output, int thread, Planes& planes) {
     using Particles = Own<Real, shape.rows>;
     const std::uint64_t* words = masked ? step.words + item.words + thread : nullptr;
     std::uint64_t next_word = masked ? *words : 0;
-    // Each word is fetched one plane before it is needed.
+    // Each mask word is fetched one plane before it is needed.
     const auto word_of = [&](int plane) {
         const std::uint64_t word = next_word;
         if (masked && plane < item.end) {
@@ -315,7 +314,7 @@ VOXSPRING_HOST_DEVICE void march(const MarchStep<Real>& step, const MarchItem& i
         force = force_above;
     }
     const std::uint64_t word = word_of(plane);
-    // The springs within the plane above belong to another item.
+    // The plane above belongs to another item, which evaluates the springs within that plane.
     if (plane < step.nz) {
         add_springs<Terms, shape, masked, equal_edges, PlaneSpringsOf::between>(
             step, sides, word, planes.arrive(), window, planes, above, own, force_above, force);

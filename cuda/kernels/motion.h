@@ -37,7 +37,7 @@ struct Self {
     std::uint32_t bits;
 };
 
-/// Reads points through `Fetch`.
+/// Reads particles by a `Fetch`, one of the types of fetch.h.
 template <class Real, bool split, class Fetch>
 struct Reader {
     const Fetch& high;
@@ -80,13 +80,13 @@ VOXSPRING_HOST_DEVICE Real strain_deficit(Vector<Real> relative, Vector<Real> of
                     std::fma(-relative.y, sum.y, std::fma(-relative.z, sum.z, rest.deficit)));
 }
 
-/// `relative`: x_i - x_j or u_i - u_j. `rest_length`: the result of measured_length() or, by increments, the
-/// rest length itself.
+/// The pull on particle i of its spring to j. `relative`: x_i - x_j or u_i - u_j. `rest_length`: the result
+/// of measured_length() or, by increments, the rest length itself.
 template <class Terms, class Real>
 VOXSPRING_HOST_DEVICE Pull<Real> unit_pull(Vector<Real> relative, const SpringRest<Real>& rest,
                                            Real rest_length, Real shortest_squared) {
-    // The compiler folds away the subtraction of a zero. It may not fold the addition of a zero, which turns
-    // -0 into 0.
+    // A subtraction: the compiler folds away that of a zero, but not the addition of a zero, which turns -0
+    // into 0.
     const Vector<Real> offset = Terms::positions ? relative : relative - rest.offset;
     const Real squared = squared_length(offset.x, offset.y, offset.z, shortest_squared);
     if constexpr (Terms::increments) {
@@ -125,13 +125,13 @@ VOXSPRING_HOST_DEVICE PreviousOrVelocity<Real> load_before(const Output<Real>& o
     }
 }
 
-/// `v` with every component that is smaller than flushed_below replaced by zero.
+/// `v`, with zero for every component whose magnitude is below flushed_below.
 template <class Real>
 VOXSPRING_HOST_DEVICE Vector<Real> flushed(Vector<Real> v) {
     const auto far = [](Real a) { return a < Real(flushed_below) && a > -Real(flushed_below) ? Real(0) : a; };
     return {far(v.x), far(v.y), far(v.z)};
 }
-/// `low` with zero for every component whose `high` is 0.
+/// `low`, with zero for every component that is zero in `high`.
 template <class Real>
 VOXSPRING_HOST_DEVICE Vector<Real> low_of(Vector<Real> high, Vector<Real> low) {
     const auto kept = [](Real h, Real l) { return h != 0 ? l : Real(0); };
@@ -145,7 +145,7 @@ struct Integrated {
     PreviousOrVelocity<Real> before;  ///< what the next step overwrites
 };
 
-/// The particle of word `index` one step later under `force`, or where it was if it is pinned.
+/// The particle of word `index` after one step under `force`. A pinned particle stays where it is.
 template <class Terms, class Real>
 VOXSPRING_HOST_DEVICE Integrated<Real, Terms::split> integrate(const Motion<Real>& motion, int index,
                                                                const Self<Real, Terms::split>& self,
@@ -156,8 +156,7 @@ VOXSPRING_HOST_DEVICE Integrated<Real, Terms::split> integrate(const Motion<Real
     const Real inverse_mass = Terms::template has<term_materials>(motion.inverse_masses != nullptr)
                                   ? motion.inverse_masses[index]
                                   : motion.inverse_mass;
-    // If the scene lacks a term, its operand is a constant that changes no bit, and the compiler folds it
-    // away.
+    // If the scene lacks a term, the term's operand is a constant that changes no bit and is folded away.
     const Real zero = -Real(0);
     const Vector<Real> gravity =
         Terms::compiled(term_gravity) ? motion.gravity : Vector<Real>{zero, zero, zero};
@@ -207,9 +206,9 @@ VOXSPRING_HOST_DEVICE Integrated<Real, Terms::split> integrate(const Motion<Real
     }
 }
 
-/// Moves the particle of word `index` by one step under `force`. Returns whether that changed a bit of its
-/// state. Without `stores` the particle stays where it is, and the result is whether a step would change a
-/// bit.
+/// Moves the particle of word `index` by one step under `force`, and returns whether a bit of its state
+/// changed. If `stores` is false, the particle stays where it is, and the result is whether the step would
+/// change a bit.
 template <class Terms, class Real>
 VOXSPRING_HOST_DEVICE bool integrate_and_store(const Motion<Real>& motion, const Output<Real>& output,
                                                int index, const Self<Real, Terms::split>& self,

@@ -21,7 +21,7 @@ extern "C" __global__ void __launch_bounds__(Block::all_threads, 1)
     step(const __grid_constant__ Block::Step step, ParticleRecord<float>* words,
          ParticleRecord<float>* previous, float* increment, std::size_t pitch, int count, std::uint32_t tag,
          std::uint32_t launches) {
-#if TURNS > 1  // more shared memory than a block may declare
+#if TURNS > 1  // more shared memory than a kernel may declare statically
     extern __shared__ __align__(16) unsigned char memory[];
     Block::Shared& shared = *reinterpret_cast<Block::Shared*>(memory);
 #else

@@ -30,7 +30,7 @@ struct NoCompliance {
     __device__ float operator()(int, int, int) const { return 0; }
 };
 
-/// The terms with which particles are moved: `Terms`, but without loads if the force already includes them.
+/// The terms for integrate(): `Terms`, but without loads if the force already includes them.
 template <class Terms, bool loads_in_force>
 struct TermsOfMotion {
     using type = Terms;
@@ -60,7 +60,6 @@ public:
     };
     using Shared = std::conditional_t<in_ticks, PointsAndOrder, Points>;
 
-    /// Where the state lies.
     struct Memory {
         ParticleRecord<float>* words;
         ParticleRecord<float>* previous;
@@ -120,7 +119,7 @@ private:
         int slot[neighbour_bits];
         Vector<float> spacing;   ///< of the lattice, negative along axes in which the warp is mirrored
         TaggedPoint* published;  ///< null where no other block reaches the particle
-        std::uint32_t sent;      ///< the particle's entry in ResidentLinks
+        std::uint32_t sent;      ///< the lane's entry in ResidentLinks::sent
         // Only used if there is a tool:
         std::uint32_t held;  ///< the lane's element of HeldResidentStep::held_by_lane
         Vector<float> load;  ///< without the tool's force
@@ -328,7 +327,7 @@ private:
     }
 
     /// The load of a lane's particle in a step, including the tool's force. now() returns a ToolNow. `last`:
-    /// the step is the last one of a launch or tick, for which the host asks for the tool's force.
+    /// the step is the last one of a launch or tick, so the tool's force is stored for the host.
     template <class Now>
     __device__ Vector<float> load_of(const Lane& lane, bool last, Now now) const {
         if (lane.held == resident_none) return lane.load;
@@ -346,10 +345,10 @@ private:
     }
 
     /// Which half of the exchange holds the points with `tag`. `half`: the half of shared memory that holds
-    /// the same step's points. Each launch begins with half 0 of shared memory. Within one launch the
-    /// exchange can use the same half. But a neighbouring part may be one launch ahead, and if that launch
-    /// has a single step, its point must not replace the point before it, which may not have been read yet.
-    /// So between parts the parity of the tag selects the half, whatever the launches.
+    /// the same step's points. Each launch begins with half 0 of shared memory. Without parts the exchange
+    /// uses the same half. But a neighbouring part may be one launch ahead, and if that launch has a single
+    /// step, its point must not replace the point before it, which may not have been read yet. So between
+    /// parts the parity of the tag selects the half.
     ///
     /// Two halves are enough. A block sends the point of step n + 2 only once it, or its launch
     /// (keep_ghosts()), has the points of step n + 1 of all blocks that it reaches. These are the blocks that
@@ -357,9 +356,9 @@ private:
     /// step n.
     static __device__ int turn_of(int half, std::uint32_t tag) { return shape.part ? int(tag & 1) : half; }
 
-    /// Takes a step that reads half `half`. Springs across the border are added last, once the points at the
-    /// border have come. The load is taken before that wait: after it, the next tick's order may replace this
-    /// one.
+    /// Takes a step that reads half `half` of shared memory. Springs across the border are added last, once
+    /// the points at the border have come. The load is computed before that wait: after the wait, the next
+    /// tick's order may replace this one.
     template <class Border, int half>
     __device__ void step_lane(Lane& lane, std::uint32_t tag, bool first, bool last) {
         if constexpr (shape.turns > 1) {
@@ -380,7 +379,8 @@ private:
         if constexpr (overlaps) own_points_are_here();
     }
 
-    /// Moves a lane's particle under the sums of its springs and under `load`, and passes on where it is.
+    /// Moves a lane's particle under `sums` of its springs and `load`, and passes its place to all who read
+    /// it.
     template <int half>
     __device__ void finish(Lane& lane, const GroupSums<float>& sums, Vector<float> load, std::uint32_t tag,
                            bool last) {
@@ -390,8 +390,8 @@ private:
             integrate<MotionTerms>(step_.motion, lane.word, lane.self, lane.before, force);
         lane.self.point = next.point;
         lane.before = next.before;
-        // A branch is faster here than a predicated store, with which the kernel of increments with 80
-        // registers waits longer.
+        // A branch is faster here than a predicated store, with which the kernel of formulation `increment`,
+        // at 80 registers, waits longer.
         if (lane.published != nullptr && (in_ticks || !last))
             publish_if(true, lane.published + turn_of(1 - half, tag + 1) * step_.published_count,
                        next.point.high, tag + 1);
@@ -439,8 +439,8 @@ private:
         return true;
     }
 
-    /// Whether a step is the last is known only when it is over. So every step publishes its points, and
-    /// every step waits for the border, the first one of the launch included.
+    /// Takes the steps of all ticks. Only after a step is it known whether that step was the last. So every
+    /// step publishes its points, and every step waits for the border, the first one of the launch included.
     template <class Border>
     __device__ void run_ticks(Lane& lane, std::uint32_t tag) {
         Turn turn{step_.line.first_tick, 0};
@@ -478,8 +478,8 @@ private:
         }
     }
 
-    /// Fetches what the next step reads as soon as it is published, whether or not that step belongs to this
-    /// tick.
+    /// Fetches the points that the next step reads as soon as they are published, whether or not that step
+    /// belongs to this tick.
     __device__ void poll_ticks(Polls& polls, std::uint32_t tag) {
         Turn turn{step_.line.first_tick, 0};
         for (int half = 1; goes_on(turn, tag); half = 1 - half) {
@@ -513,9 +513,9 @@ private:
         return wait_for_words<shape.rounds, true>(step_.wait, missing, tag, load, found);
     }
 
-    /// Stores the ghosts that this thread keeps where the last step of a launch leaves all particles: as x(t)
-    /// and, since ghosts count as pinned, as x(t - dt). So the next launch, an edit and a check for
-    /// divergence find ghosts like other particles.
+    /// Stores in memory the ghosts that this thread keeps, as a launch's last step stores all other
+    /// particles: as x(t) and, since ghosts count as pinned, as x(t - dt). So the next launch, an edit and a
+    /// check for divergence find ghosts like other particles.
     __device__ void keep_ghosts(const Polls& polls, std::uint32_t at, const Memory& memory,
                                 std::uint32_t launches, std::uint32_t tag) {
         std::uint32_t kept = 0, word[shape.rounds];
@@ -537,7 +537,7 @@ private:
 
     Shared& shared_;
     const Step& step_;
-    const Memory* memory_ = nullptr;  ///< only set with several particles per thread
+    const Memory* memory_ = nullptr;  ///< set only if a thread has several particles
 };
 
 }  // namespace voxspring::cuda

@@ -1,10 +1,11 @@
 // Blocks of an implicit kernel that rest.
 //
 // A step of a block depends on its particles and on those of the blocks around it. If the latest step changed
-// no bit of them, the next one would change none either, and is left out (term_resting). x(t) and x(t - dt)
-// of such a block are equal, so both buffers already hold what the step would write. A block in which a step
-// changes something lists itself and its neighbours for the next step, which takes only listed blocks. Before
-// the first step, a check of all blocks, which stores nothing, finds those that the first step takes.
+// no bit of these particles, the next one would change none either, and is left out (term_resting). x(t) and
+// x(t - dt) of such a block are equal, so both buffers already hold what the step would write. A block in
+// which a step changes something lists itself and its neighbours for the next step, which takes only listed
+// blocks. Before the first step, a check of all blocks, which moves no particle, lists those that this step
+// takes.
 #pragma once
 
 #include "backends/layout/records/implicit.h"
@@ -15,7 +16,7 @@ namespace voxspring::cuda {
 /// A block and the 26 around it.
 inline constexpr int blocks_around = 27;
 
-/// Block `number`, from 0, of the 27 blocks around `origin`, itself included. A block has x * y * z voxels.
+/// Block `number`, from 0, of the block `origin` and the 26 around it. A block has x * y * z voxels.
 VOXSPRING_HOST_DEVICE inline BlockOrigin around(const ActiveBlocks& blocks, const BlockOrigin& origin,
                                                 int number, int x, int y, int z) {
     const int dx = number % 3 - 1, dy = number / 3 % 3 - 1, dz = number / 9 - 1;
@@ -28,7 +29,7 @@ __device__ inline unsigned thread_of_block() {
     return threadIdx.x + blockDim.x * (threadIdx.y + blockDim.y * threadIdx.z);
 }
 
-/// One of the blocks around a block, as the thread of that number sees it.
+/// One of the blocks that around() numbers. Thread n of a block looks at number n.
 struct BlockAround {
     BlockOrigin origin;
     bool listed;  ///< already listed for the next step; also set in threads beyond the last number
@@ -42,7 +43,8 @@ __device__ inline BlockAround look_around(const ActiveBlocks& blocks, const Bloc
     return {other, __ldcg(blocks.next_marks + other.place) != 0};
 }
 
-/// Called by all threads of a block after its step. `changed`: whether the thread's particle has changed.
+/// Lists the block and those around it for the next step if a particle of the block changed. To be called by
+/// all its threads after its step. `changed`: whether the thread's particle has changed.
 __device__ inline void list_for_next_step(const ActiveBlocks& blocks, const BlockOrigin& origin,
                                           const BlockAround& other, bool changed) {
     const unsigned thread = thread_of_block();
@@ -57,9 +59,9 @@ __device__ inline void list_for_next_step(const ActiveBlocks& blocks, const Bloc
     if (thread == 0) blocks.now_marks[origin.place] = 0;
 }
 
-/// Calls step_block(origin) for each block of the list; it returns whether the thread's particle changed.
-/// Only the device knows the length of the list, so each block of threads goes on taking blocks until the
-/// list ends.
+/// Calls step_block(origin) for each block of the list; step_block() returns whether the thread's particle
+/// changed. Only the device knows the length of the list, so each block of threads goes on taking blocks
+/// until the list ends.
 template <class StepBlock>
 __device__ void for_each_active_block(const ActiveBlocks& blocks, StepBlock step_block) {
     // These loads are in flight together, as are those of marks and particles below: where few blocks move, a
@@ -68,7 +70,7 @@ __device__ void for_each_active_block(const ActiveBlocks& blocks, StepBlock step
     const unsigned count = *blocks.now_count;
     BlockOrigin origin = blocks.now[blockIdx.x];
     // The last block of threads that reads the count empties the list. The vote makes sure that all threads
-    // of the block have read it.
+    // of the block have read the count before.
     const unsigned taken = __syncthreads_or(int(count != 0)) != 0 ? count : 0;
     if (thread_of_block() == 0 && atomicInc(blocks.readers, gridDim.x - 1) == gridDim.x - 1) {
         *blocks.taken = taken;

@@ -39,7 +39,7 @@ struct Barrier {
 };
 
 /// Tells L2 to keep the first `kept` of every kept_of planes of the lattice, and to evict all others first.
-/// With 0 it tells L2 nothing.
+/// If `kept` is 0, L2 is told nothing.
 template <int kept>
 struct CachePolicy {
     std::uint64_t keep = 0, drop = 0;
@@ -70,8 +70,8 @@ struct CachePolicy {
             *to = pair;
         }
     }
-    /// Copies the box that begins at (x, y, z), for all three axes. `done` counts the bytes that have
-    /// arrived. Elements outside of the tensor become zeros.
+    /// Begins to copy the box at (x, y, z), for all three axes. `done` counts the bytes that have arrived.
+    /// Elements outside of the tensor become zeros.
     __device__ void copy_box(std::uint32_t to, const TensorMap& from, int x, int y, int z,
                              Barrier done) const {
         if constexpr (kept > 0) {
@@ -90,7 +90,7 @@ struct CachePolicy {
     }
 };
 
-/// A position in a ring: a slot, and the parity of the round.
+/// A position in a ring: a slot, and the parity of the number of rounds through the ring before.
 template <int slots>
 struct RingPlace {
     int slot = 0;
@@ -104,7 +104,8 @@ struct RingPlace {
     }
 };
 
-/// `slots` windows of `bytes` each, `stride` bytes apart, which one thread fills and every warp empties.
+/// A ring of `slots` windows of `bytes` bytes, `stride` apart. One thread fills them, and all warps read
+/// them.
 template <int slots, int bytes, int stride>
 struct WindowRing {
     static constexpr int size = slots * stride;
@@ -165,9 +166,9 @@ public:
             fill_before(before_place_.ahead(n), item.begin + n);
     }
 
-    /// Asks for the planes whose slots have become free. To be called before `plane` arrives. A fill is
-    /// always the same number of planes ahead of the arrival, so its slot and parity follow from the
-    /// arrival's.
+    /// Begins to copy the planes whose slots have become free. To be called before `plane` arrives. The
+    /// copies are always the same number of planes ahead of the arrival, so their slots and parities follow
+    /// from the arrival's.
     __device__ void refill(int plane) {
         if (threadIdx.x != 0) return;
         fill(place_.ahead(shape.planes - 2), plane + shape.planes - 2);

@@ -16,7 +16,7 @@ VOXSPRING_HOST_DEVICE void add_atomically(Real* sum, Real value) {
 #endif
 }
 
-/// Adds the force of spring s.
+/// Adds the force of spring s to both of its particles' sums.
 template <class Terms, class Real, class Current>
 VOXSPRING_HOST_DEVICE void scatter_spring(const ScatterStep<Real>& step, std::size_t s,
                                           const Current& current) {

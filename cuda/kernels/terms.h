@@ -10,9 +10,9 @@
 
 namespace voxspring::cuda {
 
-/// `scene_groups`: mask bits of the spring groups in use. `scene_terms`: the terms that are compiled in.
-/// `at_run_time`: the kernel asks the step's arguments which of these terms the scene has. Otherwise the
-/// scene has all of them.
+/// `scene_groups`: mask bits of the spring groups that are compiled in. `scene_terms`: the terms that are
+/// compiled in. `at_run_time`: the scene may lack some of these, and the kernel tests which by the step's
+/// arguments. Otherwise the scene has all of them.
 template <Formulation scene_formulation, std::uint32_t scene_groups, std::uint32_t scene_terms,
           bool at_run_time>
 struct KernelTerms {
@@ -22,11 +22,10 @@ struct KernelTerms {
     static constexpr bool split = scene_formulation == Formulation::compensated;
     static constexpr std::uint32_t groups = scene_groups;
 
-    /// Whether `term` is compiled in.
     static VOXSPRING_HOST_DEVICE constexpr bool compiled(std::uint32_t term) {
         return (scene_terms & term) != 0;
     }
-    /// Whether the scene has `term`. `asked` is the answer at run time.
+    /// Whether the scene has `term`. `asked`: what the step's arguments say, used only if `at_run_time`.
     template <std::uint32_t term>
     static VOXSPRING_HOST_DEVICE constexpr bool has(bool asked) {
         return compiled(term) && (!at_run_time || asked);

@@ -1,5 +1,5 @@
-// How a resident kernel that does not end receives the host's orders, and answers them. The words are those
-// of backends/layout/records/ticks.h. Device code, like resident_block.h.
+// How a resident kernel that goes on from tick to tick receives the host's orders, and answers them, by the
+// words of backends/layout/records/ticks.h. Device code, which a host can run too, like resident_block.h.
 #pragma once
 
 #include "backends/layout/records/ticks.h"
@@ -58,10 +58,10 @@ __device__ inline TickOrder wait_for_order(const TickLine& line, std::uint32_t t
                                            std::uint32_t step) {
     TickOrder order{{0, 0, 0}, 0, tick};
     if (blockIdx.x == 0) {
-        // The new order may replace the previous one only once every block has read that.
+        // The new order may replace the previous one only once every block has read the previous one.
         bool late = !wait_until_counted(line.taken_blocks, (tick - line.first_tick) * gridDim.x, limit, step);
         const std::uint64_t begin = nanoseconds();
-        // Look once more after the time is over: meanwhile another process may have had the card.
+        // Look once more after the time is over: another process may have had the card until then.
         while (!look_for_order(line.asked, tick, order) && !late)
             late = nanoseconds() - begin > line.max_idle;
         hand_on(order, line.handed_on);

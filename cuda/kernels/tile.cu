@@ -1,4 +1,4 @@
-// Neighbours come through shared memory, which holds tiles of WIDTH x HEIGHT particles.
+// Neighbours are read from shared memory, which holds one tile of WIDTH x HEIGHT particles at a time (Tile).
 #include "cuda/kernels/entry.h"
 #include "cuda/kernels/implicit.h"
 

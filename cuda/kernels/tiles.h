@@ -42,9 +42,9 @@ struct TileRows {
     }
 };
 
-/// A thread's particles during a step: the share of thread number `thread` of the `threads` threads of a
-/// tile. Springs are visited in the order of the whole tile, so that bits do not depend on the number of
-/// threads. `at`: x or u at t.
+/// A tile during a step, as one of its threads sees it: number `thread` of `threads`, which steps its share
+/// of the particles. Springs are visited in the order of the whole tile, so that bits do not depend on the
+/// number of threads. `at`: x or u at t.
 template <class Terms, bool equal_edges, int threads, int thread, class Real>
 class SteppedTile {
 public:
@@ -84,7 +84,6 @@ public:
         add_predicated(spring.offset, spring.density, mask_.bit(bit), force_[n]);
     }
 
-    /// Moves the particles by one step.
     VOXSPRING_HOST_DEVICE void integrate() const {
         UNROLLED
         for (int n = 0; n < tile_particles; ++n) {
@@ -108,7 +107,7 @@ public:
     }
 
 private:
-    /// Whether the thread steps particle `n`. It reads the others of the tile.
+    /// Whether the thread steps particle `n`. The tile's other particles are only read.
     static VOXSPRING_HOST_DEVICE constexpr bool steps(int n) {
         return n / (tile_particles / threads) == thread;
     }

@@ -1,5 +1,5 @@
-// What the tool does to the particles that it holds, before each step. The load of the step is the sum of its
-// force and the particle's load.
+// Pulls the particles that the tool holds, before each step. In that step a held particle's load is the sum
+// of its load in the problem and the tool's force.
 #pragma once
 
 #include "backends/layout/records/tool.h"
@@ -19,7 +19,7 @@ struct Holding {
     HeldForce<Real>* forces;
 };
 
-/// Pulls held particle n.
+/// Stores the tool's force on held particle n, and the load of that particle in the coming step.
 template <class Real>
 VOXSPRING_HOST_DEVICE void pull_held(const Holding<Real>& holding, std::size_t n) {
     const HeldWord<Real> held = holding.held[n];

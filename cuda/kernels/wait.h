@@ -1,5 +1,5 @@
-// How blocks of one launch, and launches that step parts of one body, wait for each other, and how a wait
-// ends that is in vain. This is device code. A host can run it too if it provides what a device has
+// How blocks of one launch, and launches that step parts of one body, wait for each other, and how a wait in
+// vain ends. This is device code. A host can run it too if it provides what a device has
 // (tests/host_blocks.h).
 //
 // A wait that lasts for too long marks WaitLimit::stall, where the host reads it, and ends. Its thread goes
@@ -15,7 +15,7 @@
 namespace voxspring::cuda {
 
 #ifdef __CUDACC__
-/// Counts this block as having read what other blocks may overwrite once all blocks are counted.
+/// To be called once this block has read the data that others overwrite after all blocks are counted.
 __device__ inline void count_block(std::uint32_t* counted_blocks) {
     asm volatile("red.release.gpu.global.add.u32 [%0], 1;" ::"l"(counted_blocks) : "memory");
 }
@@ -55,7 +55,7 @@ public:
     __device__ BoundedWait(const WaitLimit& limit, std::uint32_t number) : limit_(limit), number_(number) {}
 
     /// To be called after each look in vain. Returns whether to give up. The clock and the mark are read only
-    /// every few thousand looks, some milliseconds apart, since few waits last for that long.
+    /// once per looks_between_clocks calls, some milliseconds apart, since few waits last for that long.
     __device__ bool is_over() {
         if (++looks_ % looks_between_clocks != 0) return false;
         const std::uint32_t now = ticks_of(nanoseconds());

@@ -20,7 +20,7 @@ __device__ inline Particle<double> unpacked(double2 a, double2 b) {
 }
 #endif
 
-// A word moves in accesses of 16 bytes. The host has only one kind of memory.
+// On a device, words are loaded and stored by accesses of 16 bytes. On the host, loads are plain copies.
 
 #ifdef __CUDACC__
 // With DEPENDENT_LAUNCH (entry.h) the previous step may still write words while this one begins. So a load
