@@ -1,5 +1,4 @@
-// The APIs that backends are written in. Each registers itself in a source of its folder; nothing else names
-// it.
+// The APIs that backends are written in. A source in each API's folder registers the API (RegisteredApi).
 #pragma once
 
 #include <functional>
@@ -13,19 +12,19 @@ namespace voxspring {
 
 /// What the harness asks an API before it makes one of its backends.
 struct Api {
-    std::string name;   ///< "vulkan": BackendEntry::api, Capabilities::family and `family` in results
-    std::string title;  ///< "Vulkan"
+    std::string name;   ///< as in BackendEntry::api, Capabilities::family and results: "vulkan"
+    std::string title;  ///< as users read it: "Vulkan"
     /// The field of a result's context that holds the device's name, such as "gpu". Empty: no field does.
     std::string device_field = {};
-    /// The UUID of the card that this process measures, or an empty string if there is none. Does not throw.
-    /// Empty function: another API decides which card that is, and this one follows.
+    /// Returns the UUID of the graphics card that this process measures, or an empty string if there is none.
+    /// Does not throw. Empty function: this API uses the card that another API names.
     std::function<std::string()> card = {};
-    /// The devices in the API's order, each with the reason why a backend in float32 does not take it. Throws
-    /// Unavailable without a driver. Empty function: users cannot choose between its devices.
+    /// Lists the devices in the API's order. ListedDevice::refusal says why a backend in float32 does not
+    /// take a device. Throws Unavailable without a driver. Empty function: users cannot choose a device.
     std::function<std::vector<ListedDevice>()> devices = {};
 };
 
-/// A static object of this type in one of the API's sources registers it.
+/// Registers an API. One of the API's sources has a static object of this type.
 struct RegisteredApi {
     explicit RegisteredApi(Api api);
 };
@@ -38,10 +37,11 @@ const std::map<std::string, Api>& apis();
 const std::string& measured_card();
 
 /// The name of the environment variable that selects the device for backends of `api`, such as
-/// VOXSPRING_VULKAN_DEVICE. Its value is the argument `asked` of devices_to_try(). Processes that this one
-/// starts inherit it.
+/// VOXSPRING_VULKAN_DEVICE. Its value is the argument `asked` of devices_to_try(). Child processes inherit
+/// the variable.
 std::string device_variable(const std::string& api);
-/// The value of device_variable(`api`). Empty: backends take the first usable device.
+/// The value of the environment variable device_variable(`api`), or an empty string if it is not set:
+/// backends then take the first usable device.
 std::string asked_device(const std::string& api);
 
 }  // namespace voxspring

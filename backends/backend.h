@@ -1,6 +1,6 @@
 // The contract between the harness and everything that can step a mass-spring-damper model: what every
-// backend must do. facets.h has what some can do besides. Adding a backend: one file that implements Backend
-// and registers itself (registry.h), one roster line in the CMakeLists.txt of its folder.
+// backend must do. facets.h has what only some can do. To add a backend, write one file that implements
+// Backend and registers it (registry.h), and add one line to the CMakeLists.txt of its folder.
 #pragma once
 
 #include <cstdint>
@@ -21,7 +21,7 @@ namespace voxspring {
 enum class Precision : std::uint8_t { float32, float64 };
 std::string to_string(Precision precision);
 
-/// The API of backends that step on threads of the host.
+/// Api::name of the backends that step on threads of the host's processor.
 inline constexpr const char* host_api = "cpu";
 
 /// How a backend is to be built. Whatever changes the numbers or the speed is here and is recorded in the
@@ -29,13 +29,13 @@ inline constexpr const char* host_api = "cpu";
 struct Options {
     Precision precision = Precision::float32;
     Formulation formulation = Formulation::position;
-    /// All tuning parameters by name: every name that the backend registered, each with a value that it
-    /// registered.
+    /// Values of tuning parameters by name. Has every parameter that the backend registered
+    /// (BackendEntry::tuning), each with an accepted value.
     std::map<std::string, std::string> tuning;
 };
 
-/// Reports what a backend chose. `values` (by parameter) is what it uses; the result has only the parameters
-/// whose value in `options` is "auto". Empty if there are none.
+/// Reports which tuning values a backend chose itself. `values` has the values that it uses, by parameter.
+/// The result has only those parameters whose value in `options` is "auto". It is empty if there are none.
 std::optional<Choice> choice_of_auto(const Options& options,
                                      const std::map<std::string, std::string>& values);
 
@@ -68,21 +68,20 @@ struct Capabilities {
     std::string family = host_api;
     bool is_software = false;  ///< the CPU does the work of a graphics API
     /// What measure_limits() measures, as results name it: "CPU", "CUDA", "OpenGL" (draws), "OpenGL compute".
-    /// Backends with the same name share one measurement. Empty: the measurement is of this API and version
-    /// alone.
+    /// Backends with the same name share one measurement. Empty: only backends with the same `api` share it.
     std::string limits_of = {};
     bool has_borders = false;  ///< BorderFacet::border() returns a border
-    /// The ways that BorderFacet::device_borders() accepts. Empty: borders can go only through the host's
-    /// memory. If has_borders is not set, borders can go only by these ways.
+    /// The ways of exchanging borders that BorderFacet::device_borders() accepts. Empty: borders can go only
+    /// through the host's memory. If has_borders is not set, borders can go only by these ways.
     std::vector<std::string> border_ways = {};
-    int devices = 1;  ///< how many devices its API shows here, on each of which it could step a part
+    int devices = 1;  ///< devices that the API shows here; the backend can step a part on each
 
     bool steps_on_host() const { return family == host_api; }
 };
 
 /// One timed batch of steps.
 struct Timing {
-    double device_seconds = 0;  ///< between the two marks, on the backend's own clock
+    double device_seconds = 0;  ///< between the two marks of timed(), on the clock Capabilities::clock
     double host_seconds = 0;    ///< from before the first call to after the last synchronization
 };
 
@@ -108,11 +107,11 @@ public:
     /// list of zeros.
     virtual void upload(const Problem& problem, const State& state) = 0;
 
-    /// Enqueues a change of springs between the steps before and the steps after. May return before it is
-    /// made. `edited` is the uploaded problem with this edit and all earlier ones since, which unsupported()
-    /// accepts. Like `problem` of upload() it must continue to exist, changed only by the next edit. From
-    /// here on every step gives the bits that it would give if `edited` had been uploaded with the present
-    /// state.
+    /// Enqueues a change of springs, which is made after the steps enqueued so far and before later ones. May
+    /// return before the change is made. `edited` is the uploaded problem with this edit and all earlier
+    /// edits since upload(); unsupported() must accept it. Like `problem` of upload() it must continue to
+    /// exist, and only the next edit may change it. Later steps give the bits that they would give if
+    /// `edited` had been uploaded with the present state.
     ///
     /// Only what `edit` touched travels to the device. A backend may rebuild what it keeps of springs if its
     /// arrays have no room for the edit, or if its kernel was chosen for springs of another kind.

@@ -1,6 +1,6 @@
 // Which of several devices a backend takes. OpenGL and Vulkan follow the card that CUDA measures (api.h), so
-// that no table mixes two cards. Only a thread that steps one part of a divided body may take another card
-// (DeviceOfThread).
+// that no table mixes two cards. Another card is taken only if the user names it, or in a thread that steps
+// one part of a divided body (DeviceOfThread).
 #pragma once
 
 #include <array>
@@ -11,10 +11,10 @@
 
 namespace voxspring {
 
-/// GPU-xxxxxxxx-xxxx-xxxx-xxxx-xxxxxxxxxxxx
+/// Writes a UUID as "GPU-xxxxxxxx-xxxx-xxxx-xxxx-xxxxxxxxxxxx".
 std::string uuid_text(const std::array<unsigned char, 16>& bytes);
 
-/// What a device is, the preferred kind first.
+/// The kinds of devices, the preferred kind first.
 enum class DeviceKind : std::uint8_t { discrete, integrated, virtual_card, other, software };
 std::string to_string(DeviceKind kind);
 
@@ -22,12 +22,12 @@ std::string to_string(DeviceKind kind);
 struct ListedDevice {
     std::string name;
     DeviceKind kind = DeviceKind::other;
-    std::string refusal = {};  ///< empty, or why it is not taken
+    std::string refusal = {};  ///< why backends do not take the device; empty if they may
 };
-/// "0 NVIDIA H200 (discrete), 1 llvmpipe (software)"
+/// The devices as a list for users: "0 NVIDIA H200 (discrete), 1 llvmpipe (software)".
 std::string names_of(const std::vector<ListedDevice>& devices);
-/// The numbers of the devices to try, in this order: those that `asked` names, preferred kinds first. `asked`
-/// is a number, a part of a name in upper or lower case, or empty for all devices.
+/// The numbers of the devices that `asked` names, in the order in which to try them: preferred kinds first.
+/// `asked` is a number, a part of a name in upper or lower case, or empty for all devices.
 std::vector<std::size_t> devices_to_try(const std::vector<ListedDevice>& devices, const std::string& asked);
 
 /// The number of a device in its API's list, counted from 0.
@@ -43,8 +43,8 @@ struct DeviceNumber {
     int parts_among(int count) const;
 };
 
-/// While an object of this type exists, backends made by its thread take its device, if their API has
-/// several. Without such an object they take the first device.
+/// While an object of this type exists, backends that its thread makes take the object's device, if their API
+/// has several devices. Without such an object they take the first device.
 class DeviceOfThread {
 public:
     explicit DeviceOfThread(DeviceNumber device);

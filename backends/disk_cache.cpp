@@ -72,7 +72,7 @@ std::optional<std::string> DiskCache::find(const std::string& name) const {
     const std::string sum = content.substr(size - hash_digits);
     content.resize(size - hash_digits);
     if (hash_of(content) != sum) return std::nullopt;
-    // The file that was used last is deleted last.
+    // Marks the file as used now: make_room() deletes the files that were used longest ago.
     fs::last_write_time(file(name), fs::file_time_type::clock::now(), error);
     return content;
 }
@@ -95,7 +95,7 @@ void DiskCache::keep(const std::string& name, std::string_view content) const {
         }
         make_room();
     } catch (const std::exception&) {
-        // A full or read-only disk costs time, but not the result.
+        // On a full or read-only disk nothing is kept, and later processes compute the content again.
     }
 }
 

@@ -12,7 +12,7 @@
 
 namespace voxspring {
 
-/// XXH3 with 128 bits, of bytes as this machine stores them (the cache is not portable).
+/// An XXH3 hash of 128 bits. It is of bytes as this machine stores them, so caches are not portable.
 class Hash {
 public:
     Hash();
@@ -22,7 +22,7 @@ public:
 
     void add(const void* bytes, std::size_t count);
     void add(std::string_view text);
-    /// Adds a number or a vector of numbers to the hash. Their types have no padding bytes.
+    /// Adds a number or a vector of numbers to the hash. The number's type must not have padding bytes.
     template <class T>
     void add_number(const T& value) {
         add(&value, sizeof value);

@@ -11,8 +11,8 @@
 namespace voxspring {
 namespace {
 
-/// Seconds per byte by Bandwidth::written_share, at the largest measured footprint that is no larger than
-/// `footprint_bytes`, or at the smallest measured one if all are larger.
+/// The least seconds per byte for each Bandwidth::written_share, at the largest measured footprint that is no
+/// larger than `footprint_bytes` and at all larger ones.
 std::map<double, double> seconds_per_byte(const std::vector<Bandwidth>& table, double footprint_bytes) {
     double from = std::numeric_limits<double>::infinity();
     for (const Bandwidth& one : table) from = std::min(from, one.footprint_bytes);

@@ -23,8 +23,8 @@ struct Bandwidth {
     bool operator==(const Bandwidth&) const = default;
 };
 
-/// What simple programs that do only one thing reach on a device, in the kind of program that its backends
-/// run: CUDA kernels, fragment shaders, SIMD code on all cores.
+/// The rates and times that simple programs reach on a device. Each does only one thing, and is of the kind
+/// that the backends run: CUDA kernels, fragment shaders, SIMD code on all cores.
 struct DeviceLimits {
     /// The bandwidth at footprints from arrays that fit into the cache to arrays far larger than it. At each
     /// footprint there are several values, which differ in `written_share`. Empty if only the two rates below
@@ -33,20 +33,20 @@ struct DeviceLimits {
     /// Bytes read and written per second by a pass that reads two arrays and overwrites one, as a step does.
     /// Each array is far larger than any cache.
     double copy_bytes_per_second = 0;
-    /// The rate of that copy if the arrays lie in the last-level cache; 0 if its size is unknown.
+    /// copy_bytes_per_second for arrays that lie in the last-level cache; 0 if the cache's size is unknown.
     double cached_copy_bytes_per_second = 0;
     double cache_bytes = 0;  ///< size of the last-level cache; 0: unknown
     /// The time from the start of one empty step to the start of the next, which waits for it: a kernel in a
     /// CUDA graph, or a draw of one fragment. 0 on the CPU, where a step is a function call.
     double launch_seconds = 0;
-    /// The time of a barrier across the grid of a cooperative launch with one block per SM; empty if there is
-    /// none.
+    /// The time of a barrier across the grid of a cooperative launch with one block per SM; empty if the
+    /// device has no such launches.
     std::optional<double> grid_barrier_seconds;
     /// The time of one exchange in such a launch: the blocks, one per SM, send a point to their neighbours,
     /// and each waits for the points sent to it before the next exchange. Points go through the cache that
-    /// the blocks share, without a barrier. Empty if the device has no such way.
+    /// the blocks share, without a barrier. Empty if the device cannot do this.
     std::optional<double> exchange_seconds;
-    /// Rate of independent multiply-adds, each counted as one operation.
+    /// Independent multiply-adds per second, each counted as one operation. Empty: not measured.
     double float32_operations_per_second = 0;
     std::optional<double> float64_operations_per_second;
     /// The rate of a compute shader, if float32_operations_per_second is that of a fragment shader. Some
@@ -54,10 +54,10 @@ struct DeviceLimits {
     std::optional<double> compute_shader_float32_operations_per_second;
 };
 
-/// The least that one step of a strategy on a problem needs, whatever else its program does.
+/// The least work that one step of a problem takes with a backend's strategy.
 struct StepWork {
-    /// Bytes of every array that a launch has to read or write; reading and writing each count once per
-    /// launch.
+    /// Bytes that the launches have to move. An array counts once for each launch that reads it, and once for
+    /// each that writes it.
     std::uint64_t bytes = 0;
     std::uint64_t written_bytes = 0;  ///< how many of `bytes` are written
     /// Bytes of every array that a step has to read or write, each counted once: what a cache would have to
@@ -66,8 +66,8 @@ struct StepWork {
     /// Floating-point operations as in the source: an addition, a multiplication, a pair of these that may be
     /// fused, a comparison, a root or a division each count as one. Masks and indices do not count.
     std::uint64_t operations = 0;
-    int launches = 1;  ///< each of them waits for the one before it
-    /// Exchanges of points between blocks of one launch, each of which waits for the one before it.
+    int launches = 1;  ///< launches per step; each waits for the one before it
+    /// Exchanges of points between the blocks of a launch. Each exchange waits for the one before it.
     int exchanges = 0;
 
     /// Adds an array that one launch reads and none writes.
@@ -85,10 +85,10 @@ struct StepLimit {
     std::string limited_by;  ///< "launch", "exchange", "bandwidth" or "arithmetic"
 };
 
-/// Bytes per second of a step that reads and writes as `work` does. Its footprint counts as the largest
-/// measured one that is no larger, or as a larger one if that was faster. Between two measured values of
+/// The bytes per second that a step with `work` can move: the best of limits.bandwidth at the largest
+/// footprint that is no larger than that of `work`, and at larger ones. Between two values of
 /// Bandwidth::written_share the time per byte is interpolated; beyond them it is that of the nearest value.
-/// Without a table the result is the rate of a copy, in the cache if the footprint fits into it.
+/// Without that table the result is the rate of a copy, in the cache if the footprint fits.
 double bytes_per_second_of(const StepWork& work, const DeviceLimits& limits);
 
 /// The longest of the times that launches, exchanges, bytes and operations would take alone, each at the
@@ -97,15 +97,15 @@ StepLimit limit_of(const StepWork& work, const DeviceLimits& limits, Precision p
 
 /// How often something is repeated to find its shortest time.
 struct Patience {
-    /// Seconds per batch: so long that clocks and launches do not count, and so short that, on a processor
-    /// shared with others, some batches end before another process takes a core.
+    /// The least seconds per batch: long enough that clocks and launches do not matter, short enough that on
+    /// a shared processor some batches end before another process takes a core.
     double long_enough = 2e-3;
     double in_all = 0.05;  ///< the least seconds of all batches together
     int min_batches = 8;
     int first_count = 1;  ///< repetitions of the first batch
 };
-/// The patience for one of many measurements, each a pass over `footprint` bytes: batches are long from the
-/// beginning, so that no clock or launch takes most of one.
+/// The patience for one of many measurements, of passes over `footprint` bytes. Already the first batch has
+/// many passes if they are short, so that clocks and launches do not take most of its time.
 inline Patience one_of_many(std::size_t footprint) {
     constexpr std::size_t moved_at_first = std::size_t(16) << 20;
     return {.long_enough = 1e-3,
@@ -115,7 +115,7 @@ inline Patience one_of_many(std::size_t footprint) {
 }
 
 /// Seconds that one repetition takes at best. `seconds_of(count)` runs `count` repetitions, at least one, and
-/// returns how long they took.
+/// returns the seconds that they took.
 template <class SecondsOf>
 double min_seconds(SecondsOf seconds_of, const Patience& patience = {}) {
     const auto [long_enough, in_all, min_batches, first_count] = patience;

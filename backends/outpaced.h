@@ -1,4 +1,4 @@
-// Which of two backends that the rules of `auto` rank is faster on a device unlike those the rules come from.
+// Corrects the ranking of backends by the rules of `auto`, on devices unlike those that the rules come from.
 #pragma once
 
 #include <string>
@@ -10,15 +10,15 @@ namespace voxspring {
 /// A backend that knows on which devices another one is faster. Only the choice of `auto` asks it.
 class Outpaced {
 public:
-    /// Empty, or why another backend is predicted to step `problem` faster on the same device. The rules of
-    /// `auto` then go on to the next backend. Only for a problem that this backend accepts.
+    /// Why another backend is predicted to step `problem` faster on the same device. Empty: none is. If there
+    /// is a reason, the rules of `auto` go on to the next backend. This backend must accept `problem`.
     virtual std::string outpaced(const Problem& problem) const = 0;
 
 protected:
     ~Outpaced() = default;
 };
 
-/// Outpaced::outpaced(); empty for a backend that is no Outpaced.
+/// Returns the result of Outpaced::outpaced(), or an empty string if `backend` is not an Outpaced.
 inline std::string outpaced_by_another(const Backend& backend, const Problem& problem) {
     const auto* const asked = dynamic_cast<const Outpaced*>(&backend);
     return asked == nullptr ? "" : asked->outpaced(problem);

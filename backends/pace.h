@@ -12,28 +12,28 @@ public:
     /// The longest time that a device may be busy, as measured: a fraction of what drivers allow.
     static constexpr double longest_seconds = 0.25;
 
-    /// Gives at most `most_steps` at once, however short they are.
+    /// `most_steps`: the most steps to give at once, however short they are.
     explicit Pace(int most_steps) : most_steps_(most_steps) {}
 
-    /// How many steps to give at once. It is one step as long as nothing is known.
+    /// How many steps to give at once: one until measured() has been called.
     int steps() const { return steps_; }
-    /// Whether the caller has to wait for the device and tell measured() how long these steps took.
+    /// Whether the caller has to wait for the steps that it gives, and to tell measured() how long they took.
     bool is_unknown() const { return unknown_; }
     /// Tells that `steps` steps took `seconds`, from handing them over until the host knew that they had
     /// ended. The first steps take longer than later ones, because caches are empty and the device is asleep.
-    /// So some more are measured, unless a shorter time would not change the number of steps to give at once.
+    /// So measuring goes on, up to max_measurements times, while more steps fit than were measured.
     void measured(int steps, double seconds) {
         const double fitting = seconds > 0 ? longest_seconds / seconds * steps : most_steps_;
         steps_ = int(std::clamp(fitting, 1.0, double(most_steps_)));
         ++measurements_;
         unknown_ = steps_ > steps && steps_ < most_steps_ && measurements_ < max_measurements;
     }
-    /// Called before steps of another problem.
+    /// Forgets all measurements. To be called before steps of another problem.
     void forget() { *this = Pace(most_steps_); }
 
 private:
-    /// The most measurements. A caller that takes few steps at a time must not wait for the device after each
-    /// of them for ever.
+    /// The most measurements. Without this limit, a caller that takes few steps at a time would wait for the
+    /// device after every call.
     static constexpr int max_measurements = 4;
 
     int most_steps_;

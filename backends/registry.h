@@ -16,7 +16,7 @@ namespace voxspring {
 /// "auto", which is the default.
 using TuningValues = std::vector<std::string>;
 
-/// For a backend that has all formulations.
+/// BackendEntry::formulations of a backend that has all of them.
 inline const std::vector<Formulation> every_formulation = {Formulation::increment, Formulation::position,
                                                            Formulation::displacement,
                                                            Formulation::compensated, Formulation::paper};
@@ -46,17 +46,17 @@ struct BackendEntry {
     std::function<std::unique_ptr<Backend>(const Options&)> make;
     /// Bytes of memory that upload() would take. It is the device's memory if the device has its own.
     std::function<std::uint64_t(const Problem&, const Options&)> bytes;
-    /// How far a particle may fall behind per step, in spacings, because the options ask for it (a sleep
-    /// threshold). Empty: not at all.
+    /// How far a particle may fall behind per step, in spacings, because of an option such as a sleep
+    /// threshold. Empty function: not at all.
     std::function<double(const Options&)> admitted_spacings_per_step = {};
-    /// The relative error of the backend's roots and divisions, where the options ask for approximations.
-    /// Empty: no more than the rounding error of its precision.
+    /// The relative error of the backend's roots and divisions, if options ask for approximations. Empty
+    /// function: no more than the rounding error of its precision.
     std::function<double(const Options&)> root_error = {};
     /// Returns an empty string, or why these values do not go together ("rest=flush requires increment or
     /// compensated"). Empty function: all values go together.
     std::function<std::string(const Options&)> refused_options = {};
 
-    /// The tuning parameters whose values differ only in whether needless work is left out.
+    /// This backend's tuning parameters that only decide whether needless work is left out.
     std::vector<Skip> skips() const;
 };
 
@@ -68,10 +68,10 @@ struct Registered {
 /// Every backend of this build, by name.
 const std::map<std::string, BackendEntry>& registry();
 
-/// Backends that the source has but this build left out, with the reason by name (CMakeLists.txt).
+/// Backends that this build left out: the reason by the backend's name (CMakeLists.txt).
 const std::map<std::string, std::string>& left_out();
 
-/// Why a backend specification was refused. The message names what is accepted.
+/// A backend specification was refused. The message names what is accepted.
 class BadSpecification : public std::invalid_argument {
     using std::invalid_argument::invalid_argument;
 };
@@ -82,7 +82,7 @@ struct BackendSpec {
     const BackendEntry* entry = nullptr;
     Options options;
 
-    /// Throws BadSpecification, also for `auto`, which stands for no backend before a scene is known.
+    /// Throws BadSpecification if `text` is not valid. `auto` is not: its backend depends on the scene.
     static BackendSpec parse(const std::string& text);
     std::unique_ptr<Backend> make() const { return entry->make(options); }
     double admitted_spacings_per_step() const {
@@ -91,7 +91,7 @@ struct BackendSpec {
     double root_error() const { return entry->root_error ? entry->root_error(options) : 0; }
     /// "mask=stencil,threads=2": all tuning parameters, empty if there are none.
     std::string tuning() const;
-    /// What parse() takes: "NAME:formulation=...,precision=...[,key=value...]".
+    /// The whole specification, which parse() accepts: "NAME:formulation=...,precision=...[,key=value...]".
     std::string text() const;
     /// NAME/formulation/precision[/tuning], with the tuning parameters that are not at their default. The
     /// name of a result row is its scene followed by this label. Two backends at their defaults differ only

@@ -19,7 +19,7 @@ enum class Rest : std::uint8_t {
     flush,   ///< like `skip`, and displacements and increments below flushed_below become zero
 };
 
-/// The value of `rest`. rest=auto means `step` with terms=all, otherwise `choose`.
+/// The value of the tuning parameter `rest`. rest=auto means `step` with terms=all, otherwise `choose`.
 Rest rest_of(const Options& options);
 
 /// Empty, or why `rest` does not go with the formulation (BackendEntry::refused_options).
@@ -29,8 +29,8 @@ std::string refused_rest(const Options& options);
 bool stays_at_rest(const Problem& problem);
 
 /// Decides from step to step whether tiles are checked for rest, which costs a little. Tiles are checked for
-/// a period. Then the policy asks how many tiles were active, and pauses if too few rested. Each pause in a
-/// row is twice as long as the one before.
+/// a period. Then the policy asks how many tiles were active, and pauses if too few rested. Each further
+/// pause in a row is twice as long, up to max_pause steps.
 class RestPolicy {
 public:
     struct Parameters {
@@ -54,7 +54,7 @@ public:
     }
     /// Whether tiles are checked now or may be checked later.
     bool may_check() const { return checks_ || chooses_; }
-    /// Whether the next step checks them.
+    /// Whether the next step checks tiles.
     bool checks() const { return checks_; }
     bool pays(std::size_t active, std::size_t tiles) const {
         return parameters_.paying_denominator * active <= parameters_.paying_numerator * tiles;
@@ -63,12 +63,12 @@ public:
     /// The most steps that may be made before is_due() is asked again.
     int steps_to_decision() const { return chooses_ ? left_ : std::numeric_limits<int>::max(); }
     void stepped(int steps) { left_ -= chooses_ ? steps : 0; }
-    /// Whether the caller has to call one of the three functions below.
+    /// Whether the caller has to call begin_checks(), decide() or go_on().
     bool is_due() const { return chooses_ && left_ <= 0; }
 
-    /// Begins checks, at the end of a pause too. The caller must mark every tile as active.
+    /// Begins checks, for example at the end of a pause. The caller must mark every tile as active.
     void begin_checks();
-    /// Decides whether checks go on. Lately `active` of `tiles` tiles were active.
+    /// Decides whether checks go on. `active`: how many of `tiles` tiles were active lately.
     void decide(std::size_t active, std::size_t tiles);
     /// To be called instead of decide() if the number of active tiles is not known yet. Checks go on for a
     /// period.
@@ -78,7 +78,7 @@ private:
     const Parameters parameters_;
     bool checks_ = false, chooses_ = false;
     int left_ = 0;   ///< steps until the next decision whether tiles are checked
-    int pause_ = 0;  ///< length of the next pause
+    int pause_ = 0;  ///< steps of the next pause
 };
 
 }  // namespace voxspring

@@ -6,8 +6,8 @@
 namespace voxspring {
 namespace {
 
-/// The number of letters to leave out, add, change or swap with their neighbour until one word becomes the
-/// other (restricted Damerau-Levenshtein distance).
+/// The least number of letters to leave out, add, change or swap with their neighbour until one word becomes
+/// the other (restricted Damerau-Levenshtein distance).
 std::size_t distance(const std::string& a, const std::string& b) {
     // Rows of the table for the first i - 2, i - 1 and i letters of a.
     std::vector<std::size_t> before(b.size() + 1), last(b.size() + 1), row(b.size() + 1);

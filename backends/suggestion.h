@@ -1,4 +1,4 @@
-// "did you mean heart?" after an unknown name.
+// Suggests a name after an unknown one: "did you mean heart?"
 #pragma once
 
 #include <string>
@@ -6,9 +6,9 @@
 
 namespace voxspring {
 
-/// The word of `known` that is most like `word`, if it could be a misspelling of it: up to a third of its
-/// letters, and at least one, are left out, added, changed or swapped with the next one. Empty if there is
-/// none.
+/// The word of `known` that is most like `word`, or an empty string if none is close. A close word has up to
+/// a third of the letters of `word` (or one, if that is more) left out, added, changed or swapped with the
+/// next.
 std::string closest(const std::string& word, const std::vector<std::string>& known);
 
 /// "; did you mean heart?", to be put after a message. Empty if no word is close.

@@ -1,4 +1,4 @@
-// Each invocation steps one particle, whose list has its neighbours (lists.glsl).
+// Each invocation steps one particle. Lists have the particle's neighbours (lists.glsl).
 //
 // With SECONDARY each spring has its stiffness and rest length, and a particle's bits count all of its
 // springs. Otherwise each group has one stiffness and one rest length, and the bits count the springs of each
@@ -7,7 +7,7 @@
 // how they lie at rest.
 //
 // Every list has the same number of slots. An unused slot holds the particle itself, which exerts no force on
-// itself. So lists can be read in whole chunks, before the counters that say where they end.
+// itself. So lists can be read in whole chunks, before it is known how many slots are used.
 #ifdef ADDRESSED
 #extension GL_EXT_buffer_reference : require
 #extension GL_EXT_buffer_reference_uvec2 : require
@@ -29,9 +29,9 @@ layout(local_size_x = BLOCK) in;
 UNIFORMS(ExplicitUniforms, 19)
 UNIFORM int particles;
 UNIFORM int slot_stride;
-// Unless on positions: X_j - X_i and the rest deficit of a lattice spring, by direction code.
+// X_j - X_i and the rest deficit of a lattice spring, by direction code. Not used with ON_POSITIONS.
 UNIFORM Vec4 rest[32];
-// Without SECONDARY: the first slot of each group. A group without a slot has no springs in the scene.
+// For lists without SECONDARY: each group's first slot, and 1 or 0 for whether the scene has the group.
 UNIFORM int first_slot[3];
 UNIFORM int slots[3];
 UNIFORM Real rest_length[3];
@@ -54,7 +54,7 @@ Vec4 listed_pull(Point here, Place at, Real spring_length) {
     return unit_pull(between(here, point_of(index)), at_rest, spring_length);
 }
 
-// Shifts and masks of the groups' counters (cuda/kernels/explicit.h).
+// How many springs of `group` the bits count. Shifts and masks are those of cuda/kernels/explicit.h.
 uint count_of(uint bits, const int group) {
     return group == 0 ? bits & 7u : group == 1 ? bits >> 3 & 15u : bits >> 7 & 15u;
 }

@@ -30,12 +30,12 @@ layout(std430, binding = 9) restrict readonly buffer Origins { ivec4 origins[]; 
 UNIFORMS(ImplicitUniforms, 19)
 UNIFORM ivec3 grid_dims;
 UNIFORM int grid_first_word;
-// One per two mask bits: element bit / 2.
+// Rest length by mask bit / 2: opposite directions share one.
 UNIFORM Real rest_length[13];
 UNIFORM Real group_stiffness[3];
 END_UNIFORMS
 
-// Constants of the pipeline if DIMS_X is not 0, so that the compiler knows the offset of each neighbour.
+// If DIMS_X is not 0, the extents are constants, and the compiler knows the offset of each neighbour.
 #define dims (DIMS_X > 0 ? ivec3(DIMS_X, DIMS_Y, DIMS_Z) : grid_dims)
 #define first_word (DIMS_X > 0 ? FIRST_WORD : grid_first_word)
 

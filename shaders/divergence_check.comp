@@ -1,6 +1,6 @@
-// Checks that every particle's position is finite and its increment no longer than the largest that a run
-// may have. There is one invocation per texel or, with STORAGE_BUFFERS, invocations stride over the words of
-// compute.glsl. BY_INCREMENTS is as in motion.glsl.
+// Checks that every particle's position is finite, and that its increment is within the limit
+// (inverse_largest). There is one invocation per texel or, with STORAGE_BUFFERS, invocations stride over the
+// words of compute.glsl. BY_INCREMENTS is as in motion.glsl.
 #include "neighbours.h"
 #include "portable.h"
 #include "uniforms.glsl"
@@ -40,7 +40,7 @@ END_UNIFORMS
 #define check_number int(next_check)
 #endif
 
-const uint infinite = 0x7F800000u;  // bits of infinity, and the exponent of every number that is not finite
+const uint infinite = 0x7F800000u;  // the exponent bits of infinity and NaN
 
 void check(Vec4 here, Vec3 before_or_increment) {
     if ((BITS_OF(here.w) & ACTIVE_BIT) == 0u) return;
@@ -50,8 +50,8 @@ void check(Vec4 here, Vec3 before_or_increment) {
 #endif
     // The check is in float32 even for a float64 state, so a position beyond its range counts as not finite.
     precise vec3 share = vec3(increment * inverse_largest);
-    // We compare bits as integers, since a compiler may assume that there is no NaN. Positive floats are in
-    // the order of their bits, and NaN is the largest.
+    // Floats are compared by their bits, since a compiler may assume that there is no NaN. As integers, the
+    // bits of positive floats have the floats' order, and those of NaN are the largest.
     bool fast = floatBitsToUint(dot(share, share)) > floatBitsToUint(1.0);
     bool finite = all(lessThan(floatBitsToUint(vec3(here.xyz)) & infinite, uvec3(infinite)));
     if ((fast || !finite) && uint(check_number) < found) atomicMin(found, uint(check_number));

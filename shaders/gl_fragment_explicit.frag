@@ -1,16 +1,16 @@
-// Each fragment steps one particle. Its list has the neighbours, each of which takes two fetches.
+// Each fragment steps one particle. A neighbour takes two fetches: its entry in the list, and its texel.
 //
-// With PER_SPRING each spring has its stiffness and rest length, and w counts all neighbours. Otherwise each
-// group has one stiffness and one rest length, and w counts the neighbours of each group in COUNT_BITS bits.
-// FACES, EDGES and CORNERS say which groups the scene has. OFF_LATTICE_REST is defined if it has springs
-// beyond the lattice and the formulation needs to know how they lie at rest. A row of texels has 1 <<
-// WIDTH_BITS particles.
+// With PER_SPRING each spring has its stiffness and rest length, and a particle's bits count all neighbours.
+// Otherwise each group has one stiffness and one rest length, and the bits count the neighbours of each group
+// in COUNT_BITS bits. FACES, EDGES and CORNERS say which groups the scene has. OFF_LATTICE_REST is defined if
+// it has springs beyond the lattice and the formulation needs to know how they lie at rest. A row of texels
+// has 1 << WIDTH_BITS particles.
 #include "measured.glsl"
 #include "particle.glsl"
 
 // Layer k: each particle's neighbour k, a list entry as in neighbours.h.
 layout(binding = 6) uniform usampler2DArray neighbour;
-// Layer k: stiffness and rest length of each particle's spring k. The length is squared unless by increments.
+// Layer k: stiffness and rest length of each particle's spring k. The length is squared unless BY_INCREMENTS.
 layout(binding = 7) uniform sampler2DArray spring;
 // Layer k: X_j - X_i and the rest deficit, if entry k says OWN_DIRECTION.
 layout(binding = 8) uniform sampler2DArray off_lattice_rest;

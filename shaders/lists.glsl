@@ -6,12 +6,10 @@
 //     constants          stiffness and rest length of each spring
 //     off_lattice_rests  X_j - X_i and the rest deficit, where an entry says OWN_DIRECTION
 //
-// With ADDRESSED (Vulkan) a list may be larger than a storage buffer: the bindings have the address of each
-// slot, so that neither an index nor a product needs 64 bits. The file that includes this one enables the
-// extensions.
+// With ADDRESSED (Vulkan) a list may be larger than a storage buffer: the bindings hold the address of each
+// slot, so that no index needs 64 bits. The file that includes this one enables the extensions.
 //
-// A Place is where the element of a particle and slot is, the same in every list:
-// LISTED(neighbours, PLACE(particle, slot)).
+// A Place says where a particle's slot is, in any of the lists: LISTED(neighbours, PLACE(particle, slot)).
 #ifdef ADDRESSED
 layout(buffer_reference, std430) restrict LIST_ACCESS buffer NeighbourSlot { uint of[]; };
 layout(buffer_reference, std430) restrict LIST_ACCESS buffer ConstantSlot { Vec2 of[]; };

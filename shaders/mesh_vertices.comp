@@ -10,7 +10,7 @@ struct Vertex {
 };
 layout(std430, binding = 0) restrict readonly buffer Vertices { Vertex vertices[]; };
 layout(std430, binding = 1) restrict readonly buffer Displacements { vec4 displacements[]; };
-// One per particle, unless the length of the displacement is shown.
+// The values to show, one per particle. Not used if the length of the displacement is shown.
 layout(std430, binding = 2) restrict readonly buffer Values { float values[]; };
 // The place of a vertex in xyz, and its value in w.
 layout(std430, binding = 3) restrict writeonly buffer Places { vec4 places[]; };

@@ -32,7 +32,7 @@ struct Motion {
 
 bool is_pinned(uint bits) { return PINS && (bits & PINNED_BIT) != 0u; }
 
-// Returns the motion at t + dt. Unless by increments only `here` is set: `before` stays as it was.
+// Returns the motion at t + dt. Unless BY_INCREMENTS, only `here` changes, and `before` stays as it was.
 Motion integrate(Motion now, Vec3 force, Real inverse_mass, bool pinned) {
     Motion next = now;
     Vec3 acceleration = GRAVITY ? gravity : Vec3(0);

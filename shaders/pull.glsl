@@ -2,7 +2,7 @@
 // (cuda/kernels/motion.h). To be included after motion.glsl.
 #include "inverse_root.h"
 
-// `steps` times the spacing. For 0 the result is a zero that the compiler knows.
+// `steps` (-1, 0 or 1) times the spacing. For 0 steps the result is a zero that the compiler knows.
 Real spaced(int steps, Real spacing) { return steps == 0 ? Real(0) : steps > 0 ? spacing : -spacing; }
 
 // Rest deficits (spring.h) of lattice springs, by mask bit / 2.

@@ -62,8 +62,8 @@ private:
 template <class Vec>
 class VectorBorder final : public Border {
 public:
-    /// `arrays()` returns the arrays that hold x or u after the latest step, and its low parts if there are
-    /// any.
+    /// `arrays()` returns the array that holds x or u after the latest step, and the array of low parts if
+    /// there is one.
     VectorBorder(std::function<std::vector<std::vector<Vec>*>()> arrays, std::vector<std::uint32_t> particles)
         : arrays_(std::move(arrays)), particles_(std::move(particles)) {}
 

@@ -1,8 +1,8 @@
-// All cores, with neighbour lists. Takes any network, and so also sutures beyond the lattice.
+// cpu_explicit: all cores, with neighbour lists. Takes any network, and so also sutures beyond the lattice.
 //
 // Each particle has a list of its springs: first those of the lattice in the order of neighbours.h, then
-// those of Problem::springs in their order. It sums their forces in that order. Each spring is evaluated from
-// both of its ends, so no bit depends on the number of threads.
+// those of Problem::springs in their order. Their forces are summed in that order. Each spring is evaluated
+// from both of its ends, so no bit depends on the number of threads.
 #include <omp.h>
 
 #include <algorithm>
@@ -32,11 +32,11 @@ constexpr auto name = "cpu_explicit";
 template <class Real>
 struct Link {
     std::uint32_t neighbour;
-    std::uint32_t rest;  ///< index of its RestState
+    std::uint32_t rest;  ///< index of the spring's RestState
     Real stiffness;
 };
 
-/// RestSpring in the backend's precision.
+/// A RestSpring (problem.h) in the backend's precision.
 template <class Real>
 struct RestState {
     glm::vec<3, Real> offset;
@@ -128,7 +128,7 @@ private:
         ListRange& range = ranges_[particle];
         links_[range.begin + range.count++] = link;
     }
-    /// A spring beyond the lattice as `particle` sees it.
+    /// Makes the link from `particle` for a spring beyond the lattice, and adds its RestState.
     Link<Real> beyond(const Problem& problem, std::uint32_t particle, std::uint32_t neighbour,
                       double stiffness, double rest_length) {
         rest_.push_back(rest_of(rest_spring(problem, Spring{particle, neighbour, stiffness, rest_length})));
@@ -137,7 +137,7 @@ private:
 
     std::vector<ListRange> ranges_;
     std::vector<Link<Real>> links_;
-    /// First one per direction (26), then those of springs beyond the lattice.
+    /// First one per direction (26), then two per spring beyond the lattice: one for either end.
     std::vector<RestState<Real>> rest_;
 };
 
@@ -162,7 +162,7 @@ public:
     void edit(const Problem& edited, const SpringEdit& edit) override {
         take(edited);
         links_.follow(edited, edit);
-        // Edits leave unused list entries behind. Without this they would pile up without end.
+        // Edits leave unused list entries behind. Once the lists have doubled, they are made anew.
         if (links_.size() > 2 * uploaded_size_ + 4096) list_springs_anew();
     }
 
@@ -314,7 +314,7 @@ private:
         current_ = (first + std::size_t(count)) % 2;
     }
 
-    /// Adds the tool's forces to the loads.
+    /// Adds the tool's forces to the loads of the particles that it holds.
     void use_tool(std::size_t now) {
         const Tool& tool = problem_->tool;
         for (std::size_t n = 0; n < tool.particles.size(); ++n) {

@@ -13,7 +13,7 @@
 
 #include "backends/cpu/cpu_backend.h"
 
-// As in cpu_parallel.cpp: these targets are left out.
+// These targets are left out as in kernel.cpp.
 #define HWY_DISABLED_TARGETS (HWY_SVE | HWY_SVE2 | HWY_SVE_256 | HWY_SVE2_128 | HWY_RVV)
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "backends/cpu/cpu_limits.cpp"
@@ -26,12 +26,12 @@ namespace {
 
 namespace hn = hwy::HWY_NAMESPACE;
 
-/// Independent sums, enough to keep two multiply-add units with a latency of five cycles busy. With the two
-/// factors they fit into the 16 registers of AVX2.
+/// How many sums run side by side: enough to keep two multiply-add units with a latency of five cycles busy.
+/// With `factor` and `term` they fit into the 16 registers of AVX2.
 constexpr std::size_t sums = 10;
 
-/// Runs `sums` multiply-adds of a register, `count` times. Returns the number of scalar operations, and
-/// leaves their sums in `result`.
+/// Runs `sums` multiply-adds of a register, `count` times, with result[0] as factor and result[1] as term.
+/// Returns the number of scalar multiply-adds. Puts a result into result[1], so that none is optimised away.
 template <class T>
 HWY_INLINE std::size_t multiply_add(std::size_t count, T* result) {
     const hn::ScalableTag<T> tag;
@@ -54,8 +54,7 @@ std::size_t multiply_add_float64(std::size_t count, double* result) { return mul
 // is overwritten in place is read first, so its lines are in a cache. Stores to other arrays bypass the
 // caches, which would otherwise read each line before the store.
 
-/// Registers in use at once, one sum per register: two additions per cycle times a latency of four
-/// cycles.
+/// How many registers read() sums in side by side: two additions per cycle times a latency of four cycles.
 constexpr std::size_t group = 8;
 
 HWY_FLATTEN void read(const float* first, const float*, float* written, std::size_t count) {
@@ -173,8 +172,8 @@ double operations_per_second() {
     return double(operations) / seconds;
 }
 
-/// Bytes of the first core's last cache, which Linux gives as "32768K"; 0 if it gives none. sysconf() is not
-/// used, because in a virtual machine it may name all that the host has.
+/// Bytes of the first core's last-level cache, which Linux gives as "32768K"; 0 if Linux gives none.
+/// sysconf() is not used: in a virtual machine it may give the caches of the whole host.
 std::size_t last_cache_bytes() {
     std::size_t bytes = 0;
     for (int index = 0;; ++index) {
@@ -189,8 +188,8 @@ std::size_t last_cache_bytes() {
 /// A pass of one thread: it reads `first`, or `first` and `second`, and writes `written`.
 using Pass = void (*)(const float* first, const float* second, float* written, std::size_t count);
 
-/// Passes of all threads. Each thread has separate memory, which it was the first to write: it lies in the
-/// caches of that thread and near its processor.
+/// Runs passes on all threads. Each thread has separate memory and was the first to write to it. So the
+/// memory lies near the thread's processor, and in its caches.
 class Sweeps {
 public:
     explicit Sweeps(std::size_t max_footprint) : memory_(std::size_t(omp_get_max_threads())) {
@@ -223,14 +222,14 @@ public:
     }
 
 private:
-    /// Floats per thread: up to three arrays one after the other, each of whole groups of the widest
+    /// Floats per thread, for one to three arrays one after the other. Each has whole groups of the widest
     /// registers.
     std::size_t floats_of(std::size_t footprint) const {
         constexpr std::size_t whole = std::size_t(6) * 8 * 16;
         return std::max<std::size_t>(footprint / sizeof(float) / memory_.size() / whole, 1) * whole;
     }
 
-    /// Seconds of a pass. If there are two or more arrays, the second is read and the last is written.
+    /// Seconds of a pass over `arrays` arrays. It reads the first one or two, and may write the last.
     double pass_seconds(std::size_t footprint, std::size_t arrays, Pass pass) const {
         const std::size_t count = floats_of(footprint) / arrays;
         return min_seconds(
@@ -248,7 +247,7 @@ private:
     std::vector<hwy::AlignedFreeUniquePtr<float[]>> memory_;  // NOLINT(modernize-avoid-c-arrays)
 };
 
-/// Fills in the table and the two rates of copies that are taken from it.
+/// Fills in DeviceLimits::bandwidth, the two rates of copies that follow from it, and the cache's size.
 void measure_bandwidth(DeviceLimits& limits) {
     const std::size_t cache = last_cache_bytes();
     // If the footprint is four times the cache, each line is evicted before its next use. The upper bound is
@@ -257,7 +256,7 @@ void measure_bandwidth(DeviceLimits& limits) {
         std::clamp<std::size_t>(4 * cache, std::size_t(128) << 20, std::size_t(512) << 20);
     const Sweeps sweeps(beyond);
     // Footprints first fit into the caches of each core, then into the last-level cache, which threads share.
-    // Around its size they grow in finer steps.
+    // They grow in finer steps from a quarter of that cache on.
     auto footprint = (std::size_t(64) << 10) * std::size_t(omp_get_max_threads());
     for (; footprint < beyond; footprint *= footprint < cache / 4 ? 4 : 2)
         sweeps.add(footprint, limits.bandwidth);

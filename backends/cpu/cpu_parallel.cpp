@@ -1,14 +1,14 @@
-// All cores and their SIMD registers: a gather over a padded grid with implicit addressing.
+// cpu_parallel: all cores and their SIMD registers, a gather over a padded grid with implicit addressing.
 //
 // State is a structure of arrays (x, y, z) over the grid, whose rows are padded to whole blocks of 64 bytes.
 // A neighbour is a constant number of elements away. Only blocks with active voxels are listed, and threads
 // share the list evenly.
 //
-// A spring is evaluated once, when its lower end (the particle with the lower index) is stepped. A buffer
-// keeps its force density for the higher end, which multiplies it with its own offset. The product has the
-// same bits as if the higher end had evaluated the spring. So forces, summed in the order of neighbours.h,
-// depend neither on the number of threads nor on the width of a register. Tiles of blocks at rest are not
-// stepped (tiles.h), which changes no bit either.
+// A spring that does not lie along x is evaluated once, when its lower end (the particle with the lower
+// index) is stepped. A buffer keeps its force density for the higher end, which multiplies the density with
+// its offset. The product has the same bits as if the higher end had evaluated the spring. So forces, summed
+// in the order of neighbours.h, depend neither on the number of threads nor on the width of a register. Tiles
+// of blocks at rest are not stepped (tiles.h), which changes no bit either.
 #include <omp.h>
 
 #include <algorithm>
@@ -46,8 +46,8 @@ template <class T>
 std::string refusal(const Problem& problem) {
     const glm::ivec3 d = problem.lattice.dims;
     if (std::string why = implicit_refusal(problem); !why.empty()) return why;
-    // Computed in floating point, which does not overflow: an upper bound on the bytes of 24 arrays
-    // (PaddedState) over the padded grid, compared with the address space of a process on 64-bit systems.
+    // Up to 24 arrays over the padded grid (PaddedState) must fit into the address space of a process on a
+    // 64-bit system. This bound on their bytes is in floating point, which does not overflow.
     const double rows = (double(d.y) + 4) * (double(d.z) + 4);
     if ((d.x + double(block_size<T>)) * rows * 24 * sizeof(T) < std::ldexp(1.0, 47)) return {};
     return "a grid of " + std::to_string(d.x) + " x " + std::to_string(d.y) + " x " + std::to_string(d.z) +
@@ -166,7 +166,7 @@ private:
     static constexpr std::uint32_t along_x = 0x3, higher = NEIGHBOUR_BITS & 0xAAAAAAAA;
     /// A tile sleeps once it and the tiles around it were slow for this many steps.
     static constexpr int steps_to_sleep = 8;
-    /// With fewer tiles rest=auto does not check: a step of them takes some 50 us.
+    /// With fewer tiles rest=auto never checks them for rest. A step of this many tiles takes some 50 us.
     static constexpr std::size_t min_checked_tiles = 128;
 
     /// A particle that the tool holds.
@@ -174,7 +174,7 @@ private:
         std::size_t number = 0;  ///< its index in Tool::particles
         std::ptrdiff_t element = 0;
         std::uint32_t tile = 0;
-        std::array<T, 3> anchor{}, load{};  ///< its position when the tool took hold; its Problem::load
+        std::array<T, 3> anchor{}, load{};  ///< x or u when the tool took hold; its Problem::load
     };
 
     /// A thread's share of every step.
@@ -213,7 +213,7 @@ private:
                     T value{};
                     std::memcpy(&value, from, sizeof(T));
                     from += sizeof(T);
-                    // Only a value with other bits wakes the tile, which may be at rest.
+                    // The tile may be at rest. Only a value with other bits wakes it.
                     T& here = array[place.element];
                     if (std::bit_cast<MaskOf<T>>(here) == std::bit_cast<MaskOf<T>>(value)) continue;
                     here = value;
@@ -321,7 +321,7 @@ private:
         step_ += count;
     }
 
-    /// Adds the tool's forces to the loads of the share's particles, which no other thread reads.
+    /// Adds the tool's forces to the loads of held particles. No other thread reads the loads of this share.
     void use_tool(const Share& share, const Task<T>& task) {
         for (const Held& held : share.held) {
             std::array<T, 3>& force = tool_forces_[held.number];
@@ -395,7 +395,7 @@ private:
             const Block* const first = blocks_.data();
             task.begin = first + blocks_.size() * s / count;
             task.end = first + blocks_.size() * (s + 1) / count;
-            // Only blocks from this element on can have higher neighbours in this share.
+            // Only blocks that begin at this element or later can have higher neighbours in this share.
             const std::ptrdiff_t lead =
                 task.begin->first - state_.grid.slice - state_.grid.row - block_size<T>;
             task.lead = std::lower_bound(first, task.begin, lead, [](const Block& block, auto element) {
@@ -513,7 +513,7 @@ private:
     std::vector<Block> blocks_;
     std::vector<Share> shares_;
     std::unique_ptr<Tiles> tiles_;
-    /// Checking tiles costs a little, and pays if an eighth of them rests.
+    /// Checking tiles costs a little. It pays if at least an eighth of them rests.
     RestPolicy policy_{
         {.period = 16, .min_pause = 64, .max_pause = 1024, .paying_numerator = 7, .paying_denominator = 8}};
 };

@@ -6,7 +6,7 @@
 
 #include "backends/physics/neighbours.h"
 
-// Lanes has a register as a member. Registers of unknown size cannot be members.
+// These targets are left out: their registers have no fixed size, and so cannot be a member of class Lanes.
 #define HWY_DISABLED_TARGETS (HWY_SVE | HWY_SVE2 | HWY_SVE_256 | HWY_SVE2_128 | HWY_RVV)
 // This file, up to HWY_ONCE, is compiled for every SIMD target.
 #undef HWY_TARGET_INCLUDE
@@ -97,8 +97,8 @@ HWY_INLINE void leave_densities(const Task<T>& task, const Block& block, std::pt
     }
 }
 
-/// The spring forces on the particles of a SIMD register. `full_stencil`: as in Block, so nothing needs
-/// masking.
+/// The spring forces on the particles of a SIMD register. With `full_stencil`, as in Block, nothing is
+/// masked.
 template <Formulation formulation, bool full_stencil, class L, class T, class Mask>
 HWY_INLINE Lanes3<L> sum_forces(const Task<T>& task, const Block& block, std::ptrdiff_t lane, Mask mask,
                                 const Place<formulation, L>& here) {
@@ -154,7 +154,8 @@ HWY_INLINE auto difference(Lanes3<L> a, Lanes3<L> b) {
     return hn::Or(hn::Or(bits(a.x, b.x), bits(a.y, b.y)), bits(a.z, b.z));
 }
 
-/// `moved` in lanes whose particle can move, otherwise `held`. `full_stencil`: as in Block, so all can move.
+/// `moved` in lanes whose particle can move, otherwise `held`. With `full_stencil`, as in Block, all can
+/// move.
 template <bool full_stencil, class L, class Chosen>
 HWY_INLINE Lanes3<L> where_moving(Chosen moving, Lanes3<L> moved, Lanes3<L> held) {
     if constexpr (full_stencil) {
@@ -236,8 +237,8 @@ HWY_INLINE Motion<L> integrate_place(const Task<T>& task, std::ptrdiff_t i, Chos
     return {hn::Or(difference(next, here.high), difference(here.high, previous)), next - here.high};
 }
 
-/// Whether the particles of a SIMD register keep their tile active. If `slow` is 0, they do if a bit of their
-/// state changed, otherwise if one of them moved by at least `slow`.
+/// Whether the particles of a SIMD register keep their tile active. With task.slow 0: whether a bit of their
+/// state changed. With a larger task.slow: whether one of them moved by at least that.
 template <class L, class T, class Mask>
 HWY_INLINE bool is_active(const Task<T>& task, Mask mask, const Motion<L>& motion) {
     const MaskTag<L> tag;
@@ -259,8 +260,8 @@ HWY_INLINE void step_particles(const Task<T>& task, const Block& block, std::ptr
     if (task.load[0] != nullptr) force = force + load3<L>(task.load, i);
     const L inverse_mass =
         task.inverse_mass != nullptr ? L::load(task.inverse_mass + i) : L(task.uniform_inverse_mass);
-    // Without gravity or damping the term is computed with neutral values rather than skipped. This takes six
-    // of some three hundred instructions, and its cost could not be measured.
+    // Gravity and damping of 0 are computed rather than skipped. This takes six of some three hundred
+    // instructions, and no cost could be measured.
     const Action<L> action{force, broadcast3<L>(task.gravity), inverse_mass, L(task.time_step_squared)};
     const auto moving =
         hn::Eq(hn::And(mask, hn::Set(tag, ACTIVE_BIT | PINNED_BIT)), hn::Set(tag, ACTIVE_BIT));
@@ -287,9 +288,9 @@ HWY_INLINE void fall_asleep(const Task<T>& task, const Block& block, std::ptrdif
     }
 }
 
-/// Prefetches what no earlier block has touched: the block's neighbours farthest ahead, and what it
-/// overwrites. The processor's prefetchers lose track of this many streams: without prefetching, one core of
-/// an AMD EPYC took 1.37 times as long for a step of the box of 128^3.
+/// Prefetches what no earlier block has touched: the neighbours farthest ahead of the block, and what the
+/// block overwrites. The processor's prefetchers lose track of this many streams: without prefetching, one
+/// core of an AMD EPYC took 1.37 times as long for a step of the box of 128^3.
 template <Formulation formulation, class T>
 HWY_INLINE void prefetch(const Task<T>& task, const Block& block) {
     const auto fetch = [&](const auto& from, std::ptrdiff_t i) HWY_ATTR {
@@ -415,8 +416,8 @@ bool within_float64(const Task<double>& task, Formulation formulation, double la
     return all_within(task, formulation, largest_increment);
 }
 
-/// The largest error of quotients of 1 and 1 + n / 4096, for n from 0 to 3 * 4096, and of their roots. The
-/// roots measured are those that the steps compute.
+/// The largest relative error of 1 / sqrt(1 + n / 4096), for all n from 0 to 3 * 4096 - 1, with the root and
+/// the division that steps use.
 template <Root root>
 double largest_root_error() {
     using L = Lanes<float, root>;

@@ -22,8 +22,8 @@ template <class T>
 constexpr std::ptrdiff_t block_size = 64 / sizeof(T);
 
 struct Block {
-    std::ptrdiff_t first;     ///< its first element
-    std::ptrdiff_t in_slice;  ///< the first element, counted from the start of the slice of constant z
+    std::ptrdiff_t first;     ///< index of its first element in the arrays
+    std::ptrdiff_t in_slice;  ///< `first`, counted from the start of its slice (one z)
     std::uint32_t tile;       ///< index of its tile (tiles.h)
     bool odd_slice;
     bool full_stencil;  ///< every voxel has a particle that can move and has a neighbour in every direction
@@ -43,14 +43,14 @@ template <class T>
 struct Opposites {
     std::ptrdiff_t stride;  ///< elements from a particle to the higher neighbour; to the lower: -stride
     MaskOf<T> lower_bit, higher_bit;
-    std::array<T, 3> rest_offset;  ///< X - X_higher
+    std::array<T, 3> rest_offset;  ///< rest position minus that of the higher neighbour
     T rest_length;
     T rest_deficit;
     T stiffness;
     /// Force densities of springs, indexed by the stepped particle's element in its slice. A particle
-    /// evaluates the spring to its higher neighbour and writes the density to `higher_density`. The density
-    /// of the spring to its lower neighbour, which that neighbour wrote, it reads from `lower_density`. Null:
-    /// both ends evaluate the spring.
+    /// evaluates the spring to its higher neighbour and writes the density to `higher_density`. It reads the
+    /// density of the spring to its lower neighbour, which that neighbour wrote, from `lower_density`. If
+    /// both are null, both ends evaluate the spring.
     const T* lower_density;
     T* higher_density;
 };
@@ -72,8 +72,8 @@ struct Task {
     std::ptrdiff_t farthest;          ///< the largest stride: how far ahead a block reads
     const Block *lead, *begin, *end;  ///< [begin, end) is stepped; [lead, begin) only gets densities
     const std::uint8_t* action;  ///< TileAction of each tile; null: all step, and `active_tile` is not kept
-    /// For each tile that is stepped: whether it stays active. If `slow` is 0, it does if the step changed a
-    /// bit of it, otherwise if the step moved one of its particles by at least `slow`.
+    /// For each tile that is stepped, whether it stays active. With `slow` 0: whether the step changed a bit
+    /// of it. With a larger `slow`: whether the step moved one of its particles by at least that.
     std::uint8_t* active_tile;
     T slow;
     T flush;  ///< parts of u and v closer to 0 than this are set to 0; 0: none
@@ -93,11 +93,11 @@ void step(const Task<double>& task, Formulation formulation, Root root);
 bool within(const Task<float>& task, Formulation formulation, double largest_increment);
 bool within(const Task<double>& task, Formulation formulation, double largest_increment);
 
-/// The SIMD target in use, and the largest relative error of its approximate reciprocals (root_error() of
-/// root.h).
+/// The name of the SIMD target in use.
 const char* target_name();
+/// The largest relative error of that target's approximate reciprocals (error_of_roots() in root.h).
 double approximation_error();
-/// The largest relative error of 1 / sqrt(x) with such roots, over some thousand x from 1 to 4.
+/// The largest relative error of 1 / sqrt(x) computed with `root`, over some ten thousand x from 1 to 4.
 double measured_root_error(Root root);
 
 }  // namespace voxspring::cpu_parallel

@@ -27,8 +27,8 @@ struct PaddedGrid {
     std::ptrdiff_t element(glm::ivec3 c) const { return guard + slice * c.z + row * c.y + c.x; }
     /// Blocks per row, rows per slice, and slices.
     glm::ivec3 blocks() const { return {int(row / block_size<T>), dims.y, dims.z}; }
-    /// Elements for the force densities of one direction in one slice: a guard, the slice, and a guard.
     std::ptrdiff_t density_guard() const { return row + block_size<T>; }
+    /// Elements for the force densities of one direction in one slice: a guard, the slice, and a guard.
     std::ptrdiff_t densities() const { return density_guard() + slice + density_guard(); }
 };
 

@@ -13,15 +13,15 @@
 
 namespace voxspring::cpu_parallel {
 
-/// An array is null if the formulation or the problem has no such part. Elements without a particle are NaN,
-/// so that a leak into a particle's force cannot go unseen.
+/// The state and what acts on particles. An array is null if the formulation or the problem has no such part.
+/// Elements without a particle are NaN (masks: 0), so that a leak into a particle's force cannot go unseen.
 template <class T>
 struct PaddedState {
     using Vector = std::array<Array<T>, 3>;
 
     PaddedGrid<T> grid{glm::ivec3(0)};
     Array<MaskOf<T>> mask;
-    /// x or u of an even and of an odd step: one is read while the other is overwritten.
+    /// x or u after even steps and after odd steps: one is read while the other is overwritten.
     std::array<Vector, 2> at, at_low;
     Vector increment, increment_low, load;
     Array<T> inverse_mass, compliance;
@@ -30,7 +30,7 @@ struct PaddedState {
     /// `state` is the state of an even step.
     PaddedState(const Problem& problem, const Options& options, const State& state);
 
-    /// The state after an even (`current` 0) or an odd step, in canonical order.
+    /// The state after an even (`current` 0) or an odd step (`current` 1), in canonical order.
     State unpack(const Problem& problem, Formulation formulation, std::size_t current) const;
 
     std::ptrdiff_t element_of(const Problem& problem, std::size_t particle) const {

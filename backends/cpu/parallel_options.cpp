@@ -11,7 +11,7 @@
 
 namespace voxspring::cpu_parallel {
 
-/// A process cannot be sure to get more threads than this, and OpenMP ends it if it does not get them.
+/// The most threads. The system may refuse a process more of them, and OpenMP then ends the process.
 constexpr int max_threads = 1024;
 
 int thread_count(const Options& options, const std::string& backend) {

@@ -14,8 +14,8 @@ namespace voxspring::cpu_parallel {
 /// The number of threads. Throws BadSpecification, which names the backend, if the option asks for too many.
 int thread_count(const Options& options, const std::string& backend);
 
-/// How many threads share `blocks` blocks. If the user does not choose the number, all threads take part,
-/// unless each share would be less work than a barrier costs. 128 blocks take a core about 10 us.
+/// How many threads share `blocks` blocks. With threads=auto each thread gets at least 128 blocks, which take
+/// a core about 10 us: a smaller share would be less work than a barrier costs.
 std::ptrdiff_t share_count(const Options& options, std::ptrdiff_t blocks);
 
 /// Whether every term is computed, with neutral values for what the scene lacks, and no work is skipped or
@@ -33,14 +33,14 @@ std::string refused_options(const Options& options);
 /// sleeps.
 double sleep_threshold(const Options& options);
 
-/// Parts of the state that are closer to 0 than this, in spacings, are set to 0. If it is 0, no part is.
+/// Components of the state that are closer to 0 than this, in spacings, are set to 0. 0: none is.
 double flush_threshold(const Options& options);
 
-/// Scalars per particle in the state: x or u of two steps; by increments also v; in `compensated` all low
-/// parts.
+/// Scalars per particle in the state: x or u of two steps; by increments also v; in `compensated` also the
+/// low parts of all these.
 int state_arrays(Formulation formulation);
 
-/// The neighbour bits of the directions to visit: those in which any particle has a neighbour.
+/// Mask bits of the directions to visit: those in which a particle has a neighbour, or all with terms=all.
 std::uint32_t bits_in_use(const Problem& problem, const Options& options);
 
 }  // namespace voxspring::cpu_parallel

@@ -4,7 +4,7 @@
 
 #include "backends/physics/neighbours.h"
 
-// Lanes has a register as a member. Registers of unknown size cannot be members.
+// These targets are left out: their registers have no fixed size, and so cannot be a member of class Lanes.
 #define HWY_DISABLED_TARGETS (HWY_SVE | HWY_SVE2 | HWY_SVE_256 | HWY_SVE2_128 | HWY_RVV)
 // This file, up to HWY_ONCE, is compiled for every SIMD target.
 #undef HWY_TARGET_INCLUDE
@@ -19,7 +19,7 @@ namespace voxspring::perturbed {
 
 /// Odd numbers without a pattern (from SplitMix64 and MurmurHash3).
 constexpr std::uint32_t multiplier[] = {0xBF58476D, 0x94D049BB, 0x85EBCA6B, 0xC2B2AE35};
-/// Makes the random numbers of one particle differ by `which`.
+/// Makes the random numbers of one particle differ for different `which`.
 constexpr std::uint32_t salt(std::uint64_t which) { return std::uint32_t(0x9E3779B9u * (which + 1)); }
 
 }  // namespace voxspring::perturbed

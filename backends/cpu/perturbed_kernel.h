@@ -17,7 +17,7 @@ constexpr std::ptrdiff_t block_size = 8;
 struct Pull {
     std::ptrdiff_t stride;  ///< elements to the neighbour
     std::uint64_t bit;
-    std::array<double, 3> rest_offset;  ///< X - X_neighbour
+    std::array<double, 3> rest_offset;  ///< rest position minus that of the neighbour
     double rest_length, rest_deficit, stiffness;
 };
 
@@ -25,16 +25,16 @@ struct Pull {
 struct RoundingBits {
     std::uint64_t kept = ~std::uint64_t(0);
     std::uint64_t random = 0;       ///< mask of the random bits that are added
-    std::uint64_t also_random = 0;  ///< mask of the bits of its upper half that are added too
+    std::uint64_t also_random = 0;  ///< a second mask, for the random number's upper half
     std::uint64_t constant = 0;     ///< added to every number
     double unit = 0;                ///< relative size of the errors of forces; 0: no errors
     double root_error = 0;
-    std::uint64_t key = 0;  ///< random numbers depend on it; differs from step to step
+    std::uint64_t key = 0;  ///< random numbers depend on the key, which differs from step to step
 
     bool any() const { return kept != ~std::uint64_t(0) || random != 0 || unit != 0 || root_error != 0; }
 };
 
-/// A step of the blocks [begin, end). Arrays are over the padded grid.
+/// A step of the blocks [begin, end), each given by its first element. Arrays are over the padded grid.
 struct Task {
     std::array<const double*, 3> at;
     std::array<double*, 3> next;              ///< holds the previous x or u until it is overwritten

@@ -44,7 +44,7 @@ RoundingBits rounding_of(const Perturbation& perturbation) {
         bits.random = random ? ~bits.kept : 0;
         bits.constant = random ? 0 : std::uint64_t(1) << (cut - 1);
     } else if (random) {
-        // Two random bits decide: one unit up, one down, or neither.
+        // Two random bits decide: one unit up, one unit down, or no change.
         bits.random = bits.also_random = 1;
         bits.constant = ~std::uint64_t(0);
     }
@@ -144,7 +144,7 @@ public:
     StepWork step_work(const Problem&) const override { return {}; }
 
 private:
-    /// A further thread pays only if each gets this many blocks.
+    /// A further thread pays only if every thread gets this many blocks.
     static constexpr std::ptrdiff_t min_blocks = 256;
 
     template <class Do>
@@ -168,8 +168,8 @@ private:
         const bool single = perturbation_.kind != Kind::none && perturbation_.precision == Precision::float32;
         return single ? stored_as<float>(value) : value;
     }
-    /// A rest length. Rounding leaves it alone, because it must equal the length that is computed at rest, as
-    /// in a backend.
+    /// A rest length. It is perturbed at random but never rounded, because it must equal the length that is
+    /// computed at rest, as in a backend.
     double length_parameter(double value, std::uint64_t which) const {
         return random() ? parameter(value, which) : value;
     }
@@ -295,7 +295,7 @@ private:
         }
     }
 
-    /// Takes over the directions in use and the springs beyond the lattice, after an upload or an edit.
+    /// Lists the directions in use and the springs beyond the lattice anew, after an upload or an edit.
     void follow_springs() {
         std::uint64_t bits = 0;
 #pragma omp parallel for schedule(static) reduction(| : bits) if (size_ >= worth_threads)

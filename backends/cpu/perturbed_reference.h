@@ -1,8 +1,8 @@
 // The reference on all cores, which can also apply the rounding of a formulation and a precision at random
 // (Monte Carlo arithmetic; D. S. Parker, 1997).
 //
-// It is no backend that a user can name. It shares only the functions of spring.h and the registers of simd/
-// with cpu_parallel.
+// Users cannot name this reference as a backend. Its arithmetic shares only the functions of spring.h and the
+// registers of simd/ with that of cpu_parallel.
 #pragma once
 
 #include <cstdint>
@@ -24,7 +24,7 @@ struct Perturbation {
     Kind kind = Kind::none;
     Formulation formulation = Formulation::increment;
     Precision precision = Precision::float64;
-    /// Relative error of a length and a division in addition to rounding, for backends that approximate them.
+    /// Relative error of roots and divisions in addition to rounding, for backends that approximate them.
     double root_error = 0;
     std::uint64_t seed = 0;  ///< random numbers depend only on this, the step and the particle
 };
@@ -33,7 +33,7 @@ struct Perturbation {
 ///
 /// It uses float64, all cores and SIMD registers. Each particle sums its lattice springs in the order of
 /// neighbours.h, then Problem::springs in their order; no bit depends on the number of threads or the width
-/// of a register. What is rounded, by formulation:
+/// of a register. This is rounded, by formulation:
 ///
 /// | formulation | stored | force, relative to |
 /// | --- | --- | --- |
@@ -50,8 +50,8 @@ class PerturbedReference : public CpuBackend {
 public:
     /// The perturbation from the next upload() on.
     virtual void perturb(const Perturbation& perturbation) = 0;
-    /// download() into an existing State, whose memory is used again: new memory for a large one takes longer
-    /// than a step.
+    /// Like download(), but into an existing State, whose memory is used again: new memory for a large body
+    /// takes longer than a step.
     virtual void read(State& state) const = 0;
 };
 std::unique_ptr<PerturbedReference> make_perturbed_reference(const Perturbation& perturbation);

@@ -9,10 +9,10 @@
 
 namespace voxspring {
 
-/// From construction to destruction, the constructing thread computes with 0 in place of subnormal operands
-/// and results: numbers closer to 0 than 1.2e-38 in float32 and 2.2e-308 in float64. Other threads are not
-/// affected, and the destructor restores the setting from before. Does nothing on processors other than
-/// x86-64 and AArch64.
+/// If `flush`, from construction to destruction the constructing thread computes with 0 in place of subnormal
+/// operands and results: numbers closer to 0 than 1.2e-38 in float32 and 2.2e-308 in float64. Other threads
+/// are not affected, and the destructor restores the setting from before. Does nothing on processors other
+/// than x86-64 and AArch64.
 class FlushSubnormals {
 public:
     explicit FlushSubnormals(bool flush) : before_(control()) {

@@ -16,8 +16,8 @@ struct Range {
     std::ptrdiff_t begin, end;
 };
 
-/// Sets to[t] = from[t - stride] | from[t] | from[t + stride] where all three are in range, and shrinks the
-/// range to these.
+/// Sets to[t] = from[t - stride] | from[t] | from[t + stride] for each t whose three sources are in `range`,
+/// and shrinks `range` to these t.
 void dilate(const std::vector<std::uint8_t>& from, std::vector<std::uint8_t>& to, Range& range,
             std::ptrdiff_t stride) {
     range = {range.begin + stride, range.end - stride};

@@ -1,8 +1,8 @@
 // Which parts of the grid are at rest, so that cpu_parallel need not step them.
 //
 // The next state of a tile depends only on its state and on that of the tiles around it. If no bit of these
-// changed in the latest step, the next step would change none either, so the tile rests: it is not stepped. A
-// similar rule puts tiles to sleep: a tile sleeps if all of these were slow for several steps, the window.
+// changed in the latest step, the next step would change none either, so the tile rests: it is not stepped.
+// By a similar rule a tile sleeps: if it and the tiles around it were slow for `window` steps.
 #pragma once
 
 #include <array>
@@ -24,8 +24,8 @@ public:
         std::array<std::vector<std::uint8_t>, 3> marks;
     };
 
-    /// `blocks`: the blocks per row, rows and slices of the grid. If `window` > 1, a tile sleeps, and loses
-    /// its speed, once it and the tiles around it were not active for `window` steps. With 1 it rests.
+    /// `blocks`: the blocks per row, rows and slices of the grid. With `window` 1, tiles rest. Otherwise a
+    /// tile sleeps, and loses its speed, once it and those around it were not active for `window` steps.
     Tiles(glm::ivec3 blocks, int window);
 
     /// Index of the tile that contains the block.
@@ -42,7 +42,7 @@ public:
     /// A share for a thread whose blocks lie in the tiles [begin, end).
     Share share(std::size_t begin, std::size_t end) const;
 
-    /// Notes that one tile, or every tile, changed in state `step`.
+    /// Notes that one tile, or every tile in use, counts as active in step `step`.
     void mark_active(std::uint32_t tile, std::int64_t step) { latest_[std::size_t(step % 2)][tile] = step; }
     void mark_all_active(std::int64_t step);
 

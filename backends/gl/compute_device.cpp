@@ -27,7 +27,7 @@ class GlPass final : public glsl::Pass {
 public:
     std::shared_ptr<const Program> program;
     Bindings buffers{};               ///< 0: the shader has no use for this binding
-    std::array<Texture, 2> textures;  ///< of words and low parts, if read through textures
+    std::array<Texture, 2> textures;  ///< views of words and low parts for fetch=texture
 };
 
 class ComputeDevice final : public glsl::Device {
@@ -205,8 +205,8 @@ private:
         return result;
     }
 
-    /// Only the shader of a step fetches texels. It is the only shader that does not fix its work group's
-    /// extents.
+    /// Only the shader of a step fetches texels. It is the only shader that leaves its work group's extents
+    /// open.
     bool fetches_texels(const glsl::Shader& shader) const { return through_textures_ && shader.group; }
 
     Defines defines_of(const glsl::Shader& shader) const {

@@ -8,7 +8,8 @@
 
 namespace voxspring::gl {
 
-/// Words come from storage buffers or through texture buffers (tuning `fetch`). Throws Unavailable.
+/// Makes a device that reads words as the tuning `fetch` says. Throws Unavailable if there is no usable
+/// context.
 std::unique_ptr<glsl::Device> make_compute_device(const Options& options);
 
 }  // namespace voxspring::gl

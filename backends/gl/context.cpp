@@ -101,8 +101,8 @@ std::vector<Candidate> candidates() {
     return hardware;
 }
 
-/// The initialised display of a candidate. EGL gives a process only one display per candidate. It is never
-/// terminated: that would end it for every context on it, and Mesa would unload its driver. Throws
+/// The initialised display of a candidate. EGL gives a process only one display per candidate. The display is
+/// never terminated: that would end it for all its contexts, and Mesa would unload its driver. Throws
 /// Unavailable.
 EGLDisplay open(const Candidate& candidate) {
     EGLDisplay display = eglGetPlatformDisplayEXT(candidate.platform, candidate.device, nullptr);
@@ -111,8 +111,8 @@ EGLDisplay open(const Candidate& candidate) {
     return display;
 }
 
-/// A 4.5 core context without a surface. It shares the objects of `shared` if that is a context. Throws
-/// Unavailable.
+/// A 4.5 core context without a surface. It shares the objects of `shared` unless that is EGL_NO_CONTEXT.
+/// Throws Unavailable.
 EGLContext create_context(EGLDisplay display, EGLContext shared) {
     for (const char* needed : {"EGL_KHR_surfaceless_context", "EGL_KHR_no_config_context"}) {
         if (!epoxy_has_egl_extension(display, needed)) throw Unavailable(std::string("no ") + needed);
@@ -149,7 +149,7 @@ bool offers_subgroup_vote() {
 
 const RegisteredApi api({.name = "opengl", .title = "OpenGL", .device_field = "gl_renderer"});
 
-/// The context of the Sharing object that exists. If there is no such object, it has no display.
+/// The context of the Sharing object, if one exists; otherwise `display` is EGL_NO_DISPLAY.
 SurfaceContext shared_context;
 
 std::string text(GLenum name) { return reinterpret_cast<const char*>(glGetString(name)); }
@@ -184,7 +184,7 @@ Context::Context() : errors_(std::make_unique<ErrorLog>()) {
     }
     for (const Candidate& candidate : owned_ ? std::vector<Candidate>{} : candidates()) {
         try {
-            // Skip another card before anything is initialised on it, if the card can be known so early.
+            // Skips a card that is not the measured one, if possible before anything is initialised on it.
             if (candidate.device != EGL_NO_DEVICE_EXT) card = card_of(candidate.device);
             EGLDisplay display = open(candidate);
             if (candidate.device == EGL_NO_DEVICE_EXT) card = card_of(device_of(display));

@@ -36,15 +36,15 @@ public:
     Context(const Context&) = delete;
     Context& operator=(const Context&) = delete;
 
-    /// Directs GL calls of this thread to this context from here on. Throws DeviceError.
+    /// Directs later GL calls of this thread to this context. Throws DeviceError if the driver refuses.
     void make_current() const;
-    /// make_current() for destructors. Returns false if the driver refuses.
+    /// Like make_current(), but for destructors: returns false if the driver refuses.
     bool try_make_current() const noexcept;
 
     /// Calls ErrorLog::check for this context, which must be current.
     void check(const std::string& doing) const { errors_->check(doing); }
 
-    /// Whether this context shares the buffers and textures of the Sharing's context.
+    /// Whether this context shares buffers and textures with another one (class Sharing).
     bool shares() const { return shares_; }
 
     /// Names as GL_RENDERER and GL_VERSION give them. A software renderer is marked as software.

@@ -60,7 +60,7 @@ std::uint64_t motion_operations(Formulation formulation, bool gravity, bool damp
     return change + (formulation == Formulation::compensated ? 10 + 11 : 2);
 }
 
-/// The value of found_ until a check fails; then it is the number of the first check that failed, from 1.
+/// The value of found_ until a check fails. Then found_ is the number, from 1, of that first failed check.
 constexpr GLuint never_found = std::numeric_limits<GLuint>::max();
 constexpr GLuint found_binding = 3;  // as in shaders/divergence_check.comp
 
@@ -329,8 +329,7 @@ void FragmentBackend::check_divergence() {
     glUseProgram(monitor_program_.get());
     bind_state();
     glDispatchCompute(GLuint((size_.x + group - 1) / group), GLuint(size_.y), 1);
-    // The next step or edit overwrites what this check reads, and the next check reads the result of this
-    // one.
+    // Needed because the next step or edit overwrites what this check reads, and the next check reads found_.
     glMemoryBarrier(GL_SHADER_STORAGE_BARRIER_BIT | GL_FRAMEBUFFER_BARRIER_BIT);
     glUseProgram(program_.get());
 }

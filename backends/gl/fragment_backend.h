@@ -1,4 +1,4 @@
-// What the backends share that step by drawing (Mosegaard and Sorensen 2005): particles in texels, one
+// Shared by the backends that step by drawing (Mosegaard and Sorensen 2005): particles in texels, one
 // fragment per particle and step, ping-pong over frames, and the stencil buffer as mask.
 //
 // A frame is the output of one step: one texture or several of the same size, its targets. By formulation:
@@ -6,7 +6,7 @@
 //     paper, position   three frames of x
 //     displacement      three frames of u
 //     increment         two frames of u and v
-//     compensated       two frames of u and v, then of what float32 leaves of u and v
+//     compensated       two frames of u, v, and the low parts of u and v
 //
 // Each particle has a texel: the vector in xyz and, in w of the first target, its bits, ACTIVE_BIT among them
 // (neighbours.h). Texels without a particle carry NaN and zero bits, so that an accidental read shows in the
@@ -82,7 +82,7 @@ protected:
         };
         std::vector<Particle> particles;
         std::vector<std::uint32_t> neighbour;     ///< list entries (neighbours.h)
-        std::vector<glm::vec2> spring;            ///< stiffness and rest length; empty if equal in each group
+        std::vector<glm::vec2> spring;            ///< stiffness, rest length; empty: equal by group
         std::vector<glm::vec4> off_lattice_rest;  ///< per neighbour; empty if all springs are on the lattice
     };
 
@@ -98,7 +98,7 @@ protected:
 
     /// Bytes of device memory that upload() takes (BackendEntry::bytes).
     virtual std::uint64_t bytes_needed(const Problem& problem) const = 0;
-    /// Empty, or why the backend cannot run `problem` on a device with enough memory.
+    /// Empty, or why the backend cannot run `problem`, however much memory the device has.
     virtual std::string refused(const Problem& problem) const = 0;
     /// Creates what the fragment shader reads beyond the state, loads and materials, and binds it to texture
     /// units from first_own_unit on.
@@ -106,11 +106,11 @@ protected:
     /// Macros that specialise the fragment shader beyond the terms that all share (shaders/particle.glsl).
     virtual Defines specialise(const Problem& problem) const = 0;
     virtual void set_uniforms(const Program& program, const Problem& problem) = 0;
-    /// Whether the results of lay_out() and specialise() hold for `edited` too.
+    /// Whether the lists have room for `edited`, and specialise() would return the same macros as before.
     virtual bool has_room(const Problem& edited, const SpringEdit& edit) const = 0;
     /// The particles that `edit` touched, in the layout that lay_out() made.
     virtual TexelEdit edited_texels(const Problem& edited, const SpringEdit& edit) const = 0;
-    /// Binds the lists to image units 1 to 3 of shaders/edit.comp and returns its defines.
+    /// Binds the lists to image units 1 to 3 of shaders/edit.comp. Returns the macros for that shader.
     virtual Defines bind_lists() const { return {}; }
 
     /// The coordinates of a particle's texel, x in the lower 16 bits and y in the upper 16.
@@ -131,7 +131,7 @@ protected:
 private:
     void mark(Mark which) final;
     double seconds_between_marks() const final;
-    /// Returns to step 0. From here on the state is checked as monitor() last said.
+    /// Returns to step 0. From here on the state is checked as the latest call of monitor() says.
     void reset_to_step_zero();
     void enqueue_step();
     void enqueue_tool() const;

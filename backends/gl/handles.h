@@ -15,8 +15,8 @@ enum class Object : std::uint8_t { texture, buffer, framebuffer, vertex_array, q
 /// Deletes object `name` of the current context.
 void destroy(Object kind, GLuint name) noexcept;
 
-/// Owns one object of a context, which must outlive it. Names are unique only within a context, so the
-/// destructor makes that context current.
+/// Owns one object of a context. The context must outlive the handle. Names are unique only within a context,
+/// so the destructor makes the object's context current.
 template <Object kind>
 class Handle {
 public:

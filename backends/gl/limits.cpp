@@ -74,7 +74,7 @@ Program fragment_program(const Context& context, const char* fragment_shader, co
     return {context, load_source("full_screen.vert", {}), load_source(fragment_shader, defines)};
 }
 
-/// `dispatch()` runs `program`. Each of its invocations does as many rounds as it is told.
+/// The rate of multiply-adds of `program`, which `dispatch()` runs. The uniform `rounds` sets its work.
 template <class Dispatch>
 double operations_per_second(const Program& program, Dispatch dispatch) {
     program.set("factor", 0.5F);
@@ -86,7 +86,7 @@ double operations_per_second(const Program& program, Dispatch dispatch) {
            seconds_of_rounds;
 }
 
-/// The rate of compute shaders with work groups of 16 x 16 invocations.
+/// The rate of multiply-adds in compute shaders with work groups of 16 x 16 invocations.
 double compute_operations_per_second(const Context& context, const Texture& target) {
     const Program program(context, load_source("limits_arithmetic.comp", {{"COMPUTE", ""}}));
     glBindImageTexture(0, target.get(), 0, GL_FALSE, 0, GL_WRITE_ONLY, rgba32f.internal);
@@ -115,7 +115,7 @@ double measure_draw(const Context& context) {
 
 DeviceLimits measure_limits(const Context& context) {
     DeviceLimits limits;
-    // A draw cannot write what it reads, so no pass is in place.
+    // A draw cannot write to what it reads, so no pass writes in place.
     constexpr glsl::CopyPass passes[] = {{2, false, false}, {2, true, false}, {1, true, false}};
     glsl::measure_bandwidth(limits, passes, [&](const glsl::CopyPass& pass, std::size_t words) {
         const Program program = fragment_program(context, "limits_copy.frag", copy_defines(pass));

@@ -6,10 +6,10 @@
 
 namespace voxspring::gl {
 
-/// Measures draws, as a FragmentBackend steps. `context` is current and has a vertex array bound. It leaves
-/// other programs, framebuffers and textures bound.
+/// Measures draws, as a FragmentBackend steps. `context` must be current and have a vertex array bound. Other
+/// programs, framebuffers and textures are bound afterwards.
 DeviceLimits measure_limits(const Context& context);
-/// Measures only the time of a launch, as measure_limits() does.
+/// Measures only DeviceLimits::launch_seconds, as measure_limits() does.
 double measure_draw(const Context& context);
 
 }  // namespace voxspring::gl

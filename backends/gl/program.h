@@ -18,7 +18,7 @@ namespace voxspring::gl {
 /// What specialises a shader: macros with their values.
 using glsl::Defines;
 
-/// Files by the name with which `#include "..."` names them.
+/// Texts of files by the names that `#include "..."` uses.
 using Files = std::map<std::string_view, std::string_view>;
 
 /// A translation unit that knows where its lines come from. `#line` is not used, because Mesa 22.3 forgets

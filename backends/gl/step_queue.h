@@ -10,9 +10,9 @@
 
 namespace voxspring::gl {
 
-/// Puts a fence after every `steps_per_fence` steps and makes the host wait for an old one, so that at most
-/// `max_fences` * `steps_per_fence` steps are enqueued and not finished. While the host waits, the device
-/// still has hundreds of steps to do. A fence costs less than a thousandth of the time of its steps.
+/// Puts a fence after every `steps_per_fence` steps. Once there are `max_fences`, the host first waits for
+/// the oldest, so at most (max_fences + 1) * steps_per_fence steps are unfinished. While the host waits, the
+/// device has hundreds of steps to do. A fence costs less than a thousandth of the time of its steps.
 class StepQueue {
 public:
     static constexpr int steps_per_fence = 128;

@@ -18,7 +18,7 @@ void StorageBuffer::upload(const Context& context, std::span<const std::byte> va
         replace(context, values);
         return;
     }
-    // No barrier keeps NVIDIA's driver (580.159) from overtaking dispatches that still read the buffer.
+    // Despite barriers, NVIDIA's driver (580.159) lets copies overtake dispatches that read the buffer.
     glFinish();
     glNamedBufferSubData(get(), 0, GLsizeiptr(bytes_), values.data());
 }
@@ -26,7 +26,7 @@ void StorageBuffer::upload(const Context& context, std::span<const std::byte> va
 void StorageBuffer::copy(const Context& context, const StorageBuffer& from) {
     if (bytes_ != from.bytes_) allocate(context, from.bytes_);
     if (bytes_ == 0) return;
-    // For the same reason as in upload().
+    // NVIDIA's driver lets copies overtake dispatches, as in upload().
     glFinish();
     glCopyNamedBufferSubData(from.get(), get(), 0, 0, GLsizeiptr(bytes_));
     glFinish();

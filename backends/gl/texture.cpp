@@ -10,7 +10,7 @@ namespace {
 Texture make(const Context& context, GLenum target) {
     GLuint name = 0;
     glCreateTextures(target, 1, &name);
-    // A float32 or integer texture with filtering counts as incomplete, and reads as zero.
+    // With filtering, an integer texture would count as incomplete and read as zero.
     glTextureParameteri(name, GL_TEXTURE_MIN_FILTER, GL_NEAREST);
     glTextureParameteri(name, GL_TEXTURE_MAG_FILTER, GL_NEAREST);
     return {context, name};

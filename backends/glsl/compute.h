@@ -12,7 +12,7 @@
 
 namespace voxspring::glsl {
 
-/// Storage buffers of shaders/compute.glsl.
+/// Bindings of the storage buffers of shaders/compute.glsl.
 enum Binding : unsigned {
     words,
     next_words,
@@ -28,8 +28,8 @@ enum Binding : unsigned {
 };
 inline constexpr int storage_blocks = 13;
 
-/// What moves particles besides springs, one element per word. A list is empty if the shader has no use for
-/// it.
+/// What a step needs besides springs and the state, one element per word. A list is empty if the shader does
+/// not use it.
 template <class Real>
 struct Operands {
     std::vector<layout::Vector<Real>> loads;
@@ -55,8 +55,8 @@ std::string work_group_refusal(glm::ivec3 group, const WorkGroupLimits& limits);
 /// shaders/divergence_check.comp, measure.comp and edit*.comp.
 unsigned striding_groups(std::size_t count);
 
-/// Empty, or why an upload of `needed` bytes is refused. `free` bytes are free, and the backend frees `held`
-/// bytes before. If the driver does not tell `free`, nothing is refused in advance.
+/// Empty, or why an upload of `needed` bytes is refused. `free` bytes are free, and the backend will free
+/// `held` bytes first. If the driver does not tell `free`, nothing is refused in advance.
 std::string memory_refusal(std::uint64_t needed, std::uint64_t held, std::optional<std::uint64_t> free);
 
 }  // namespace voxspring::glsl

@@ -13,7 +13,7 @@
 namespace voxspring::glsl {
 namespace {
 
-/// The value of found_ until a check fails; then it is the number of the first check that failed, from 1.
+/// The value of found_ until a check fails. Then found_ is the number, from 1, of that first failed check.
 constexpr std::uint32_t never_found = std::numeric_limits<std::uint32_t>::max();
 constexpr unsigned found_binding = 3;  // as in shaders/divergence_check.comp
 

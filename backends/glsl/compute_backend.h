@@ -1,6 +1,6 @@
 // The host of the compute shaders in shaders/, for OpenGL and Vulkan: the state in arrays, steps, edits of
-// particles' bits, the tool and the divergence monitor. The device is device.h; how particles find their
-// neighbours is in implicit.cpp and explicit.cpp.
+// particles' bits, the tool and the divergence monitor. device.h is the device; implicit.cpp and explicit.cpp
+// say how particles find their neighbours.
 #pragma once
 
 #include <array>
@@ -15,7 +15,7 @@
 
 namespace voxspring::glsl {
 
-/// A backend on a Device.
+/// A backend that steps on a Device (device.h).
 class OnDevice : public Backend {
 public:
     virtual Device& device() = 0;
@@ -73,17 +73,17 @@ protected:
 
     /// Bytes of device memory that upload() takes (BackendEntry::bytes).
     virtual std::uint64_t bytes_needed(const Problem& problem) const = 0;
-    /// Empty, or why a problem cannot be run, provided that its words fit into an array.
+    /// Empty, or why a problem cannot be run. Does not check whether its words fit into an array.
     virtual std::string refused_layout(const Problem& problem) const = 0;
     virtual layout::Placement place(const Problem& problem) const = 0;
-    /// Uploads what the step's shader reads besides the buffers of shaders/compute.glsl. No step is running.
+    /// Uploads what the step's shader reads besides the buffers of shaders/compute.glsl. No step may run.
     virtual Layout lay_out(const Problem& problem) = 0;
     /// The step's shader, with only the constants that are not in shaders/terms.glsl. Called after lay_out().
     virtual Shader shader(const Problem& problem) const = 0;
     virtual void set_uniforms(Uniforms& uniforms, const Problem& problem) = 0;
     virtual void enqueue_edit(const Problem& edited, const SpringEdit& edit) = 0;
 
-    /// Uploads `values` to an array that only this shader has. Its binding is first_own_binding or higher.
+    /// Uploads `values` to an array of the derived class's shader. `binding` is at least first_own_binding.
     template <class T>
     void put_own(unsigned binding, const std::vector<T>& values) {
         addressed_.erase(binding);
@@ -99,7 +99,7 @@ protected:
         put(own_[binding], std::as_bytes(std::span(list.addresses)));
     }
     const Array* own(unsigned binding) { return own_[binding].get(); }
-    /// The arrays that together hold a list.
+    /// The arrays that together hold the list with this binding.
     std::vector<const Array*> parts_of(unsigned binding);
     /// Waits for everything enqueued, then makes all lists of the edited problem anew. The particles keep
     /// their places in memory.
@@ -109,7 +109,7 @@ protected:
     /// Replaces squares of rest lengths by rest lengths as the device measures them (physics/inverse_root.h):
     /// `count` elements of the array, the first at `offset`, each `stride` after the one before. Waits.
     void measure(const Array& squares, std::size_t count, int stride, int offset);
-    /// Does the same for numbers in the host's memory.
+    /// Like measure(), for numbers in the host's memory.
     void measure_numbers(std::span<Real> squares);
 
 private:

@@ -78,7 +78,7 @@ struct Shader {
 template <class Program>
 class ProgramCache {
 public:
-    /// The program with this key. It is null if the caller has to make it.
+    /// The program with this key. If it is null, the caller has to make it and to store it here.
     std::shared_ptr<const Program>& of(const std::string& key) {
         constexpr std::size_t max_programs = 16;
         if (programs_.size() == max_programs && !programs_.contains(key)) programs_.clear();
@@ -131,7 +131,7 @@ public:
     /// Waits for everything enqueued.
     virtual void wait() = 0;
     /// To be called before arrays and passes are destroyed. Drops what was not submitted and waits for the
-    /// rest, so that the device uses none of them any more. An API that sees to this itself does nothing.
+    /// rest, so that the device no longer uses any of them. Does nothing if the API itself sees to this.
     virtual void abandon() noexcept {}
 
     /// Makes an array with these values. It has at least one byte, even without values.
@@ -154,8 +154,8 @@ public:
                                        const Arrays& arrays) = 0;
     /// Sets other values of the uniforms, for what is enqueued from here on.
     virtual void set(Pass& pass, const Uniforms& uniforms) = 0;
-    /// Enqueues work groups of 64 invocations that stride over `count` things. `sent`: further arrays, which
-    /// the host hands over for this dispatch alone.
+    /// Enqueues work groups of 64 invocations that stride over `count` things. `sent`: the values of further
+    /// arrays, by binding, which exist for this dispatch alone.
     virtual void dispatch_once(const Shader& shader, std::size_t count, const Uniforms& uniforms,
                                const Arrays& arrays,
                                const std::map<unsigned, std::span<const std::byte>>& sent) = 0;
@@ -176,7 +176,7 @@ public:
     /// Forgets how long steps take. Called before a body of another size is stepped.
     virtual void forget_pace() {}
     virtual void step(int count) = 0;
-    /// Makes one step. Counts the invocations of its shaders, if the driver can.
+    /// Makes one step. Returns how many invocations its shaders had; empty if the driver cannot count them.
     virtual std::optional<std::uint64_t> step_counted() = 0;
     std::int64_t steps() const { return steps_; }
     /// Which of the two arrays of words the next step reads.
@@ -185,7 +185,7 @@ public:
     /// The time spent on compiling shaders since the latest call of this function.
     CompileTime take_compile_time() { return std::exchange(compile_time_, {}); }
 
-    /// Seconds on the host's clock for `count` dispatches, which go through `cycle` again and again.
+    /// Seconds, on the host's clock, that `count` dispatches take. They go through `cycle` again and again.
     virtual double seconds_of(const std::vector<Dispatch>& cycle, int count) = 0;
     virtual bool has_float64() const = 0;
     /// Whether the time of a launch differs from process to process.
@@ -196,7 +196,7 @@ public:
 
     /// Whether feed() may return an object.
     virtual bool has_feeds() const { return false; }
-    /// FeedFacet::feed(). `state`: the arrays that the shader reads, by which words are current.
+    /// Does the work of FeedFacet::feed(). `state`: the arrays that the shader reads, indexed by current().
     virtual std::unique_ptr<Feed> feed(const std::vector<layout::FedWord<float>>& /*fed*/,
                                        std::uint32_t /*buffer*/, const Defines& /*macros*/,
                                        const std::array<Arrays, 2>& /*state*/) {

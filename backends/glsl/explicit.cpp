@@ -22,7 +22,7 @@ bool asks_for_addresses(const Options& options) {
     return lists != options.tuning.end() && lists->second == "addressed";
 }
 
-/// Slots of each list.
+/// The number of slots that each list has.
 std::uint32_t list_slots(const Problem& problem) {
     return layout::grouped_list_refusal(problem).empty() ? layout::slots_by_groups(problem)
                                                          : layout::slots_by_springs(problem);
@@ -57,8 +57,8 @@ private:
         return explicit_bytes(problem, this->options());
     }
     std::string refused_layout(const Problem& problem) const override {
-        // In formulations on positions, list entries have no direction. Their indices could then address more
-        // particles, but more than any driver has memory for.
+        // This refuses nothing in formulations on positions: their entries have no direction, and so room for
+        // more particles than any driver has memory for.
         if (std::string why = layout::list_entry_refusal(problem, this->formulation()); !why.empty())
             return why;
         return lists_refusal(problem, this->options(), buffer_limits());
@@ -102,7 +102,7 @@ private:
                               {"ALL_GROUPS", text(this->all_terms())}}};
     }
 
-    /// Rest lengths of step_ are as the device measured them.
+    /// step_.rest_length has been measured by the device (lay_out()).
     void set_uniforms(Uniforms& uniforms, const Problem& problem) override {
         uniforms.set("particles", step_.particles);
         uniforms.set("slot_stride", int(step_.shape.slot_stride));

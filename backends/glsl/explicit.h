@@ -1,5 +1,5 @@
-// What is known of explicit addressing in a compute shader (shaders/compute_explicit.comp) without a device:
-// its lists, and whether they fit.
+// What the host computes without a device for shaders/compute_explicit.comp (explicit addressing): the bytes
+// of lists, and whether they fit.
 #pragma once
 
 #include <cstdint>
@@ -13,9 +13,9 @@ namespace voxspring::glsl {
 
 /// Which lists a problem needs.
 struct ListKind {
-    /// Springs that differ within a group have their stiffness and rest length in the secondary list.
+    /// Whether springs differ within a group. The secondary list then has their stiffness and rest length.
     bool secondary = false;
-    /// Another list says how springs beyond the lattice lie at rest, if the formulation needs that.
+    /// Whether a list has rest offsets of springs beyond the lattice: if the formulation needs them.
     bool off_lattice_rest = false;
 };
 ListKind list_kind(const Problem& problem, Formulation formulation);
@@ -23,11 +23,11 @@ ListKind list_kind(const Problem& problem, Formulation formulation);
 /// Bytes of memory that upload() of a backend with explicit addressing takes (BackendEntry::bytes).
 std::uint64_t explicit_bytes(const Problem& problem, const Options& options);
 
-/// Bytes of each list by its name, empty lists included.
+/// The name and the bytes of each list, empty lists included.
 std::vector<std::pair<const char*, std::uint64_t>> list_bytes(const Problem& problem, const Options& options);
 
-/// Whether shaders reach the lists of a problem by the addresses of their slots (shaders/lists.glsl): if one
-/// of them is too large for an array and the device has addresses, or if the tuning asks for it (`lists`).
+/// Whether shaders reach the lists of `problem` by the addresses of their slots (shaders/lists.glsl): if one
+/// list is too large for an array, or the tuning `lists` asks for it. lists_refusal() must accept `problem`.
 bool by_address(const Problem& problem, const Options& options, const BufferLimits& limits);
 
 /// Empty, or why a device cannot hold the lists of a problem.

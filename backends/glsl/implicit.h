@@ -1,4 +1,4 @@
-// What is known of implicit addressing in a compute shader (shaders/compute_implicit.comp) without a device.
+// What the host computes without a device for shaders/compute_implicit.comp (implicit addressing).
 #pragma once
 
 #include <cstdint>
@@ -15,9 +15,9 @@ std::uint64_t implicit_bytes(const Problem& problem, const Options& options);
 /// Empty, or why work groups cannot cover the lattice.
 std::string too_long(const Lattice& lattice, layout::BlockShape shape);
 
-/// Whether subgroups vote on skipping masks (tuning `interior`). `auto`: in the cases in which the vote was
-/// faster in OpenGL on an H200 (gl/README.md), but never in software, because Mesa computes both branches for
-/// every subgroup.
+/// Whether subgroups vote on skipping masks (tuning `interior`). With `auto` they do so for the formulations
+/// in which the vote was faster in OpenGL on an H200 (gl/README.md), but never in software: Mesa computes
+/// both branches for every subgroup.
 bool votes(const Options& options, bool is_software);
 
 }  // namespace voxspring::glsl

@@ -19,22 +19,22 @@ inline constexpr std::size_t footprints[] = {std::size_t(3) << 20, std::size_t(1
 inline constexpr std::size_t copied_word = 16;  ///< bytes
 inline constexpr std::size_t copy_group = 256;  ///< as in limits_copy.comp
 
-/// For arithmetic: more invocations along x and y than any card has in flight, in work groups of
-/// limits_arithmetic.comp, each with so much work that its output does not count.
+/// Extents along x and y for limits_arithmetic.comp: of all invocations, more than any card has in flight,
+/// and of a work group. Each invocation makes at least `rounds` rounds, so its output does not matter.
 inline constexpr int arithmetic_side = 1024, arithmetic_group = 16;
 inline constexpr int rounds = 4;
 inline constexpr int operations_per_round = 64;
 
-/// The patience for measuring a launch. A launch takes time of the host, so other programs on the host's
-/// cores slow many batches in a row.
+/// The patience for measuring a launch. It is longer than usual: a launch takes the host's time, so other
+/// programs on its cores slow many batches.
 inline constexpr Patience launch_patience{.in_all = 0.15};
 
-/// What a device reaches with dispatches and a barrier after each, as a ComputeBackend steps.
+/// Measures what a device reaches with dispatches and a barrier after each, as a ComputeBackend steps.
 DeviceLimits measure_limits(Device& device);
-/// Only the time of a launch.
+/// Measures only DeviceLimits::launch_seconds.
 double measure_launch(Device& device);
 
-/// A way to move words.
+/// One way of reading and writing arrays of words.
 struct CopyPass {
     int reads;
     bool writes;

@@ -12,8 +12,8 @@ namespace voxspring::glsl {
 
 /// Values of macros by name.
 using Defines = std::map<std::string, std::string>;
-/// Values of constants by name, as GLSL writes them: "true", "false" or a whole number. Has every constant of
-/// a shader.
+/// Values of constants by name, as GLSL writes them: "true", "false" or a whole number. A shader gets a value
+/// for each of its constants.
 using Constants = std::map<std::string, std::string>;
 
 inline std::string text(bool value) { return value ? "true" : "false"; }

@@ -13,7 +13,7 @@
 
 namespace voxspring::vulkan {
 
-/// The result of `work`. If Vulkan fails in it, this throws DeviceError, which says what was going on.
+/// Returns the result of `work`. If Vulkan fails in `work`, throws a DeviceError that names `doing`.
 template <class Work>
 decltype(auto) guarded(const char* doing, Work&& work) {
     try {

@@ -16,7 +16,7 @@ enum class Place : std::uint8_t {
     device,  ///< the device's own memory
     /// The device's own memory, which shaders may also reach by its address (BufferLimits::has_addresses).
     addressed,
-    host,    ///< written by the host, read once by shaders: the device's memory if the host sees it
+    host,    ///< written by the host, read once by shaders; on the device if the host can write there
     staging  ///< memory that the host reads and writes fast, for copies
 };
 
@@ -51,8 +51,8 @@ public:
     explicit BufferPool(const Device& device) : device_(device), spare_(std::make_shared<Spare>()) {}
 
     /// A buffer that begins with `bytes` and that the device can read; an empty buffer if `bytes` is empty.
-    /// It may be larger, up to a power of two, and what follows `bytes` is undefined. The last owner must
-    /// release it only after the device has read it. The pool keeps no buffer of more than 1 MiB.
+    /// The buffer may be larger than `bytes`; what follows is undefined. The last owner must release it only
+    /// after the device has read it. The pool keeps no buffer of more than 1 MiB.
     std::shared_ptr<const Buffer> holding(std::span<const std::byte> bytes);
 
 private:

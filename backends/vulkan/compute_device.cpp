@@ -212,7 +212,7 @@ public:
     bool has_float64() const override { return device_.has_float64(); }
 
 private:
-    /// What steps dispatch, and the recordings of it.
+    /// What steps dispatch, and the recordings of these dispatches.
     struct RecordedSteps {
         glsl::Dispatches dispatches;
         /// Recordings of 2^power steps, by power and by the number of the current words (0 or 1) at the first
@@ -277,7 +277,7 @@ private:
         });
         return step_->recorded.emplace(key, std::move(commands)).first->second;
     }
-    /// Called when `count` more steps are enqueued. Enqueues a check if one is due.
+    /// To be called after `count` steps were enqueued. Enqueues a check if one is due.
     void have_enqueued(int count) {
         count_steps(count);
         if (is_check_due()) queue_.enqueue(check_->recorded[current()]);

@@ -9,7 +9,7 @@
 
 namespace voxspring::vulkan {
 
-/// Throws Unavailable.
+/// Makes the device. Throws Unavailable if there is no usable one.
 std::unique_ptr<glsl::Device> make_compute_device(const Options& options);
 
 /// The vulkan::Device of a backend of this folder.
@@ -18,9 +18,9 @@ const Device& device_of(Backend& backend);
 /// The Vulkan buffer of an array that a device of make_compute_device() made.
 const Buffer& buffer_of(const glsl::Array& array);
 
-/// A vertical list, split into arrays of at most `max_bytes` bytes each. `values`: the values of all slots,
-/// one slot after another, or empty. Every slot has the same size, at most `max_bytes`. The list must outlive
-/// the commands that are enqueued here.
+/// Uploads a list in arrays of at most `max_bytes` bytes each. `values`: the values of all slots, one slot
+/// after another, or empty. Every slot has the same size, at most `max_bytes`. The list must outlive the
+/// commands that are enqueued here.
 glsl::AddressedList addressed_list(Queue& queue, std::span<const std::byte> values, std::size_t slots,
                                    std::uint64_t max_bytes);
 

@@ -87,7 +87,7 @@ std::string uuid_of(const vk::raii::PhysicalDevice& physical) {
     return uuid_text(bytes);
 }
 
-/// The first family of queues that can compute and has time stamps. On graphics cards it also draws.
+/// The first family of queues that can compute and has time stamps; empty if none does.
 std::optional<std::uint32_t> queue_family_of(const vk::raii::PhysicalDevice& physical) {
     const auto families = physical.getQueueFamilyProperties();
     for (std::uint32_t n = 0; n < families.size(); ++n) {

@@ -27,7 +27,7 @@ std::vector<std::uint32_t> memory_types(const vk::PhysicalDeviceMemoryProperties
 class Device {
 public:
     /// Opens the first usable physical device among those that asked_device("vulkan") names, in the order of
-    /// devices_to_try(). If it names none, hardware must be the card that this process measures
+    /// devices_to_try(). If the user named none, hardware must be the card that this process measures
     /// (api.h). Throws Unavailable, which says for each device why it cannot be used.
     explicit Device(Precision precision);
     Device(const Device&) = delete;

@@ -14,13 +14,13 @@ public:
     Messages() = default;
     Messages(const Messages&) = delete;
     Messages& operator=(const Messages&) = delete;
-    /// Messages that no check() has reported go to stderr and are counted (validation.h).
+    /// A message that no check() has reported goes to stderr and is counted (validation.h).
     ~Messages();
 
     /// Throws DeviceError if there was a message since the last call. `doing` says what was going on.
     void check(const std::string& doing);
 
-    /// Sends warnings and errors of an instance to this object.
+    /// Describes a messenger that sends warnings and errors of an instance to this object.
     vk::DebugUtilsMessengerCreateInfoEXT messenger();
 
 private:

@@ -15,7 +15,7 @@ namespace voxspring::vulkan {
 /// A number, vector or array in a block of uniforms.
 struct Uniform {
     std::size_t offset = 0;  ///< offset among the bytes of all blocks
-    std::size_t stride = 0;  ///< bytes from one array element to the next; 0: no array
+    std::size_t stride = 0;  ///< bytes from one element to the next; 0: this is no array
 };
 
 /// The place of a block of uniforms among the bytes of all blocks.
@@ -24,7 +24,7 @@ struct Block {
     std::size_t bytes = 0;
 };
 
-/// One shader. Constants and uniforms have the names of its source.
+/// One shader. Constants and uniforms have the names that its source gives them.
 class Module {
 public:
     /// A module of the build, by its name in shaders/CMakeLists.txt. Throws DeviceError if there is none.
@@ -41,7 +41,7 @@ public:
     /// Blocks of uniforms by binding.
     const std::map<std::uint32_t, Block>& blocks() const { return blocks_; }
     std::size_t uniform_bytes() const { return uniform_bytes_; }
-    /// Blocks begin at multiples of this, which every device accepts.
+    /// Blocks begin at multiples of this many bytes, which every device accepts.
     static constexpr std::size_t block_alignment = 256;
 
 private:
@@ -53,7 +53,7 @@ private:
     std::size_t uniform_bytes_ = 0;
 };
 
-/// The bytes of all blocks. Uniforms without a value are zero; values without a uniform are left out.
+/// The content of all blocks. Uniforms without a value are zero; values without a uniform are left out.
 std::vector<std::byte> bytes_of(const Module& module, const glsl::Uniforms& uniforms);
 
 }  // namespace voxspring::vulkan

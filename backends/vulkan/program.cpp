@@ -22,7 +22,7 @@ vk::raii::DescriptorSetLayout make_set_layout(const Device& device, const Module
     return {device.get(), vk::DescriptorSetLayoutCreateInfo({}, bindings)};
 }
 
-/// The number for a value as GLSL writes it.
+/// The number that stands for a value in a specialisation: 1 for "true", 0 for "false".
 std::uint32_t number_of(const std::string& value) {
     return value == "true" ? 1 : value == "false" ? 0 : std::uint32_t(std::stol(value));
 }

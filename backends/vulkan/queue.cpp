@@ -13,7 +13,7 @@ vk::raii::Semaphore make_counter(const Device& device) {
     return {device.get(), vk::SemaphoreCreateInfo({}, &counts)};
 }
 
-/// The size of the buffer through which uploads and downloads go, at most.
+/// The largest size of the staging buffer, through which uploads and downloads go.
 constexpr std::size_t max_staging_bytes = std::size_t(64) << 20;
 
 void barrier(const Commands& commands, vk::PipelineStageFlags from, vk::AccessFlags written,

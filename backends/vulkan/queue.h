@@ -47,7 +47,7 @@ public:
     /// Keeps an object alive until everything enqueued by now has run.
     void keep(std::shared_ptr<const void> object);
 
-    /// Copies bytes into a buffer of the same size, between what is enqueued before and after. May wait.
+    /// Copies bytes into a buffer of the same size, for later commands. Waits for what is enqueued already.
     void upload(const Buffer& to, std::span<const std::byte> bytes);
     /// Copies bytes out of a buffer, once everything enqueued has run.
     void download(const Buffer& from, std::span<std::byte> bytes);
@@ -69,7 +69,7 @@ private:
     vk::raii::Semaphore finished_;  // counts finished submissions
     std::uint64_t submitted_ = 0;
     std::vector<vk::CommandBuffer> enqueued_;
-    // Objects that are kept alive until the submission of this number ends.
+    // Objects, each kept alive until the submission with the number beside it has finished.
     std::deque<std::pair<std::uint64_t, std::shared_ptr<const void>>> kept_;
     Buffer staging_;
 };

@@ -3,12 +3,12 @@
 
 namespace voxspring::vulkan {
 
-/// Whether this process asks for VK_LAYER_KHRONOS_validation, if it is installed: VOXSPRING_VULKAN_VALIDATION
-/// is set and not empty. A message then becomes a DeviceError of the backend (messages.h).
+/// Whether VOXSPRING_VULKAN_VALIDATION is set and not empty, which asks for VK_LAYER_KHRONOS_validation. If
+/// that layer is installed, its messages become DeviceErrors of the backend (messages.h).
 bool wants_validation();
 
-/// Number of messages in this process that became no error, because no check followed them. They are on
-/// stderr. An example is a message about objects that were never destroyed.
+/// How many messages in this process became no error, because no check followed them, such as one about
+/// objects that were never destroyed. They are on stderr.
 int unreported_messages();
 
 }  // namespace voxspring::vulkan

@@ -1,9 +1,9 @@
-// A SIMD register with which the shared physics computes as it does with a float.
+// Class Lanes: a SIMD register that the formulas of spring.h take as they take a float.
 //
-// Include it after hwy/foreach_target.h. Each SIMD target gets its own copy of everything here and of
-// spring.h, in namespace voxspring::HWY_NAMESPACE: a template that is compiled once, for the baseline,
+// Include this file after hwy/foreach_target.h. Each SIMD target gets a separate copy of everything here and
+// of spring.h, in namespace voxspring::HWY_NAMESPACE: a template that is compiled once, for the baseline,
 // cannot be inlined together with the instructions of a better target.
-#if defined(VOXSPRING_SIMD_LANES_INL_H) == defined(HWY_TARGET_TOGGLE)  // once a target: Highway's idiom
+#if defined(VOXSPRING_SIMD_LANES_INL_H) == defined(HWY_TARGET_TOGGLE)  // once per target: Highway's idiom
 #ifdef VOXSPRING_SIMD_LANES_INL_H
 #undef VOXSPRING_SIMD_LANES_INL_H
 #else
@@ -24,8 +24,8 @@ namespace voxspring::HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
 /// The largest relative error of the approximate reciprocal and the approximate reciprocal root of this
-/// target, as the processor's manual states it: 14 bits with AVX-512 (VRCP14PS), 11.4 with other x86 (RCPPS),
-/// 8 with NEON (FRECPE); Highway's emulation of the root elsewhere has 9.
+/// target, as the processor's manual states it: for VRCP14PS with AVX-512, RCPPS on other x86, and FRECPE
+/// with NEON. On other targets it is that of Highway's emulation of the root.
 constexpr double approximation_error =
 #if HWY_ARCH_X86 && HWY_TARGET <= HWY_AVX3
     0x1p-14;
@@ -93,11 +93,11 @@ HWY_INLINE Lanes<T, root> sqrt(Lanes<T, root> a) {
         return Lanes<T, root>(hn::Mul(a.v, inverse));
     }
 }
-/// `b` where `a` is NaN, like the scalar function.
+/// The larger number in each lane; `b` where `a` is NaN, like the scalar larger() of portable.h.
 template <class T, Root root>
 HWY_INLINE Lanes<T, root> larger(Lanes<T, root> a, Lanes<T, root> b) {
 #if HWY_ARCH_X86
-    // One instruction, which returns the second operand if either is NaN or both are zero.
+    // One instruction, which returns its second operand if either operand is NaN or both are zero.
     return Lanes<T, root>(hn::Max(a.v, b.v));
 #else
     return Lanes<T, root>(hn::IfThenElse(hn::Gt(a.v, b.v), a.v, b.v));

@@ -11,8 +11,8 @@ enum class Root : std::uint8_t {
     raw,      ///< the approximations themselves, whose error the SIMD target decides (lanes-inl.h)
 };
 
-/// Relative error of the quotient of a number and a length with such roots, beyond rounding in float32. It
-/// adds up the errors of a reciprocal root and of a reciprocal, each of which is at most `approximation`.
+/// Relative error, beyond rounding in float32, of a number divided by a length. It is the sum of the errors
+/// of a reciprocal root and of a reciprocal, each of which is at most `approximation`.
 constexpr double error_of_roots(Root root, double approximation) {
     switch (root) {
         case Root::exact:
