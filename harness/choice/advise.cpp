@@ -12,7 +12,7 @@
 namespace voxspring {
 namespace {
 
-/// The candidate of a row; empty if the row's run diverged or has no total error.
+/// Reads a row of a pareto result. Empty if the run diverged or has no total error.
 std::optional<Candidate> read_candidate(JsonObject row) {
     const auto seconds = row.require("seconds", "a number or null");
     const auto error = row.require("total_error_relative_l2", "a number or null");

@@ -19,11 +19,11 @@ namespace {
 
 constexpr double any_number = std::numeric_limits<double>::infinity();
 
-/// Backends that are never chosen for scenes with edits: they rebuild their tables at an edit, which takes
-/// the longer the larger the body is.
+/// Backends that are never chosen for scenes with edits: they rebuild their tables at every edit, which takes
+/// long if the body is large.
 const std::set<std::string> never_edited = {"cuda_march"};
-/// Backends that are never chosen if a tool moves, although they accept a tool: cuda_resident would take few
-/// steps per launch instead of thousands. Backends without a tool refuse the scene themselves.
+/// Backends that are never chosen if a tool moves, although they accept one: cuda_resident would take few
+/// steps per launch instead of thousands. Backends that refuse every tool need not be listed.
 const std::set<std::string> never_held = {"cuda_resident"};
 
 /// Why a backend is fast, as text for users.
@@ -54,7 +54,7 @@ std::string said(const Rule& rule, const Workload& workload) {
            rule.reason;
 }
 
-/// Checks "auto:a=b,c=d": only keys that leave the choice of a backend open are accepted.
+/// Checks "auto:a=b,c=d": throws BadSpecification for keys other than formulation and precision.
 void check_options(const std::string& text) {
     const auto colon = text.find(':');
     if (colon == std::string::npos) return;
@@ -185,7 +185,7 @@ nlohmann::json choose_among(const Result& result, const std::vector<Row>& rows) 
                     [&](Formulation f) { return to_string(f) == of.formulation && by_increments(f); });
     const Workload workload{first.reference.value().voxels, first.workpiece.value().particles, between, false,
                             increments};
-    // A backend without any row of this kind does not have the formulation or the precision.
+    // Backends with a row of this formulation and precision, and those that did not run the scene.
     std::set<std::string> known, refused;
     for (const char* list : {"benchmarks", "skipped", "failed"}) {
         for (const Row& row : result.rows(list)) {

@@ -54,7 +54,7 @@ std::string text_of(const VolumeOptions& volume) {
     return text;
 }
 
-/// The command that repeats the candidate's run, with a time step that is equal to the bit.
+/// The command that repeats the candidate's run. Its time step has all digits, so that no bit differs.
 std::string command_of(const Candidate& candidate, const std::string& argument,
                        const AdviseOptions& options) {
     return fmt::format("voxspring run {}{} --backend {} --time-step {} --steps {} --out state.npz",
@@ -149,7 +149,7 @@ int print_advice_on_errors(const std::string& argument, const AdviseOptions& opt
     return exit_code;
 }
 
-/// Prints whether more than one rank pays.
+/// Prints whether several ranks are faster than one, and the fastest row.
 int print_advice_on_ranks(const std::string& argument, const AdviseOptions& options, std::ostream& out) {
     std::vector<ScalingRow> rows;
     bool unfinished = false;

@@ -66,7 +66,7 @@ struct NumberIn<std::optional<Number>> {
     using Type = Number;
 };
 
-/// The number that `text` consists of. Refuses other text and numbers out of range, and names the range.
+/// Parses a number. For other text, or a number outside `low` to `high`, throws BadInput with the range.
 template <class Number>
 Number number_of(const std::string& option, const std::string& text, Number low, Number high) {
     Number number{};
@@ -91,11 +91,10 @@ CLI::Option* add_number(CLI::App& command, const std::string& option, Target& ta
         ->type_name(std::is_integral_v<Number> ? "N" : "NUMBER");
 }
 
-/// The parts of `text` between commas. The comma added at the end keeps CLI11 from dropping an empty last
-/// part.
+/// Splits `text` at commas. The comma added at the end keeps CLI11 from dropping an empty last part.
 std::vector<std::string> parts_of(const std::string& text) { return CLI::detail::split(text + ",", ','); }
 
-/// The vector "0,0,-0.002". With `one`, "1.5" is accepted as well: three components of that value.
+/// Parses a vector such as "0,0,-0.002". With `one`, "1.5" is accepted as well: that value three times.
 glm::dvec3 vector_of(const std::string& option, const std::string& text, double low, double high, bool one) {
     std::vector<std::string> parts = parts_of(text);
     if (one && parts.size() == 1) parts.resize(3, text);
@@ -107,7 +106,7 @@ glm::dvec3 vector_of(const std::string& option, const std::string& text, double 
     return vector;
 }
 
-/// Numbers or names of segments. Only the volume's file can check the names.
+/// Parses numbers or names of segments. Does not check the names, which only the volume's file knows.
 std::vector<std::string> labels_of(const std::string& text) {
     std::vector<std::string> labels = parts_of(text);
     for (std::string& label : labels) CLI::detail::trim(label);
@@ -117,7 +116,7 @@ std::vector<std::string> labels_of(const std::string& text) {
     return labels;
 }
 
-/// "4" means the first four devices; "0,2" means these two, where a number may be repeated.
+/// Parses --devices: "4" means devices 0 to 3, "0,2" means devices 0 and 2. A list may repeat a number.
 std::vector<int> devices_of(const std::string& text) {
     const std::vector<std::string> parts = parts_of(text);
     std::vector<int> devices;
@@ -143,7 +142,8 @@ CLI::Option* add_repetitions(CLI::App& command, StudyOptions& study, const char*
     return add_number(command, "--repetitions", study.repetitions, 1, 10'000, description);
 }
 
-/// Adds an option that takes effect before the command runs. Processes that the command starts inherit it.
+/// Adds the option that chooses the device of `api`. It sets an environment variable before the command runs.
+/// Processes that the command starts inherit this variable.
 void add_device(CLI::App& command, const Api& api) {
     const std::string option = "--" + api.name + "-device";
     command
@@ -322,7 +322,7 @@ void add_run(CLI::App& app, Values& values, std::ostream& out) {
     run->callback([&] { values.exit_code = run_scene(values.scene, options, out); });
 }
 
-/// `when` says what the ranks are for, at the beginning of the help text.
+/// `when` begins the help texts and says when ranks are used: "For a scaling study: ".
 void add_ranks(CLI::App& command, StudyOptions& options, const std::string& when) {
     add_number(command, "--ranks", options.ranks, 1, max_ranks,
                when + "maximum number of parts, each on its own thread (default: one per core)");
@@ -454,7 +454,8 @@ std::vector<std::string> values_of(const std::string& name) {
     return words;
 }
 
-/// What the last of `words` may be completed to, besides files. `words` follow the program's name.
+/// What the last of `words` may be completed to, besides files. `words` are the command line after the
+/// program's name.
 std::vector<std::string> completions_of(const CLI::App& app, const std::vector<std::string>& words) {
     std::vector<std::string> names = command_names(app);
     if (words.size() < 2) {
@@ -492,7 +493,7 @@ void add_completion(CLI::App& app, Values& values, std::ostream& out) {
 
 // --- What cannot be understood -------------------------------------------------------------------------
 
-/// Refuses a first word that is neither a command nor an option of the program.
+/// Throws BadInput if the first word is neither a command nor an option of the program.
 void check_command(const CLI::App& app, int argc, char** argv) {
     if (argc < 2 || argv[1][0] == '-') return;
     const std::vector<std::string> names = command_names(app);
@@ -502,7 +503,7 @@ void check_command(const CLI::App& app, int argc, char** argv) {
         refuse("command", word, "one of " + joined(names) + did_you_mean(word, names));
 }
 
-/// Refuses an unknown option. Called after `app` has failed to parse.
+/// Throws BadInput for an unknown option. Called after `app` has failed to parse.
 void check_options(const CLI::App& app) {
     const std::vector<CLI::App*> parsed = app.get_subcommands();
     const CLI::App& command = parsed.empty() ? app : *parsed.front();

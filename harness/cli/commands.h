@@ -29,10 +29,10 @@ inline constexpr int max_run_steps = 1'000'000'000;
 
 struct RunOptions {
     std::string backend;
-    int steps = 100;                              ///< the step to end at, from the scene's start
-    std::optional<double> time;                   ///< the end time instead, in the scene's unit
-    std::optional<double> time_step;              ///< the same motion with this step; empty: the scene's step
-    std::optional<std::filesystem::path> resume;  ///< a state that `out` wrote
+    int steps = 100;                              ///< the step at which the run ends, from the scene's start
+    std::optional<double> time;                   ///< end time instead of `steps`, in the scene's unit
+    std::optional<double> time_step;              ///< replaces the scene's time step; empty: it is kept
+    std::optional<std::filesystem::path> resume;  ///< the .npz file to continue from
     VolumeOptions volume;
     ExportOptions out;
 };
@@ -44,14 +44,14 @@ int run_scene(const std::string& scene, const RunOptions& options, std::ostream&
 int run_and_print_study(const std::string& study, const StudyOptions& options, std::ostream& out);
 
 struct AdviseOptions {
-    /// The largest total error that is acceptable, relative L2. Empty: the advice is not about errors, but
-    /// about whether several ranks are faster than one.
+    /// The largest acceptable total error, relative L2. Empty: the advice is whether several ranks are faster
+    /// than one.
     std::optional<double> error;
-    /// The error is that of a deflection at rest against the continuum, and the scene is a case of the study
-    /// `truth`.
+    /// Whether `error` is that of a deflection at rest against the continuum. The scene is then a case of the
+    /// study `truth`.
     bool continuum = false;
     std::optional<std::filesystem::path> results;  ///< a pareto, truth or scaling result; empty: measure
-    StudyOptions study;                            ///< how to measure; its volume is the scene's
+    StudyOptions study;                            ///< how to measure; `study.volume` is for the scene
     bool json = false;
 };
 

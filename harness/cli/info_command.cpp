@@ -43,7 +43,7 @@ std::string orientation(const Placement& placement) {
     return text;
 }
 
-/// What a volume's file says besides its voxels; null if the dataset is not a volume.
+/// What the file of a volume says besides its voxels; null if the dataset is not a volume.
 nlohmann::json volume_json(const Scene& scene) {
     if (!scene.volume || scene.mesh) return nullptr;
     const VolumeFacts& volume = *scene.volume;
@@ -60,7 +60,7 @@ nlohmann::json volume_json(const Scene& scene) {
             {"labels", labels},      {"placement", placement}};
 }
 
-/// The mesh that the voxels come from; null without one.
+/// The mesh that the voxels come from; null if there is none.
 nlohmann::json mesh_json(const Scene& scene) {
     if (!scene.mesh) return nullptr;
     const MeshInGrid& mesh = *scene.mesh;
@@ -100,7 +100,7 @@ void print_mesh(const MeshInGrid& mesh, std::ostream& out) {
                     mesh.body_volume, 100 * (mesh.body_volume / mesh.volume - 1), mesh.pitch, mesh.fill));
 }
 
-/// What a scene says in units of the world; null if it does not.
+/// The material and damping of a scene in physical units; null if the scene has no such units.
 nlohmann::json world_json(const Scene& scene) {
     if (!scene.world) return nullptr;
     nlohmann::json tissues = nlohmann::json::array();
@@ -125,7 +125,7 @@ void print_world(const WorldUnits& world, std::ostream& out) {
                         tissue.density, tissue.pressure_wave(), tissue.shear_wave()));
 }
 
-/// The text that follows the spacing: its unit, or that it was chosen instead of the file's.
+/// The text that follows the spacing: its unit, or that the user chose it instead of the file's.
 std::string unit_text(const Scene& scene) {
     if (scene.world) return " " + scene.world->length;
     if (!scene.volume) return "";

@@ -24,7 +24,7 @@
 namespace voxspring {
 namespace {
 
-/// Whether the backend takes a suture between particles that are not neighbours on the lattice.
+/// Whether the backend accepts a spring between particles that are not neighbours on the lattice.
 bool leaves_lattice(const Backend& backend) {
     Problem problem = make_lattice_problem({{3, 1, 1}, glm::dvec3(1), {1, 1, 1}}, FACE_BITS);
     problem.springs = {{0, 2, 1, 2}};
@@ -63,7 +63,7 @@ nlohmann::json describe_backend(const BackendEntry& entry) {
     return described;
 }
 
-/// The devices that backends of an API may take. Empty without a driver; then the backends give the reason.
+/// The devices that backends of an API may use. Empty without a driver; the list of backends then says why.
 nlohmann::json describe_devices(const Api& api) {
     nlohmann::json described = nlohmann::json::array();
     try {

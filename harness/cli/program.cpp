@@ -38,8 +38,8 @@ int run_program(int argc, char** argv, const ViewScene& view) {
     // Freed memory is kept for reuse, so that the system need not map it and clear its pages again: the
     // states of a large scene are allocated and freed with every row of a study.
     mallopt(M_MMAP_MAX, 0);
-    mallopt(M_TRIM_THRESHOLD, -1);  // never
-    // A limit on the size of files is then an error of write().
+    mallopt(M_TRIM_THRESHOLD, -1);  // never return memory to the system
+    // With this signal ignored, write() returns an error at the limit on file sizes.
     std::signal(SIGXFSZ, SIG_IGN);
     worker_main(argc, argv);
     const int code = exit_code_of(argc, argv, view);

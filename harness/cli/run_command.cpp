@@ -30,8 +30,8 @@
 namespace voxspring {
 namespace {
 
-/// The largest displacement from rest: of the body's particles, and of parts that nothing holds, which fall
-/// away from it. Not finite if any displacement is not.
+/// The largest displacements from rest: `loose` in parts that fall away since nothing holds them
+/// (BodyParts::loose()), `held` in all others. Both are not finite if any displacement is not.
 struct Largest {
     double held = 0, loose = 0;
 };
@@ -51,7 +51,7 @@ Largest largest_displacement(const State& state, const std::vector<std::uint32_t
     return largest;
 }
 
-/// The number of steps, at least one, that comes nearest to `time`. Prints a note if it is not exact.
+/// The number of steps, at least one, nearest to `time`. Prints a note if they end at another time.
 int steps_to(double time, const Scene& scene, std::ostream& out) {
     const double time_step = scene.problem.time_step;
     const double steps = std::max(1.0, std::round(time / time_step));
@@ -68,8 +68,8 @@ int steps_to(double time, const Scene& scene, std::ostream& out) {
     return int(steps);
 }
 
-/// How many steps to take between two checks for an interruption and reports of progress: about as many as
-/// take a fifth of a second. It is a power of two, so that CUDA needs few graphs.
+/// How many steps to take between two checks for an interruption, which also report progress: about as many
+/// as take a fifth of a second. The number is a power of two, so that CUDA backends make few graphs.
 class Stride {
 public:
     /// Begins with about 1 000 000 / `particles` steps, which take a slow machine a tenth of a second.
@@ -135,8 +135,8 @@ public:
     }
 
 private:
-    /// Changes the scene to steps of `time_step` with the same motion, as References and the study `pareto`
-    /// do.
+    /// Sets the scene's time step and adapts its damping, so that the motion stays the same. Throws BadInput
+    /// if the scene has edits or a tool.
     void take_time_step(double time_step) {
         if (time_step == scene_->problem.time_step) return;
         const bool edited = !scene_->edits.empty();
@@ -183,8 +183,9 @@ private:
             before > 0 ? ", and later edits apply to these" : "");
     }
 
-    /// Prints a note if resuming changes bits. The file holds displacement and increment in float64. That is
-    /// exact for `increment` in both precisions, and in float32 for every formulation but `compensated`.
+    /// Prints a note if the bits may differ from those of an uninterrupted run. The file holds displacement
+    /// and increment in float64, which is exact for the formulation `increment`, and in float32 for all
+    /// formulations but `compensated`.
     void say_whether_bits_are_kept() {
         const Options& options = spec_.options;
         const bool kept =
@@ -219,7 +220,7 @@ private:
                 spec_.label()};
     }
 
-    /// Makes all steps, or those until an interruption. `take` gets each state that is written to files.
+    /// Makes all steps, or stops at an interruption. Calls `take` with each state that is due for a file.
     template <class Take>
     void play(const Take& take) {
         const std::string what =
@@ -249,14 +250,14 @@ private:
         const Timing batch = backend_->timed([&] { runner_->run(*backend_, steps); });
         timing_.device_seconds += batch.device_seconds;
         timing_.host_seconds += batch.host_seconds;
-        // Only whole strides tell the speed. A shorter one ends where a file is due.
+        // Only a whole stride tells the speed. A shorter one was cut off at a step that is due for a file.
         if (steps == stride.steps()) stride.took(batch.host_seconds);
         reached_ += steps;
         activity_.done(double(reached_ - first_) / (steps_ - first_),
                        "step " + std::to_string(reached_) + " of " + std::to_string(steps_));
     }
 
-    /// The state that was reached. Throws if the run has diverged.
+    /// Downloads the state that was reached and updates largest_. Throws if the run has diverged.
     State checked_state() {
         State state = backend_->download();
         auto divergence = find_divergence(*backend_, *runner_, monitor_, state, reached_ - first_);
@@ -331,14 +332,14 @@ private:
     const RunOptions& options_;
     std::ostream& out_;
     int steps_;
-    int first_ = 0;               ///< the step after which the run starts
+    int first_ = 0;               ///< the step that a resumed run continues from; else 0
     int reached_ = 0;             ///< the last step that was made
-    bool in_first_pass_ = false;  ///< this is the first of two passes, which writes nothing
+    bool in_first_pass_ = false;  ///< in the first of two passes, which writes nothing
     BackendSpec spec_;
     std::unique_ptr<Exports> exports_;
     std::unique_ptr<Scene> scene_;
     std::optional<SavedState> saved_;
-    std::unique_ptr<ToolForces> forces_;  ///< null: not asked for
+    std::unique_ptr<ToolForces> forces_;  ///< null: --tool-force is not given
     std::unique_ptr<SceneRunner> runner_;
     std::unique_ptr<Backend> backend_;
     DivergenceMonitor monitor_;

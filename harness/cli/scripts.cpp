@@ -20,11 +20,11 @@ std::filesystem::path this_program() {
     return std::filesystem::read_symlink("/proc/self/exe", error);
 }
 
-/// The folder that has the script `name`.
+/// The folder that has the script file `name`. Throws BadInput if none is found.
 std::filesystem::path find_scripts(const std::string& name) {
     std::filesystem::path above = this_program().parent_path();
     const std::filesystem::path first = above;
-    // In a source tree the program is build/release/voxspring, which is the deepest case.
+    // In a source tree the program is build/release/voxspring, two folders below results/.
     for (int levels = 0; levels < 4 && above != above.root_path(); ++levels, above = above.parent_path()) {
         for (const char* folder : {"share/voxspring/results", "results"}) {
             std::error_code error;
@@ -37,8 +37,7 @@ std::filesystem::path find_scripts(const std::string& name) {
                        " or in one of the three folders above it");
 }
 
-/// Runs a line of code in `python`. Returns why that failed, the last line of its output; empty if it did not
-/// fail.
+/// Runs the line `code` in `python`. If that fails, returns the last line of output; otherwise nothing.
 std::string failure_of(const std::string& python, const std::string& code) {
     const std::string command =
         shell_word(python) + " -c " + shell_word(code) + " 2>&1 >/dev/null </dev/null";

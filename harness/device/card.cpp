@@ -9,7 +9,7 @@
 
 namespace voxspring {
 
-/// NVML, opened for one card. Its header is not needed: its binary interface is stable.
+/// NVML, opened for one card. NVML's header is not needed, since its binary interface is stable.
 struct Card::Library {
     static constexpr int success = 0, too_small = 7;
 
@@ -43,8 +43,8 @@ struct Card::Library {
         if (function == nullptr || function(device, arguments..., &value) != success) return std::nullopt;
         return value;
     }
-    /// Like ask(), for a function that reports two values: the present one, and the one that a restart will
-    /// set. Returns the present one.
+    /// Like ask(), for a function that reports two values: the present one, and the one after the next
+    /// restart. Returns the present one.
     template <class Value>
     std::optional<Value> ask_now(const char* name) const {
         Value now = 0, later = 0;
@@ -115,7 +115,7 @@ std::optional<std::vector<pid_t>> Card::processes() const {
     };
     const auto list = library_->find<int(void*, unsigned*, void*)>("nvmlDeviceGetComputeRunningProcesses_v3");
     if (list == nullptr) return std::nullopt;
-    // The list has room for processes that begin between two calls.
+    // NVML fills no list that is too short, so this one has room to spare.
     std::vector<Process> found(64);
     for (int tries = 0; tries < 3; ++tries) {
         auto count = unsigned(found.size());

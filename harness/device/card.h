@@ -11,7 +11,7 @@
 
 namespace voxspring {
 
-/// One card, through NVML. Loading NVML opens no device to compute on.
+/// One card, observed through NVML, NVIDIA's management library. Loading NVML opens no device to compute on.
 class Card {
 public:
     /// The card with this UUID. Throws std::runtime_error, with the reason, if it cannot be watched.
@@ -20,11 +20,11 @@ public:
     Card& operator=(const Card&) = delete;
     ~Card();
 
-    /// The current clock of its multiprocessors; empty if the driver does not report it.
+    /// The current clock of the card's multiprocessors in MHz; empty if the driver does not report it.
     std::optional<unsigned> clock_mhz() const;
     /// The energy used since the driver was loaded, in joules; empty if the driver does not count it.
     std::optional<double> energy_joules() const;
-    /// The power drawn, in watts; since Ampere the mean of the last second.
+    /// The power drawn, in watts; since Ampere the mean of the last second. Empty if it is not reported.
     std::optional<double> power_watts() const;
     /// Why the clock is lower than it could be, in the driver's terms. That the card is idle does not count
     /// as a reason.
@@ -32,7 +32,7 @@ public:
     /// Settings and temperature of the card: `power_limit_watts`, `ecc`, `mig`, `temperature_celsius`,
     /// without those that the driver does not report.
     nlohmann::json settings() const;
-    /// The processes that compute on it, as the driver numbers them; empty if it does not report them.
+    /// The ids of the processes that compute on the card, as the driver numbers them; empty if not reported.
     std::optional<std::vector<pid_t>> processes() const;
 
 private:

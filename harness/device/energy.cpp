@@ -44,7 +44,7 @@ private:
     const Card card_;
 };
 
-/// The counter of one package. It wraps to zero after `range`.
+/// The energy counter of one processor package, which wraps to zero after `range`.
 struct Package {
     std::filesystem::path counter;
     /// In microjoules; `before` is `range` times the number of wraps.
@@ -121,9 +121,9 @@ public:
     Sampling& operator=(const Sampling&) = delete;
     ~Sampling() = default;
 
-    /// The time between the first and the latest leap of the counter.
+    /// The seconds between the first and the latest change of the counter.
     double measured_seconds() const { return measured_; }
-    /// Stops and returns what was measured. Rethrows what the meter threw.
+    /// Stops and returns what was measured. Rethrows what the meter threw. Throws on too few changes.
     EnergyUse end() {
         thread_ = {};
         if (error_) std::rethrow_exception(error_);
@@ -196,7 +196,7 @@ EnergyUse measure_energy(EnergyMeter& meter, double lead_seconds, double seconds
     work_for(lead_seconds);
     Sampling sampling(meter);
     work_for(seconds);
-    // Time before the first leap and after the last one is not measured, so some more work is still needed.
+    // Time before the counter's first change and after its last one is not measured, so more work is needed.
     for (const auto begin = Clock::now();
          sampling.measured_seconds() < seconds && seconds_since(begin) < max_leap_seconds;)
         work();

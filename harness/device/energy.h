@@ -11,7 +11,7 @@
 
 namespace voxspring {
 
-/// Counts a device's energy. All members throw std::runtime_error once the system no longer reports it.
+/// Counts the energy that a device uses.
 class EnergyMeter {
 public:
     EnergyMeter() = default;
@@ -19,9 +19,9 @@ public:
     EnergyMeter& operator=(const EnergyMeter&) = delete;
     virtual ~EnergyMeter() = default;
 
-    /// The energy used since some moment in the past, in joules.
+    /// The energy used since some past moment, in joules. Throws std::runtime_error if it is not reported.
     virtual double joules() = 0;
-    /// The power drawn now, by another way than the counter; empty if there is no other way.
+    /// The power drawn now, in watts, not derived from joules(); empty if the device does not report it.
     virtual std::optional<double> watts() { return std::nullopt; }
     virtual std::optional<unsigned> clock_mhz() { return std::nullopt; }
     virtual std::vector<std::string> throttle_reasons() { return {}; }
@@ -33,17 +33,17 @@ public:
 /// reason, if the device's energy cannot be measured.
 std::unique_ptr<EnergyMeter> energy_meter_of(const Capabilities& capabilities);
 
-/// The counters of all processor packages, in the folder where Linux shows them. Throws std::runtime_error if
-/// there are none, or if they may not be read.
+/// A meter for the sum of all processor packages. `folder` is where Linux shows their counters. Throws
+/// std::runtime_error if there are none, or if they may not be read.
 std::unique_ptr<EnergyMeter> rapl_meter(const std::string& folder = "/sys/class/powercap");
 
-/// A device's energy over a stretch of time in which its load did not change.
+/// A device's power and clock over a stretch of time in which its load did not change.
 struct EnergyUse {
     double seconds = 0;
-    double watts = 0;                          ///< by the counter
-    std::optional<double> sampled_watts = {};  ///< mean of the samples
+    double watts = 0;                          ///< mean, from the energy counter
+    std::optional<double> sampled_watts = {};  ///< mean of EnergyMeter::watts(); empty: none
     std::optional<unsigned> min_mhz = {}, max_mhz = {};
-    std::vector<std::string> throttled = {};  ///< why the clock was held down, at any moment of that time
+    std::vector<std::string> throttled = {};  ///< reasons for a lowered clock at any moment
 };
 
 constexpr double max_leap_seconds = 0.5;
@@ -51,15 +51,15 @@ constexpr double max_leap_seconds = 0.5;
 /// Calls `work` repeatedly: first for `lead_seconds` without measuring, so that clocks and averages settle,
 /// and then until `seconds` are measured. The energy counter is updated only every few tens of milliseconds,
 /// so the mean power is computed from its first update to its last one. If updates are more than
-/// max_leap_seconds apart, the measured time is shorter than `seconds`. Throws std::runtime_error if the
+/// max_leap_seconds apart, the measured time may be shorter than `seconds`. Throws std::runtime_error if the
 /// counter changed fewer than two times.
 EnergyUse measure_energy(EnergyMeter& meter, double lead_seconds, double seconds,
                          const std::function<void()>& work);
 
 /// The largest accepted difference between the power from the counter and the mean of the samples, as a
-/// fraction. Both come from one sensor, and over ten seconds of constant load they agree within this: an
-/// update of the counter is 1% of that time, and a sample, which is the mean of one second, covers only time
-/// under that load. If they differ by more, one of them is wrong.
+/// fraction. Both come from one sensor, and over ten seconds of constant load they agree within this: the
+/// counter is updated at least a hundred times, and each sample is the mean of one second under that load. If
+/// they differ by more, one of them is wrong.
 constexpr double max_power_disagreement = 0.05;
 /// Whether counter and samples agree; true if there are no samples.
 bool powers_agree(const EnergyUse& use);

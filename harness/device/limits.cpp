@@ -16,7 +16,7 @@
 namespace voxspring {
 namespace {
 
-/// Calls `field` with the name and the value, a double or an optional one, of each limit but the bandwidths.
+/// Calls `field` with the name and value of each limit but the bandwidths: a double, or an optional one.
 template <class Limits, class Field>
 void visit(Limits& limits, const Field& field) {
     field("copy_bytes_per_second", limits.copy_bytes_per_second);

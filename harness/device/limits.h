@@ -1,4 +1,4 @@
-// The limits of this machine's devices, and the fraction of them that a row reached.
+// The limits of this machine's devices, and the shortest time of a step that follows from them.
 #pragma once
 
 #include <functional>
@@ -18,7 +18,7 @@ namespace voxspring {
 nlohmann::json to_json(const DeviceLimits& limits);
 DeviceLimits device_limits_of(const nlohmann::json& json);
 
-/// The better of two measurements of each limit.
+/// The better value of each limit from two measurements of a device.
 DeviceLimits best_of(const DeviceLimits& one, const DeviceLimits& other);
 
 /// The best limits of a device that any process of this build has measured, including `measured`. They are
@@ -39,23 +39,22 @@ struct StepBound {
 StepBound bound_of(const StepWork& work, Precision precision, const DeviceLimits& own,
                    const std::vector<DeviceLimits>& of_card);
 
-/// The limits of every device that was measured, by Capabilities::limits_of or, where that is empty, by the
-/// name of the API.
+/// The limits of each measured device. The key is Capabilities::limits_of or, if empty, the API's name.
 class MeasuredLimits {
 public:
-    /// The limits of the device that `capabilities` describes; empty if they could not be measured. `measure`
-    /// measures them, on a separate backend, and is called once per name.
+    /// The limits of the device that `capabilities` describes; empty if they could not be measured. Calls
+    /// `measure`, which measures them on a separate backend, unless that was done.
     std::optional<DeviceLimits> of(const Capabilities& capabilities,
                                    const std::function<DeviceLimits()>& measure);
 
     /// The limits of all APIs that were measured on the card of `capabilities`. For a device without a UUID,
     /// and for an API whose fragment shaders run on a small part of the card, only the limits of that API.
     std::vector<DeviceLimits> on_card_of(const Capabilities& capabilities) const;
-    /// Lowers the launch time of a device if `seconds`, which another process measured, is shorter.
+    /// Lowers the launch time of a device to `seconds`, measured by another process, if that is shorter.
     void improve_launch(const Capabilities& capabilities, double seconds);
 
-    /// An object by the keys of this class. Each value is an object with `api`, `device` and every limit that
-    /// applies, or the text why there are none.
+    /// A JSON object with this class's keys. Each value is an object with `api`, `device` and every limit
+    /// that applies, or the text why there are none.
     nlohmann::json json() const;
 
 private:
@@ -64,7 +63,7 @@ private:
     struct Measured {
         std::string api, device, uuid;
         std::optional<DeviceLimits> limits;
-        std::string why_not;  ///< why there are no limits
+        std::string why_not;  ///< why there are no limits; empty if there are
     };
     std::map<std::string, Measured> measured_;
 };

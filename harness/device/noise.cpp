@@ -30,8 +30,8 @@ double parting(std::vector<double> values) {
     return widest / median(values);
 }
 
-/// The change from the median of the first third of the values to that of the last third, as a fraction of
-/// the former. It is 0 unless the Mann-Kendall trend test (Mann 1945) finds a trend at the 1% level, which
+/// The change from the median of the first third of the values to that of the last third, relative to the
+/// first median. It is 0 unless the Mann-Kendall trend test (Mann 1945) finds a trend at the 1% level, which
 /// takes at least six values.
 double drift(const std::vector<double>& values) {
     const std::size_t count = values.size(), third = count / 3;
@@ -59,8 +59,7 @@ double spin_seconds() {
     for (int i = 0; i < tries; ++i) {
         const auto begin = Clock::now();
         std::uint64_t x = result;
-        // Each addition depends on the one before, so that neither the compiler nor the core can overlap
-        // them.
+        // Each operation needs the result of the one before, so neither compiler nor core can overlap them.
         for (int k = 0; k < additions; ++k) x = x * 6364136223846793005u + 1442695040888963407u;
         result = x;
         least = std::min(least, std::chrono::duration<double>(Clock::now() - begin).count());

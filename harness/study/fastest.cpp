@@ -27,14 +27,14 @@ namespace {
 /// free of that bias.
 struct SplitCase {
     Row row;
-    double chosen_by = 0;  ///< us per step
+    double chosen_by = 0;  ///< us per step, the median of the half that chooses
 };
 using SplitCases = std::vector<SplitCase>;
 
 /// Bounds of a target's value: no time is shorter, and no rate of updates is higher.
 constexpr double min_target = 1e-12, max_target = 1e18;
 
-/// The case of `row`. `microseconds` has the times of its repetitions, in order.
+/// Splits `row`, unless it has fewer than four repetitions. `microseconds` has the time per step of each.
 SplitCase split_case_of(Row row, const std::vector<double>& microseconds) {
     const double all = row.benchmark->real_microseconds;
     constexpr std::size_t fewest = 4;
@@ -68,8 +68,8 @@ bool of_the_paper(const Row& row) {
     return std::find(names.begin(), names.end(), row.identity.backend) != names.end();
 }
 
-/// The quantities in the order of Quantity: their names, their units as text, their values in a row (empty:
-/// not known), and whether a target is an upper bound.
+/// A quantity: its name, its unit as text, its value in a row (empty: not known), and whether a target is an
+/// upper bound.
 struct QuantityName {
     const char *name, *unit;
     std::optional<double> (*of)(const Row&);  ///< null for a quantity that needs two rows
@@ -163,7 +163,7 @@ std::string number_text(const nlohmann::json& ratio, int digits = 2) {
     return fixed_text(ratio.get<double>(), digits);
 }
 
-/// The time of a step while steps follow each other for seconds.
+/// The time per step during seconds of uninterrupted stepping; "-" if it was not measured.
 std::string sustained_text(const nlohmann::json& block) {
     const auto found = block.find("sustained_seconds_per_step");
     return found == block.end() ? "-" : si(found->get<double>(), "s");
@@ -198,7 +198,7 @@ std::vector<Target> read_targets(const JsonValue& list) {
 
 namespace {
 
-/// The block for one scene, formulation and precision.
+/// The block of fastest_of() for `rows`, the rows of one scene, formulation and precision.
 nlohmann::json block_of(const Result& result, const SplitCases& rows) {
     const Row& best = *fastest_row(rows, [](const Row&) { return true; });
     nlohmann::json block = {

@@ -28,7 +28,7 @@ enum class Quantity : std::uint8_t {
 };
 std::string to_string(Quantity quantity);
 
-/// A target of a study on one dataset.
+/// A value that a quantity has to reach on one dataset, as a study file states it.
 struct Target {
     std::string scene, formulation, precision;
     std::string backends = "*";  ///< glob of backend names; the fastest match counts
@@ -38,11 +38,11 @@ struct Target {
 };
 
 /// The list `fastest` of a result (results/schema.json). It has one block for each scene, formulation and
-/// precision with a row in `benchmarks`, in that order. A block includes its targets and what `--backend
-/// auto` would choose (auto_choice.h).
+/// precision with a row in `benchmarks`, in the order of these rows. A block includes its targets and what
+/// `--backend auto` would choose (auto_choice.h).
 std::vector<nlohmann::json> fastest_of(const Result& result, const std::vector<Target>& targets);
 
-/// The targets of a study file's list.
+/// Reads the list `targets` of a study file. Throws BadInput.
 std::vector<Target> read_targets(const JsonValue& list);
 
 /// Prints one line per block, then one line per target, the limits, and what was skipped and what failed.

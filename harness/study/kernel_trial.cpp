@@ -22,7 +22,7 @@ double cpu_seconds_of_process() {
     return double(time.tv_sec) + 1e-9 * double(time.tv_nsec);
 }
 
-/// The scene, if a kernel can be judged on it.
+/// Returns the scene. Throws BadInput if it has edits or a tool, since a kernel is not told of these.
 std::shared_ptr<const Scene> checked(std::shared_ptr<const Scene> scene) {
     if (!scene->edits.empty() || scene->problem.has_tool())
         throw BadInput("judge()", "body", scene->name,

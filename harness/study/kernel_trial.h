@@ -18,23 +18,23 @@
 
 namespace voxspring {
 
-/// What a row says of a kernel.
+/// A user's kernel, as its row of the result describes it.
 struct Kernel {
     std::string name;  ///< the row's `backend`; neither empty nor with a '/' or a blank
-    /// What its arrays hold between steps: positions, or displacements and what rounding keeps of them. Its
-    /// errors are compared with those of correct arithmetic in this formulation and precision.
+    /// What the kernel stores between steps, see Formulation. Its errors are compared with those of correct
+    /// arithmetic in this formulation and precision.
     Formulation formulation = Formulation::position;
     Precision precision = Precision::float32;
     Capabilities capabilities = {};  ///< `api` names the system with its version, "torch 2.11.0"
-    Counters counters = {};          ///< counters of its row
+    Counters counters = {};          ///< further counters for its row
 };
 
-/// One kernel on one scene. The caller makes a warm-up and then the repetitions, each from start(), in this
-/// process; trials of several kernels may take turns. All states are judged.
+/// A trial of one kernel on one scene. The caller runs the kernel in this process, each time from start():
+/// first a warm-up, then the repetitions. Trials of several kernels may take turns.
 class KernelTrial {
 public:
     /// Computes the references, which takes all cores. `on_progress` as for References. Throws BadInput for
-    /// an invalid name, and for a scene with edits or a tool, since a kernel is not told of these.
+    /// an invalid name or count, and for a scene with edits or a tool, since a kernel is not told of these.
     KernelTrial(std::shared_ptr<const Scene> scene, int steps, int repetitions, Kernel kernel,
                 References::OnProgress on_progress = {});
     KernelTrial(const KernelTrial&) = delete;
@@ -43,19 +43,19 @@ public:
     /// The state at which each repetition begins.
     const State& start() const { return scene_->state; }
 
-    /// Times one repetition. `run` makes all steps, waits for them, and returns the seconds of the device's
-    /// own clock; empty: the host's clock counts.
+    /// Times one repetition. `run` makes all steps, waits for them, and returns the seconds that the device's
+    /// own clock measured; empty: the host's clock is used.
     void repeat(const std::function<std::optional<double>()>& run);
-    /// Judges the state that the latest repetition left.
+    /// Judges the state that the latest repetition left, unless an earlier one was wrong.
     void judge_state(const State& left);
 
-    /// The state from which a further run, which is not timed, has to begin after the repetitions. Null: the
-    /// scene's own start strains enough springs to verify the kernel.
+    /// The state from which one more run, which is not timed, has to begin after the repetitions. Null if no
+    /// such run is needed: the scene's own start strains enough springs to verify the kernel.
     const State* strained_start();
     /// Judges the state that the run from strained_start() left.
     void judge_strained(const State& left);
 
-    /// The result with this kernel as its only case: in `benchmarks` and `verification`, or in `failed`.
+    /// The result with this kernel as its only case: in `verification`, and in `benchmarks` or `failed`.
     Result result() const;
 
 private:
@@ -77,12 +77,12 @@ private:
     std::optional<Row> judged_;  ///< errors and verdict of the first wrong state, or else of the last one
 };
 
-/// What a row says of the state that a run left. `own_share` is strained_share() of the scene's own start.
+/// A row that judges `left`, the state after a run. `own_share`: strained_share() of the scene's start.
 Row judged_row(const ReferenceSolution& solution, const State& left, const BackendSpec& spec,
                double own_share);
-/// What a row says of the state that a run from a strained start left.
+/// A row with the verdict of `left`, the state after a run from a strained start.
 Row judged_strained_row(const ReferenceSolution& solution, const State& left, const BackendSpec& spec);
-/// Adds the verdict of a run from a strained start to that of the run from the scene's own start.
+/// Adds the verdict of `strained`, from judged_strained_row(), to `row`, from judged_row().
 void add_strained(Row& row, const Row& strained);
 
 }  // namespace voxspring

@@ -36,8 +36,8 @@ StepWork step_work_of(const nlohmann::json& json) {
             .exchanges = json.at("exchanges")};
 }
 
-/// A run of the same steps from a start in which every spring is strained. It verifies backends for which the
-/// scene's own start strains too few springs: in few steps most of a large body falls freely.
+/// A run of a batch's steps from a start in which every spring is strained. It verifies backends for which
+/// the scene's own start strains too few springs: in few steps most of a large body falls freely.
 struct StrainedRun {
     Scene scene;
     std::optional<ReferenceSolution> solution;  ///< empty: no case has needed it yet
@@ -102,9 +102,9 @@ public:
                                      (context_.edits == 0 || known("edits")) && !lacks_strained_start());
     }
 
-    /// Starts a compilation in the case's process, if that pays, and returns whether it did. It does not pay
-    /// for a large scene: it requires an upload, which then takes longer than compiling. Nor does it pay for
-    /// APIs other than CUDA, which compile in less time than it takes to construct a second backend.
+    /// Starts a compilation in the case's process, if that saves time, and returns whether it was started. It
+    /// saves none for a large scene, since compiling requires an upload, which takes longer. Nor does it for
+    /// APIs other than CUDA, which compile faster than a second backend is constructed.
     bool begin_compiling() {
         const bool compiles = !capabilities_of(case_.capabilities()).kernel_compiler.empty();
         if (!compiles || known("warm") || is_heavy(context_.scene)) return false;
@@ -236,7 +236,7 @@ public:
         attempt([&] { case_.scope().keep("edits", case_.ask({{"do", "edits"}}, "timing its edits")); });
     }
 
-    /// The median time of a batch; infinite if the case has failed.
+    /// The median time of a batch in seconds; infinite if the case has failed or is not finished.
     double seconds() const {
         if (!failure_.empty() || done() == 0 || missing() > 0) return INFINITY;
         return median(observed().seconds);
@@ -344,9 +344,9 @@ void TimedCase::judge_strained_start() {
     });
 }
 
-/// Adds to `answer` facts about the state that a repetition left. The next repetition overwrites that state.
-/// All repetitions begin at the same state. So the states of a deterministic backend have the same bits: a
-/// hash is enough, and one of the states is judged later. Of other backends each state is judged here.
+/// Adds to `answer` facts about the state that a repetition left, before the next one overwrites it. All
+/// repetitions begin at the same state, so a deterministic backend leaves the same bits each time: a hash is
+/// enough, and the last state is judged later. For other backends each state before the last is judged here.
 void TimedCase::look_at_state(nlohmann::json& answer) {
     const std::string doing = "reading the state that it left";
     if (capabilities_of(case_.capabilities()).deterministic) {
@@ -374,7 +374,7 @@ std::string TimedCase::other_repetition() const {
     return {};
 }
 
-/// Must be called right after a batch, before the card's clock falls.
+/// Adds the card's clock and other users to `answer`. Call it right after a batch: later the clock falls.
 void TimedCase::look_at_card(nlohmann::json& answer) {
     if (context_.card == nullptr || capabilities_of(case_.capabilities()).uuid.empty()) return;
     if (const auto mhz = context_.card->clock_mhz()) answer["card_mhz"] = *mhz;
@@ -437,8 +437,8 @@ StepBound TimedCase::bound(std::optional<double> launch, const std::vector<Devic
     return bound_of(step_work_of(kept("step work")), case_.spec().options.precision, own, of_card);
 }
 
-/// Empty if the backend does not tell the work of a step, or if steps leave out tiles at rest: only the limit
-/// for the whole body is known.
+/// The limit of a step. Empty if the backend does not tell the step's work, or if steps leave out tiles at
+/// rest: only the limit for the whole body is known.
 LimitPart TimedCase::limit_part(const StudyBench& bench, Counters& counters) const {
     if (kept("step work").is_null() || leaves_out_tiles()) return {};
     const StepWork work = step_work_of(kept("step work"));
@@ -455,7 +455,7 @@ LimitPart TimedCase::limit_part(const StudyBench& bench, Counters& counters) con
     return part;
 }
 
-/// How many processes made the repetitions, and by how much their medians differ.
+/// Adds counters: how many processes made the repetitions, and by how much their medians differ.
 void TimedCase::count_processes(const Observed& seen, Counters& counters) const {
     std::vector<std::vector<double>> of_process(1);
     for (int n = 0; n < done(); ++n) {
@@ -586,7 +586,7 @@ void warm_up_all(StudyBench& bench, std::vector<TimedCase>& cases, bool start_ti
 }
 
 /// Makes the repetitions of all cases, interleaved in random order, so that changes of the machine over time
-/// affect all cases alike. Returns how many there were.
+/// affect all cases alike. Returns how many were due.
 int repeat_interleaved(StudyBench& bench, std::vector<TimedCase>& cases) {
     std::vector<TimedCase*> order;
     for (TimedCase& one : cases) order.insert(order.end(), std::size_t(one.missing()), &one);

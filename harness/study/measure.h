@@ -12,7 +12,7 @@ namespace voxspring {
 void check_batch(const Study& study, const Scene& scene, const Batch& batch);
 constexpr int max_steps_in_all = 1000000000;
 
-/// The reference for the states of these backends after all steps. `last` is the problem then, after all
+/// The reference for the states that `specs` leave after all steps. `last` is the problem then, after all
 /// edits. Must be called before anything is timed, since it takes all cores.
 ReferenceSolution solution_of(StudyBench& bench, const Problem& last, const Batch& batch,
                               const std::vector<BackendSpec>& specs);
@@ -22,15 +22,16 @@ ReferenceSolution solution_of(StudyBench& bench, const Problem& last, const Batc
 void add_spreads(StudyBench& bench, const Scene& scene, const std::vector<BackendSpec>& specs,
                  ReferenceSolution& solution);
 
-/// Runs every backend of the bench `repetitions` times for `steps` steps, from the same state each time,
-/// interleaved in random order after one warm-up batch each, and then compares the state after the backend's
-/// last timed batch with float64 (errors.h). The other batches must have left the same bits. If the backend
-/// is not deterministic, the state after every batch is compared instead. Where the scene's own start strains
-/// too few springs, a further batch from a start in which every spring is strained is compared as well. A
-/// DeviceError fails that case only, and so does the end of its process, or a run that diverges. What the
-/// journal has is not run again. If there are more backends than StudyOptions::together, they are measured
-/// group by group, and interleaved within each group. The rows give reasons not to trust their times
-/// (noise.h). After an interruption, cases that are not finished are left out.
+/// Runs every backend of the bench in batches of `batch.steps` steps: one to warm up and `batch.repetitions`
+/// that are timed, interleaved in random order. Each begins at the same state, unless `batch.rewind` is
+/// false. The state after the last batch is compared with float64 (errors.h); the other batches must have
+/// left the same bits. If the backend is not deterministic, the state after every batch is compared instead.
+/// If the scene's own start strains too few springs, a further batch from a start in which every spring is
+/// strained is compared as well. A DeviceError fails that case only, and so does the end of its process, or a
+/// run that diverges. What the journal has is not run again. If there are more backends than
+/// StudyOptions::together, they are measured group by group, and interleaved within each group. The rows give
+/// reasons not to trust their times (noise.h). After an interruption, cases that are not finished are left
+/// out.
 ///
 /// Lists: `benchmarks`, Google Benchmark's rows of the cases that passed; `verification`, one row per case
 /// that reached the last step; `failed`, cases that failed, each with a `reason`.

@@ -16,8 +16,8 @@
 namespace voxspring {
 namespace {
 
-/// Whether a part's borders are stepped and sent first, so that they travel while the rest of the part is
-/// stepped.
+/// Whether in this way a part's borders are stepped and sent first, so that they travel while the rest of the
+/// part is stepped.
 bool overlaps(const std::string& way) { return way.ends_with("_overlap"); }
 
 /// "2600" for 2612.3: a model's figure has no more than two significant digits.
@@ -26,15 +26,15 @@ std::string two_digits(double count) {
     return fixed_text(unit * std::round(count / unit), 0);
 }
 
-/// The model of a row, in seconds per step and in particles.
+/// The model that a row is compared with, see compare(). Times are in seconds per step.
 struct ScalingModel {
-    double particle;         ///< time of one particle, with one rank
+    double particle;         ///< time per particle, with one rank
     double own, ghosts;      ///< particles of the largest part
     double particles;        ///< particles of the body
     double latency, border;  ///< time of an exchange: fixed, and for its bytes
     bool overlaps;
 
-    /// Seconds of a step of a body of the same shape, `scale` times as long along each axis.
+    /// Seconds per step for a body of the same shape, `scale` times as long along each axis.
     double seconds(double scale) const {
         const double area = scale * scale;
         const double compute = particle * (own * area * scale + ghosts * area);

@@ -30,7 +30,7 @@ struct ScalingRow : Row {
     std::optional<bool> same_bits = {};
     std::optional<double> efficiency = {}, predicted_seconds = {};
     std::optional<std::uint64_t> judged_particles = {};  ///< in a sample; empty: all particles are judged
-    std::optional<double> pays_from_particles = {};      ///< by the model, for bodies of this shape
+    std::optional<double> pays_from_particles = {};      ///< from this size on, `ranks` pay by the model
 
     static void fields(auto& row, auto& of) {
         of.required("family", row.family);
@@ -55,15 +55,15 @@ struct ScalingRow : Row {
     }
 };
 
-/// Compares a row with `one`, the row of the same family with one rank. The model: each particle of the
-/// largest part takes as long as in `one`; then follows an exchange of the largest number of bytes. If the
-/// two overlap, a step takes the longer of both times. The borders of a body of the same shape grow with the
-/// square of its length. At `pays_from_particles` this number of ranks is as fast as one rank, by the model.
-/// It stays empty if the time of an exchange was not measured separately.
+/// Compares `row` with `one`, the row of the same family with one rank, and sets efficiency, prediction and
+/// `pays_from_particles`. In the model each particle of the largest part takes as long as in `one`, and the
+/// largest number of bytes is exchanged. If both overlap, the longer time counts, else their sum. Borders
+/// grow with the square of a body's length. With `pays_from_particles` particles `row.ranks` ranks are as
+/// fast as one in the model; empty if the time of an exchange was not measured, or if no such size is found.
 void compare(ScalingRow& row, const ScalingRow& one);
 
 /// The rows of `scene` in the result of a scaling study. Throws BadInput if the result has no list `scaling`,
-/// or no row of the scene.
+/// no row of the scene, or a row unlike results/schema.json.
 std::vector<ScalingRow> scaling_rows_of(JsonObject result, const std::string& scene);
 
 /// Prints which scenes were verified by a sample only.

@@ -9,10 +9,10 @@
 
 namespace voxspring {
 
-/// Whether `text` matches a shell's pattern.
+/// Whether `text` matches `glob`, a pattern as in a shell.
 bool matches(const std::string& glob, const std::string& text);
 
-/// Whether a backend's name or its label matches.
+/// Whether a backend's name or its label matches `glob`.
 bool matches(const std::string& glob, const BackendSpec& spec);
 
 /// The specifications that a pattern GLOB[:options] stands for, in the registry's order. KEY=* stands for
@@ -47,8 +47,8 @@ void select_scenes(Study& study, const std::vector<std::string>& globs);
 /// backend matches, and if all scenes are left without a backend.
 std::vector<std::string> select_backends(Study& study, const std::vector<std::string>& globs);
 
-/// For the message about a `pattern` that matches no backend: what is accepted, and which name may have been
-/// meant.
+/// Text for the message about a `pattern` that matches no backend: what is accepted, and which name may have
+/// been meant.
 std::string accepted_globs(const std::string& pattern);
 
 }  // namespace voxspring

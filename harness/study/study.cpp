@@ -50,8 +50,7 @@ nlohmann::json keys_of_the_kind(JsonObject object, const std::set<std::string>& 
     return settings;
 }
 
-/// A scene's file that a study names, resized ("my.json@64") or not, is looked for beside the study file, not
-/// in the current folder.
+/// The path of `scene` if it is a file beside the study file, resized ("my.json@64") or not; else `scene`.
 std::string found_beside(const std::filesystem::path& study, const std::string& scene) {
     const std::filesystem::path folder = study.parent_path();
     const bool is_there = std::filesystem::is_regular_file(folder / scene) ||
@@ -63,7 +62,7 @@ StudyScene read_scene(JsonObject object, const Study& study, const StudyKind& ki
     StudyScene item;
     item.scene = kind.read_scene(object);
     item.steps = study.steps;
-    // A kind that makes the scenes itself also decides their steps.
+    // A kind with its own key for scenes also decides their steps.
     if (kind.scenes_key() == "scenes")
         item.steps = read_count(object, "steps", max_steps_in_all, study.steps);
     if (const auto backends = object.find("backends")) item.backends = read_patterns(*backends);
@@ -72,7 +71,7 @@ StudyScene read_scene(JsonObject object, const Study& study, const StudyKind& ki
     return item;
 }
 
-/// The study in a document. Scenes are looked for beside `file`; it is empty if the study is built in.
+/// Reads a study. Files of scenes are looked for beside `file`, which is empty for a built-in study.
 Study read_study(JsonObject root, const std::string& name, const std::filesystem::path& file) {
     Study study;
     study.name = name;

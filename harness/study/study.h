@@ -26,20 +26,20 @@ struct StudyScene {
     std::vector<std::string> backends;             ///< backend patterns; empty: those of the study
     std::vector<std::string> only = {};            ///< globs of --backend for this scene (select_backends())
     std::shared_ptr<const Scene> built = nullptr;  ///< a scene in memory, instead of load_scene(scene)
-    nlohmann::json settings = nlohmann::json::object();  ///< the kind's keys of a study file
+    nlohmann::json settings = nlohmann::json::object();  ///< the kind's own keys in the study file
 };
 
-/// A study file (results/study.schema.json). A backend pattern is `GLOB[:key=value,...]`: it stands, with
-/// these options, for every registered backend whose name matches and that takes them. `formulation=*` and
-/// `precision=*` stand for each one that the backend has. `auto[:key=value,...]` is what `--backend auto`
-/// chooses for the scene (auto_choice.h).
+/// What a study file says (results/study.schema.json). A backend pattern is `GLOB[:key=value,...]`: it
+/// stands, with these options, for every registered backend whose name matches and that takes them.
+/// `formulation=*` and `precision=*` stand for each one that the backend has. `auto[:key=value,...]` is what
+/// `--backend auto` chooses for the scene (auto_choice.h).
 struct Study {
     std::string name;
     std::string description;
     std::string kind = "timing";  ///< a registered kind (study_kind.h)
     int repetitions = 9;
     int steps = 0;  ///< number of steps of scenes that the command line adds
-    nlohmann::json settings = nlohmann::json::object();  ///< the kind's keys of a study file
+    nlohmann::json settings = nlohmann::json::object();  ///< the kind's own keys in the study file
     std::vector<std::string> backends;
     std::vector<StudyScene> scenes;
 };
@@ -54,18 +54,19 @@ constexpr int max_ranks = 1024;
 
 /// What the command line changes about a study.
 struct StudyOptions {
-    /// Keep what matches one of these globs (a backend's name or its label; a scene's name). A glob that
-    /// matches nothing in the study, but a backend or a scene outside it, adds that; a backend is added once
-    /// to each scene. "!GLOB" leaves out the backends that match.
+    /// Keep what matches one of these globs (a backend's name or its label; a scene's name); if empty, keep
+    /// all. A glob that matches nothing in the study, but a backend or a scene outside it, adds that; a
+    /// backend is added once to each scene. "!GLOB" leaves out the backends that match.
     std::vector<std::string> backends;
     std::vector<std::string> scenes;
     VolumeOptions volume;  ///< options for each scene that is a volume file or a mesh
     std::optional<int> repetitions;
-    /// For a scaling study: the largest number of ranks; larger numbers are left out. Empty: one per device
-    /// in `devices`, or one per processor, or as many as mpirun started.
+    /// For a scaling study: the largest number of ranks; larger numbers are left out. Empty: as many as
+    /// mpirun started, or else one per entry of `devices`, or else one per processor.
     std::optional<int> ranks;
-    /// For a scaling study: the devices of its ranks, as their API numbers them, used cyclically. There is at
-    /// most one rank per entry, unless `ranks` is set. Empty: ranks take the available devices in turn.
+    /// For a scaling study: the devices of its ranks, as their API numbers them, used cyclically. Without
+    /// `ranks` and mpirun there is at most one rank per entry. Empty: ranks take the available devices in
+    /// turn.
     std::vector<int> devices;
     /// For a scaling study: the processes that mpirun started, of which this one is rank 0. Null without
     /// mpirun.
@@ -88,18 +89,17 @@ struct StudyOptions {
     std::filesystem::path worker;
 };
 
-/// Runs the study and returns the result. With `out` every finished measurement is
-/// written at once to a journal beside it (journal.h), and the file is replaced after every scene; the
-/// journal is removed when the study is finished. The first SIGINT or SIGTERM stops the study after the work
-/// in flight; the result is then `unfinished`. A scene named by the study itself is skipped if this machine
-/// has too little memory for it. Two different scenes with the same name are refused, since results identify
-/// scenes by name.
+/// Runs the study and returns the result. With `out` every finished measurement is written at once to a
+/// journal beside it (journal.h), and the file is replaced after every scene; the journal is removed when the
+/// study is finished. The first SIGINT or SIGTERM stops the study after the work in flight; the result is
+/// then `unfinished`. A scene named by the study itself is skipped if this machine has too little memory for
+/// it. Two different scenes with the same name are refused, since results identify scenes by name.
 ///
 /// Each case is measured in a separate process of `options.worker`, which is started anew. This process
 /// itself is not forked, so its threads may hold any locks. A process can run one study at a time, since it
 /// catches SIGINT and SIGTERM meanwhile.
 ///
-/// Throws std::logic_error, before anything else, if there is no such program; BadInput before anything has
+/// Throws std::logic_error, before anything else, if no worker can be started; BadInput before anything has
 /// run, and for a worker of another build; Unwritten or std::system_error if the disk is full.
 Result run_study(Study study, const StudyOptions& options);
 

@@ -218,8 +218,8 @@ void StudyBench::add_failure(Case& benchmark_case) {
         fail(benchmark_case.spec(), *reason);
 }
 
-/// `patterns`, in which "auto" is replaced by what the rules choose for the scene. Each choice is a row of
-/// the list `auto`.
+/// Returns `patterns` with "auto" replaced by what the rules choose for the scene. Adds a row to the list
+/// `auto` for each choice.
 std::vector<std::string> StudyBench::with_choices(std::vector<std::string> patterns) {
     for (std::string& pattern : patterns) {
         if (!asks_for_auto(pattern)) continue;
@@ -287,7 +287,7 @@ void StudyBench::watch_card(const std::string& uuid) {
     }
 }
 
-/// The limits of a device are measured once, by the first case on it.
+/// Sets the case's limits. Those of a device are measured once, by the first case on it.
 void StudyBench::measure_limits(Case& benchmark_case) {
     benchmark_case.limits = limits_.of(capabilities_of(benchmark_case.capabilities()), [&] {
         return benchmark_case.measure_limits(JournalScope(journal_, "limits "));

@@ -43,13 +43,13 @@ void at_once(std::size_t count, std::size_t most, Begin begin, Finish finish) {
 
 /// How a case is made ready.
 struct EnterOptions {
-    bool limits = false;  ///< also measure the limits of its device, once per device
+    bool limits = false;  ///< also measure the limits of the case's device, once per device
     /// Construct several cases at once, side_by_side() of them. For studies that do not report the time of
     /// construction.
     bool at_once = false;
 };
 
-/// Serves one study, scene after scene.
+/// What a StudyKind measures with. It serves one study, scene after scene.
 class StudyBench {
 public:
     /// All arguments must outlive this object. Results are collected in `result`.
@@ -83,7 +83,7 @@ public:
     /// processors from then on, except for backends that step on the processor.
     std::vector<Case> enter_all(std::span<const BackendSpec> specs, const CaseProgram& program,
                                 EnterOptions how);
-    /// How many cases do at the same time what is not timed.
+    /// How many cases do untimed work at the same time.
     std::size_t side_by_side() const;
     /// How many cases upload at once. For a heavy scene there are just enough that one computes while others
     /// compile or wait for their device.
@@ -131,7 +131,7 @@ public:
 private:
     Case case_of(const BackendSpec& spec, const CaseProgram& program);
     /// Returns the case, or nothing if it cannot run the scene or the study is interrupted. `limits`: also
-    /// measures the limits of its device.
+    /// measures the limits of the case's device.
     std::optional<Case> entered(Case one, bool limits);
     void introduce_at_once(std::vector<Case>& cases) const;
     void expect_less(const BackendSpec& spec);

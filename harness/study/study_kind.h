@@ -30,16 +30,15 @@ public:
 
     /// Reads those keys of a study file that belong to the kind. Keys that it does not ask for are refused.
     virtual void read(JsonObject&) {}
-    /// The key of the list of scenes, usually "scenes". read_scene() returns the scene that an item of the
-    /// list names, and checks the keys of the item that belong to the kind. These are later in
-    /// StudyScene::settings.
+    /// The key of the list of scenes, usually "scenes"; with another key --scene is refused. read_scene()
+    /// returns the scene that an item of the list names, and checks the keys of the item that belong to the
+    /// kind. These are later in StudyScene::settings.
     virtual std::string scenes_key() const { return "scenes"; }
     virtual std::string read_scene(JsonObject& item) const { return item.require("scene").string(); }
-    /// The scene of an item, if the kind makes it; null if load_scene() does. A kind that makes scenes takes
-    /// no --scene.
+    /// The scene of an item, if the kind makes it; null if load_scene() does.
     virtual std::shared_ptr<const Scene> own_scene(const StudyScene&) const { return nullptr; }
 
-    /// Throws BadInput, before anything is measured, if the scene cannot be studied in this way.
+    /// Throws BadInput, before anything is measured, if the scene cannot be studied by this kind.
     virtual void check(const Study&, const StudyScene&, const Scene&) const {}
     /// Whether the kind measures backends with these capabilities, so that `auto` may choose one.
     virtual bool takes(const Capabilities&) const { return true; }
@@ -77,7 +76,7 @@ std::unique_ptr<StudyKind> kind_of(const Study& study);
 /// Prints a result by its kind.
 void print_result(const Result& result, std::ostream& out, TableWidth width = 0);
 
-/// The result in a file's JSON, whose `study` has a registered kind.
+/// Reads a result from the JSON of its file. Its kind of study must be registered.
 Result read_result(const nlohmann::json& file);
 
 }  // namespace voxspring

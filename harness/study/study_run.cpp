@@ -38,7 +38,7 @@
 namespace voxspring {
 namespace {
 
-/// Whether a list of a result has measurements.
+/// Whether the list of this name holds measurements.
 bool is_measured(const std::string& list) { return list != "skipped" && list != "failed" && list != "auto"; }
 
 /// The backend of a label NAME/FORMULATION/PRECISION[/TUNING].
@@ -178,8 +178,8 @@ private:
     const StudyOptions& options_;
     const std::unique_ptr<StudyKind> kind_;
     StudyScenes scenes_;
-    std::map<std::string, std::string> too_large_;  ///< why it is too large, by scene
-    std::map<std::string, double> particles_;       ///< number by scene; only of scenes that fit into memory
+    std::map<std::string, std::string> too_large_;  ///< why a scene is too large; key: its name
+    std::map<std::string, double> particles_;  ///< particles of a scene that fits into memory; key: its name
     Result result_;
     std::unique_ptr<Journal> journal_ = std::make_unique<Journal>();
     std::unique_ptr<Progress> progress_;

@@ -1,4 +1,4 @@
-// SuiteHooks: series of measurements that a case makes in its process.
+// Suites: series of measurements, each of which a case makes in its process.
 #pragma once
 
 #include <functional>

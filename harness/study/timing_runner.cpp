@@ -197,7 +197,7 @@ private:
         return timing.device_seconds;
     }
 
-    /// One timed batch.
+    /// Runs one timed batch and returns its times.
     nlohmann::json repeat(Backend& backend) {
         if (batch_.rewind) runner_.rewind(backend);
         std::optional<AllProcessors> all;
@@ -228,8 +228,8 @@ private:
     }
 
     /// Runs batches without a pause: for a third of `seconds` until clocks settle, and then for `seconds`.
-    /// Returns, for the latter, the mean time of a step by the backend's clock, and what the device's meter
-    /// says, if it has one. The last batch must leave the same state as the first one.
+    /// Returns for those `seconds` the mean time of a step by the backend's clock, and what the device's
+    /// meter says, if it has one. The last batch must leave the same state as the first one.
     nlohmann::json sustain(Backend& backend, double seconds) {
         std::optional<PinnedThreads> pinned;
         if (backend.capabilities().steps_on_host()) pinned.emplace();
@@ -288,7 +288,7 @@ private:
                 {"edit_seconds_max", *std::max_element(latency.begin(), latency.end())}};
     }
 
-    /// A batch from a start in which every spring is strained. No question may follow that needs the scene's
+    /// Runs a batch from a start in which every spring is strained. Later questions must not need the scene's
     /// own start.
     nlohmann::json strained(Backend& backend) {
         const State start = strained_start(scene_.problem);

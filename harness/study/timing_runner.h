@@ -21,20 +21,20 @@ struct Batch {
     /// How long the fastest cases of a scene are also stepped without a pause; 0: not at all. The repetitions
     /// are bursts of milliseconds, at clocks that a device may not hold for a second.
     double sustained_seconds = 0;
-    /// A case stops repeating once its repetitions have taken this long together, after at least two. It
-    /// requires `rewind`: without it all cases must make the same number of steps.
+    /// A case stops repeating once its repetitions have taken this long together, after at least two. This
+    /// requires `rewind`: otherwise all cases must make the same number of steps.
     double most_seconds = std::numeric_limits<double>::infinity();
 };
 
 /// Steps from the last rewind to the end of the last batch, including the warm-up if there is no rewind.
 int steps_in_all(const Batch& batch);
 
-/// Answers "warm up" with the times of the first upload, "repeat" with a timed batch, "state" with the state
-/// that the last batch left, through `shared`, "fingerprint" with that of this state, "edits" with their
-/// latencies, "sustain" with the time of a step while batches follow each other for so long, "strained" with
-/// the state after a batch from strained_start(), through `shared`, "compile" once a second backend has
-/// compiled kernels for the process, "launch" with the time of a launch, and "step work" with the least work
-/// of a step (limits.h).
+/// The program of a timed case. Its runner answers "warm up" (the times of the first upload), "repeat" (a
+/// timed batch), "state" (the state after the last batch, through `shared`), "fingerprint" (a hash of that
+/// state), "edits" (their latencies), "sustain" (the time of a step while batches follow each other without a
+/// pause), "strained" (the state after a batch from strained_start(), through `shared`), "compile" (null,
+/// once a second backend has compiled kernels for the process), "launch" (the time of a launch) and "step
+/// work" (the least work of a step, see limits.h).
 CaseProgram timing_program(const Batch& batch, SharedState& shared);
 
 }  // namespace voxspring

@@ -23,7 +23,7 @@ namespace {
 
 /// Time before a measurement: clocks settle, and samples of power stop including earlier activity.
 constexpr double lead_seconds = 2;
-/// How long an idle card is watched.
+/// How long an idle device is watched.
 constexpr double idle_seconds = 3;
 
 struct EnergyRow : Row {

@@ -35,7 +35,7 @@ constexpr double edit_seconds = 0.1;
 /// How many times a case compares its force with the reference, at even intervals of its steps.
 constexpr int compared_forces = 20;
 
-/// One playing of the motion, and how it is played.
+/// One playing of the motion: `hertz` ticks per second for `seconds`, if asked for with edits or drawn.
 struct Playing {
     double hertz = 0;
     bool edited = false, drawn = false;
@@ -54,7 +54,7 @@ struct HapticRow : Row {
     int ticks = 0;
     double median_seconds = 0, worst_seconds = 0;
     std::optional<double> p99_seconds = {}, p999_seconds = {};  ///< empty: too few ticks
-    /// Always true; absent from older files, whose times begin when a tick was played.
+    /// Always true: a latency begins when the tick is due. Absent in older files: it began with the tick.
     std::optional<bool> from_due = {};
     int missed = 0, steps_that_fit = 0;
     std::optional<double> force_error = {};
@@ -164,22 +164,22 @@ public:
 
     /// How long the clock was polled.
     double seconds() const { return seconds_; }
-    /// The pauses between two readings of the clock.
+    /// The pauses, of at least shortest_pause, between two readings of the clock.
     Histogram pauses() {
         std::sort(pauses_.begin(), pauses_.end());
         return histogram_of(pauses_);
     }
 
 private:
-    /// Many times as long as one reading of the clock.
+    /// The shortest pause that counts: many times as long as one reading of the clock.
     static constexpr std::chrono::microseconds shortest_pause{1};
 
     double seconds_ = 0;
     std::vector<double> pauses_;
 };
 
-/// What a drawn case has in addition: an OpenGL context, and a backend made after it. The contexts of that
-/// backend and of the drawing share buffers with this context.
+/// What only a drawn case has: an OpenGL context, and a backend made after it. The contexts of that backend
+/// and of the drawing share buffers with this context.
 struct Shared {
     explicit Shared(const BackendSpec& spec) : backend(spec.make()) {
         const Capabilities on = backend->capabilities();
@@ -236,9 +236,9 @@ private:
         edits_[1] = editor.suture(pairs);
     }
 
-    /// Plays the whole motion in `playing.seconds`, with one tick every 1 / hertz. In a tick the tool's place
-    /// is sent, one step is made, and the force is read. Ticks whose time has passed before they can begin
-    /// are left out.
+    /// Plays the whole motion in `playing.seconds`, with one tick every 1 / hertz seconds. In a tick the
+    /// tool's place is sent, one step is made, and the force is read. Ticks whose time has passed before they
+    /// can begin are left out.
     ///
     /// The latency of a tick, played or left out, is the time from when it is due until the next force is
     /// there. If only played ticks counted, one long tick would hide the delay of those left out because of
@@ -320,7 +320,7 @@ private:
         }
     }
 
-    /// Makes the first compilations and captures before the first tick needs them.
+    /// Runs each edit and some ticks once, so that compilations and captures happen before the first tick.
     void warm_up(Backend& backend) {
         runner_.rewind(backend);
         edited_ = scene_.problem;
@@ -332,8 +332,8 @@ private:
     }
 
     /// Plays one tick, at the fraction `part` of the motion's duration. If a picture is due, the tick begins
-    /// by handing over the data that the picture needs. Done after the force, that would make the next tick
-    /// late.
+    /// by handing over the data that the picture needs. After the force, handing over would make the next
+    /// tick late.
     glm::dvec3 tick_once(Backend& backend, double part, int steps) {
         const ToolMotion& motion = scene_.tool_motion;
         if (drawing_) drawing_->hand_over_if_due();
@@ -342,16 +342,15 @@ private:
         return backend.tool()->tool_force();
     }
 
-    /// The largest number of steps per tick for which a tick, with the tool's place sent and the force read,
-    /// takes no longer than the period. Ticks run back to back, with pictures if the motion had some. The
-    /// median of few ticks brackets the number. The mean decides, over a time in which some pictures, if
-    /// drawn, are made.
+    /// The largest number of steps per tick for which a tick takes at most `period` seconds; 0 if one step
+    /// takes longer. Ticks run back to back, with pictures if the motion had some. The median of few ticks
+    /// brackets the number. The mean over a longer time, in which pictures are drawn, decides.
     int steps_that_fit(Backend& backend, double period) {
         constexpr int most = 1 << 16, least_ticks = 9;
         const double long_enough = drawing_ ? 0.1 : 0.03;
         const auto ticks = [&](int steps, double seconds) {
             std::vector<double> times;
-            // The first tick may have to capture or record this number of steps.
+            // Not timed: the first tick may have to record this number of steps, as a CUDA graph for example.
             (void)tick_once(backend, 1, steps);
             const auto start = Clock::now();
             for (auto end = start;
@@ -379,7 +378,7 @@ private:
 
     /// Null unless the case is drawn. Declared before real_time_, so that its threads have normal priority.
     const std::unique_ptr<Shared> shared_;
-    const RealTime real_time_;  // before the members that start threads for steps
+    const RealTime real_time_;  // declared before the members that start threads for steps
     const Scene& scene_;
     const int steps_;
     std::array<SpringEdit, 2> edits_;
@@ -400,7 +399,7 @@ const RegisteredCaseRunner haptic_runner("haptic", [](const BackendSpec& spec, c
 struct Motions {
     std::vector<double> rates{1000, 5000, 10000};
     double seconds = 2;  ///< how long the motion is played
-    /// Replaces `seconds` at the highest rate, without edits and drawing.
+    /// Replaces `seconds` for the playing at the highest rate without edits and drawing.
     std::optional<double> longest_seconds;
 
     void read(JsonObject& from) {
@@ -420,8 +419,8 @@ struct Motions {
             all.push_back({rate, false, false, is_long ? longest_seconds.value_or(seconds) : seconds});
             all.push_back({rate, true, false, seconds});
         }
-        // Edits make a drawing build new meshes, equally often at any rate. So they are drawn at the lowest
-        // rate only.
+        // Edits make a drawing build new meshes, equally often at any rate. So playings with edits are drawn
+        // at the lowest rate only.
         for (const double& rate : rates) {
             all.push_back({rate, false, true, seconds});
             if (&rate == &*lowest) all.push_back({rate, true, true, seconds});
@@ -472,7 +471,7 @@ Motions HapticStudy::motions_of(const StudyScene& item) const {
     return motions;
 }
 
-/// The largest difference of two lists of forces, relative to the largest force.
+/// The largest difference from `reference`, relative to its largest force; empty if that is 0.
 std::optional<double> force_error(const nlohmann::json& forces, const std::vector<glm::dvec3>& reference) {
     double difference = 0, largest = 0;
     for (std::size_t n = 0; n < reference.size(); ++n) {

@@ -19,7 +19,7 @@
 namespace voxspring {
 namespace {
 
-/// The number of steps for which the host's time is measured: so few that no backend has to wait for its
+/// The numbers of steps for which the host's time is measured: so few that no backend has to wait for its
 /// device.
 constexpr int unhindered_one_by_one = 50;
 constexpr int unhindered_at_once = 500;
@@ -46,7 +46,7 @@ public:
         const bool at_once = question.at("handed_over") == "at once";
         OverheadRow row;
         row.handed_over = question.at("handed_over");
-        // The time from the first call to the end of the last step.
+        // The time from the first call to the end of the last step, divided by the steps.
         row.counters.add("seconds_per_step", shortest(backend, steps_, at_once).second, Unit::second,
                          Better::less);
         const int unhindered = at_once ? unhindered_at_once : unhindered_one_by_one;

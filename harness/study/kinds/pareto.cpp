@@ -108,15 +108,15 @@ void print_fronts(const Result& result, std::ostream& out, TableWidth width) {
     for (const std::string& text : diverged) out << text << "\n";
 }
 
-/// Repetitions of a run stop once they have taken this long together.
+/// Repetitions of a run stop once together they have taken this many seconds.
 constexpr double max_seconds = 1;
-/// A run longer than this needs no separate warm-up.
+/// A first run of more seconds than this counts as a repetition: it needs no separate warm-up.
 constexpr double long_run_seconds = 0.25;
 
 /// The time steps with which a scene is run.
 struct TimeSteps {
     std::vector<double> fractions;  ///< time steps as fractions of the stable one, descending
-    int steps = 0;                  ///< number at the first fraction; sets the end time of all runs
+    int steps = 0;                  ///< steps at the first fraction; sets the end time of all runs
     int repetitions = 0;            ///< timed runs per time step; fewer if together they exceed a second
 
     double steps_at(double fraction) const { return std::round(steps * (fractions.front() / fraction)); }
@@ -124,7 +124,7 @@ struct TimeSteps {
     Span span(const Scene& scene) const { return {fractions.front() * scene.stable_time_step, steps}; }
 };
 
-/// The device's name in rows. APIs may name a card differently; the first name is used for all of them.
+/// The device's name in rows. If APIs name a card differently, all use the first name, kept in `by_uuid`.
 std::string device_of(const Capabilities& capabilities, std::map<std::string, std::string>& by_uuid) {
     const std::string& device = capabilities.device;
     return capabilities.uuid.empty() ? device : by_uuid.emplace(capabilities.uuid, device).first->second;
@@ -184,7 +184,7 @@ public:
     }
 
 private:
-    /// Makes the first of `steps` steps, so that the backend compiles what it needs.
+    /// Makes one step of a run of `steps` steps, so that the backend compiles what it needs.
     nlohmann::json compile(Backend& backend, int steps) const {
         const Scene stepped = in_steps(scene_, span_, steps);
         SceneRunner runner(stepped);
@@ -218,7 +218,7 @@ struct Step {
 
 std::string name_of_row(int steps) { return "row of " + counted(std::uint64_t(steps), "step"); }
 
-/// Makes every case compile, several at once. The compiled code serves the runs at every time step.
+/// Makes every case compile its kernels, several cases at once. The compiled code serves every time step.
 void compile_all(StudyBench& bench, std::vector<Case>& cases, int steps, int total) {
     std::vector<bool> compiles(cases.size());
     const auto attempt = [&](Case& one, const std::function<void()>& action) {
@@ -241,8 +241,8 @@ void compile_all(StudyBench& bench, std::vector<Case>& cases, int steps, int tot
         });
 }
 
-/// Measures one row. Throws what the case throws, and std::runtime_error if it does not agree with the
-/// reference.
+/// Measures one row. Throws what the case throws, and std::runtime_error if the last state does not agree
+/// with the reference.
 ParetoRow run_step(const StudyBench& bench, Case& benchmark_case, const Step& step,
                    const std::string& device) {
     const Scene& scene = step.scene;
@@ -275,7 +275,7 @@ ParetoRow run_step(const StudyBench& bench, Case& benchmark_case, const Step& st
     return one;
 }
 
-/// run_step() with the journal, which may already have the row. Empty if the case failed.
+/// Returns the row from the journal, or else makes and keeps it by run_step(). Empty if the case failed.
 std::optional<ParetoRow> row_of_case(const StudyBench& bench, Case& benchmark_case, const Step& step,
                                      const std::string& device) {
     const nlohmann::json* row = benchmark_case.kept(name_of_row(step.solution.steps), [&] {
@@ -284,9 +284,9 @@ std::optional<ParetoRow> row_of_case(const StudyBench& bench, Case& benchmark_ca
     return row != nullptr ? std::optional(row_of_json<ParetoRow>(*row)) : std::nullopt;
 }
 
-/// Computes the spreads by which backends are judged (error_threshold.h). They are judged at the largest time
-/// step only. At smaller ones the effect of rounding is what the study measures, spreads would take as long
-/// as all the rest of it, and the backends run the same code.
+/// Computes the spreads by which backends are judged (error_threshold.h). Backends are judged at the largest
+/// time step only. At smaller ones the effect of rounding is what the study measures, spreads would take as
+/// long as all else, and the backends run the same code.
 void measure_spreads(StudyBench& bench, const Scene& stepped, const std::vector<Case>& cases,
                      ReferenceSolution& solution) {
     for (const Case& one : cases) {
@@ -318,7 +318,7 @@ public:
 private:
     using RowsOfSteps = std::map<int, std::vector<ParetoRow>>;  ///< key: number of steps
 
-    /// Adds rows to `rows_of`. Throws Interrupted; the rows added before that are valid.
+    /// Adds the rows for all `counts` of steps to `rows_of`. Throws Interrupted; rows added before are valid.
     void measure(StudyBench& bench, const std::vector<int>& counts, RowsOfSteps& rows_of) const;
     TimeSteps time_steps_of(const Study& study, const StudyScene& item) const {
         return {fractions_, item.steps, study.repetitions};

@@ -111,8 +111,8 @@ void take_times(const std::vector<RankReport>& reports, int steps, ScalingRow& r
     row.waiting_seconds = busiest.waiting / steps;
 }
 
-/// Takes the observations of each rank's card. If ranks are separate processes, other ranks on the same card
-/// do not count as other users.
+/// Adds the observations of each rank's card to `row`. If ranks are separate processes, other ranks on the
+/// same card do not count as other users.
 void take_cards(const std::vector<RankReport>& reports, bool processes, ScalingRow& row) {
     for (const RankReport& report : reports) {
         Observed seen{.card_mhz = report.card_mhz, .other_users = report.other_users};
@@ -155,19 +155,19 @@ int ranks_of_a_device(const std::vector<RankReport>& reports) {
 const std::vector<std::string> known_ways = {
     "memory", "mpi", "peer", "peer_overlap", "stores", "stores_overlap", "nccl", "nccl_overlap"};
 
-/// The ways to cut a scene into subdomains (Decomposition). `layers` are slabs across z, whichever axis is
-/// the longest: every backend stores the particles of a layer side by side.
+/// The ways to cut a scene into subdomains (Decomposition). `slabs` cut across the longest axis, `layers`
+/// always across z: every backend stores the particles of a layer side by side.
 const std::vector<std::string> known_cuts = {"slabs", "layers", "bricks"};
 
 /// A cut as text: "2x2x1".
 std::string text_of(glm::ivec3 cut) { return fmt::format("{}x{}x{}", cut.x, cut.y, cut.z); }
 
-/// The key of a scene that gives the number of layers in each part of a Sample. Without it the whole body is
-/// verified.
+/// The key of a scene in a study file for the number of layers in each part of a Sample. Without this key the
+/// whole body is verified.
 constexpr const char* sample_key = "sample_layers";
 constexpr int max_sample_layers = 1024;
-/// The key of a scene whose run begins with strained_start(), since its own start strains too few springs in
-/// so few steps.
+/// The key of a scene in a study file for whether the run begins with strained_start(), because the scene's
+/// own start strains too few springs.
 constexpr const char* strained_key = "strained_start";
 
 class ScalingStudy final : public StudyKind {
@@ -280,7 +280,7 @@ void ScalingStudy::find_cuts(const StudyBench& bench) {
     }
 }
 
-/// The ways for a number of ranks. Ways between threads require all ranks to be on this host.
+/// The ways to exchange borders that both study and backend have. Those between threads need one host.
 std::vector<std::string> ScalingStudy::ways_of(int ranks, const MpiRanks* mpi,
                                                const Capabilities& capabilities) const {
     if (ranks == 1) return {"none"};
@@ -299,20 +299,20 @@ std::vector<std::string> ScalingStudy::ways_of(int ranks, const MpiRanks* mpi,
 /// The results of all ranks.
 struct Found {
     std::vector<RankReport> reports = {};
-    State state = {};  ///< allocated by room_for_state()
+    State state = {};  ///< of the size of room_for_state()
 };
 
-/// The reference for a state, or for one part of a Sample.
+/// The reference for the whole body, or for one part of a Sample.
 struct Judgement {
     Problem problem;  ///< after all edits
     State start;
     std::vector<std::uint32_t> particle;  ///< indices in the scene, ascending; empty: the whole body
-    std::vector<std::uint32_t> place;     ///< their indices in the state that ranks leave
+    std::vector<std::uint32_t> place;     ///< places of `particle` in the state that ranks leave
     std::string reference;                ///< name of the reference
     std::optional<ReferenceSolution> solution = {};  ///< for `problem`
 };
 
-/// One backend on one scene, with all numbers of ranks.
+/// One backend on one scene, measured with each number of ranks.
 class RankedCase {
 public:
     RankedCase(StudyBench& bench, BackendSpec spec) : bench_(bench), spec_(std::move(spec)) {
@@ -352,7 +352,7 @@ private:
     bool strained_ = false;                           ///< whether the run begins with strained_start()
     std::uint64_t judged_particles_ = 0;
     std::vector<std::unique_ptr<Judgement>> judgements_ = {};
-    std::string bits_of_one_ = {};  ///< hash of one rank's state; empty: not known
+    std::string bits_of_one_ = {};  ///< hash of the state that one rank left; empty: not known
 };
 
 void RankedCase::make_judgements() {
@@ -457,7 +457,8 @@ Found RankedCase::run_by_mpi(Case& entered, const RankTask& task, const SharedMe
     return found;
 }
 
-/// The journal's entry: the row and the hash of the state's bits.
+/// Judges `found` and returns the journal's entry: the row and the hash of the state. Throws if the state is
+/// wrong, or if `keeps_bits` and its bits are not those of one rank.
 nlohmann::json RankedCase::judged(const Found& found, const RankPlan& plan, const std::string& way,
                                   bool keeps_bits) {
     if (const std::string reason = different_devices(found.reports); !reason.empty())

@@ -63,8 +63,8 @@ constexpr std::array map_dampings = {0.0, 1e-4, 3e-4, 1e-3, 3e-3, 0.01, 0.03, 0.
 constexpr std::array map_fractions = {0.3, 0.4, 0.5, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9, 1.0, 1.1};
 constexpr double map_amplitude = 0.3;
 constexpr int map_steps = 2000;
-/// A map says `heating` if the energy exceeds this multiple of the start's energy. In bounded runs, rounding
-/// and the error of the time step stay below it.
+/// A map says `heating` if the energy in the end exceeds this multiple of the energy of the start. In bounded
+/// runs, rounding and the error of the time step stay below it.
 constexpr double heating = 1.1;
 
 double shortest_spacing(const Problem& problem) {
@@ -140,9 +140,9 @@ struct StabilityStudy::Search {
     Problem problem;
     double damping = 0;
     double relative_amplitude = 0;  ///< amplitude of the start, in spacings
-    double stretch = 0;             ///< stretch of the start; 0: not stretched
-    bool exact = false;             ///< whether theory holds within the tolerance
-    double theory = 0;              ///< the largest stable time step
+    double stretch = 0;             ///< displacement over position of the start; 0: no stretch
+    bool exact = false;             ///< whether theory gives the limit within `tolerance`
+    double theory = 0;              ///< the largest stable time step in theory
     double amplitude = 0;           ///< amplitude of the start, in units of length
     int steps = 0;
     State state = {};

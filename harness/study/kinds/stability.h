@@ -23,16 +23,16 @@ namespace voxspring {
 /// If the stretched body is not in equilibrium, between materials for example, constant loads hold it there:
 /// theory requires a state of equilibrium. A backend that does not support loads skips that start.
 ///
-/// A time step counts as stable if, after a number of steps, no particle moves 30 times the start's amplitude
-/// per step. In this number of steps a mode grows from its share of a random start to that size, if the time
-/// step exceeds theory by 0.1%. With `map` there is also a map of damping against time step.
+/// A time step counts as stable if, after a number of steps, no particle moves more than 30 times the start's
+/// amplitude per step. Where theory holds, a mode of a random start grows to that size in these steps if the
+/// time step exceeds theory by 0.1%. With `map` there is also a map of damping against time step.
 ///
 /// Lists: `stability`, one row per start and damping; `stability_map`; and `failed`, the starts and dampings
 /// whose result differs from theory by more than 0.2%. Rows are as in results/schema.json.
 class StabilityStudy {
 public:
-    /// Largest stable time steps in theory, one per search. Empty if nothing oscillates, or if the frequency
-    /// is not known.
+    /// Largest stable time steps in theory, one per search. An element is empty if nothing oscillates, or if
+    /// the frequency is not known.
     using Limits = std::vector<std::optional<double>>;
     static Limits limits_of(const Scene& scene);
 

@@ -123,7 +123,7 @@ private:
         return std::array{full, brief, shortest}[std::size_t(lengths_)];
     }
 
-    /// A threshold for rounding, set for float32: float64 stays far below it.
+    /// A threshold for rounding, set for float32: float64 stays far below it. Other formulations have none.
     Threshold rounding_threshold(double increment, double compensated) const {
         if (spec_.options.formulation == Formulation::increment) return at_most(increment);
         if (spec_.options.formulation == Formulation::compensated) return at_most(compensated);
@@ -192,8 +192,8 @@ private:
         return compare(problem, state, reference, spec_.options.precision, steps).relative_l2;
     }
 
-    /// A cube with face and edge springs, whose time step is `fraction` of 2 / sqrt(12), the infinite
-    /// lattice's limit.
+    /// A cube with face and edge springs, whose time step is `fraction` of 2 / sqrt(12), the stable time step
+    /// of an infinite lattice.
     static Problem cube(int side, double fraction) { return lattice(make_box(glm::ivec3(side)), fraction); }
     static Problem lattice(const VoxelGrid& grid, double fraction) {
         Problem problem = make_lattice_problem(grid, FACE_BITS | EDGE_BITS);
@@ -438,7 +438,7 @@ private:
         record({9, "damped heart", heart, "relative", steps,
                 rounding_threshold(5e-6, by_length(3e-7, 1.5e-6, 3e-7))},
                damped, [&] { return error(heart, damped, steps); });
-        // This reaches the same time as 100 steps at half the limit.
+        // At full length this reaches the time of 100 steps at half the limit.
         const int refined_side = by_length(32, 16, 8), refined_steps = by_length(3200, 1600, 400);
         const Problem refined = sagging_cube(refined_side, 1.0 / 64);
         const std::string name = box_name(refined_side) + " at 1/64 of the limit";
@@ -447,8 +447,8 @@ private:
                refined, [&] { return error(name, refined, refined_steps); });
     }
 
-    /// Measures the error of the static state. The exact one does not depend on the time step. The damping
-    /// per unit of time is the same for all time steps.
+    /// Measures the error of the state at rest, which in exact arithmetic does not depend on the time step.
+    /// The damping per unit of time is the same for all time steps.
     void equilibrium() {
         const int side = by_length(32, 16, 8);
         const double rate = 2.2 / side;  // damping rate near the critical one of the slowest mode

@@ -12,15 +12,15 @@
 namespace voxspring {
 
 /// How long the suite runs and how large its scenes are. `full`: the lengths at which thresholds were
-/// measured; takes seconds on a GPU or on all cores. `brief`: a tenth of the steps, for an oracle or a
-/// renderer in software. `shortest`: for tests, on boxes of 8^3.
+/// measured; takes seconds on a GPU or on all cores. `brief`: fewer steps, for an oracle or a renderer in
+/// software. `shortest`: for tests, on small boxes.
 enum class StressLengths : std::uint8_t { full, brief, shortest };
 
 /// The float64 states that errors are measured against, each computed once: formulation `increment` on
 /// cpu_parallel.
 class StressReferences {
 public:
-    /// The state `steps` steps after rest. `name` identifies the problem.
+    /// The state after `steps` steps from rest. `name` identifies the problem.
     const State& of(const std::string& name, const Problem& problem, int steps);
 
     /// For references computed in another process: report_to() there makes it report each state, and take()
@@ -53,7 +53,7 @@ private:
 ///
 /// A threshold that the model itself demands holds for every formulation. A threshold for rounding holds for
 /// `increment` and `compensated`; for the others the figure is only recorded. Lists by name: `stress`, one
-/// row per measurement; `skipped`; and `failed`, one row per threshold that does not hold.
+/// row per measurement; `skipped`; and `failed`, one row per missed threshold or failed measurement.
 void run_stress(const BackendSpec& spec, Backend& backend, StressLengths lengths,
                 StressReferences& references, const Once& once);
 

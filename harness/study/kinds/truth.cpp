@@ -30,9 +30,9 @@
 namespace voxspring {
 namespace {
 
-/// A lattice counts as at rest when its deflection changes by less than this fraction twice in succession.
-/// Once would not do: at large strain the lattice swings a little, and turns back. The remaining error is
-/// about a seventh of this.
+/// A lattice counts as at rest when its deflection changes by at most this fraction from look to look, twice
+/// in succession. Once would not do: at large strain the lattice swings a little, and turns back. The
+/// remaining error is about a seventh of this.
 constexpr double rest_change = 3e-5;
 constexpr int most_looks = 60;
 /// A measured order of convergence may be below the claimed one by this much. Claims are for 4 to 12 voxels
@@ -229,8 +229,7 @@ std::vector<std::string> judge_truth(std::vector<TruthRow>& rows) {
                          std::log(double(row->across) / coarsest.across);
         }
         TruthRow& finest = *sequence.back();
-        // Smaller errors do not count: the finite elements and the test for rest are no more accurate than
-        // this.
+        // Errors below `floor` do not count: the finite elements and the test for rest are no more accurate.
         const double floor = 3 * finest.continuum_error + rest_change;
         if (finest.order && finest.claimed_order && finest.model_error > floor &&
             *finest.order < *finest.claimed_order - order_tolerance)
@@ -297,7 +296,7 @@ class TruthRunner final : public CaseRunner {
 public:
     explicit TruthRunner(const Scene& scene) : case_(truth_case(scene.name, "study")) {}
 
-    /// An object with `unsupported` if the backend does not take the lattice.
+    /// Returns a TruthRow as JSON, or an object with `unsupported` if the backend does not take the lattice.
     nlohmann::json answer(Backend& backend, const nlohmann::json& question, const OnEvent&) override {
         const std::string strain = question.at("strain");
         const bool corners = question.at("particles_at") == "corners";

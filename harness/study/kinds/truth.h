@@ -20,19 +20,18 @@ struct TruthCase {
     std::string name;  ///< "tension", "torsion", "cantilever", "cube", "ball"
     /// Height of the bar, whose section is a square of width 1, or of the ball between its planes.
     double height = 1;
-    /// A ball of diameter 1, cut off by two planes `height` apart; otherwise a bar.
+    /// Whether the body is a ball of diameter 1, cut off by two planes `height` apart; otherwise a bar.
     bool is_ball = false;
     bool is_body_load = false;  ///< the load is a weight, otherwise a traction on the highest side
     char pattern = 'z';  ///< the load's direction: 'x', 'z', or 't' for a turn about the axis, (-y, x, 0)
     /// Approximate angular frequency of the slowest motion, for E = density = 1.
     double slowest = 1;
-    /// The order of convergence that is claimed, for small strain and for large, with particles at corners
-    /// and with particles at centres. Absent: errors of different signs cancel at some pitch, so that none is
-    /// claimed.
+    /// The claimed order of convergence, for small and large strain, with particles at corners and with
+    /// particles at centres. Empty: errors of different signs cancel at some pitch, so that none is claimed.
     std::optional<double> order_at_corners = 2, order_at_centres = 1;
 };
 const std::vector<TruthCase>& truth_cases();
-/// Throws BadInput, which names `where`, if there is no case of this name.
+/// The case of this name. Throws BadInput, which names `where`, if there is none.
 const TruthCase& truth_case(const std::string& name, const std::string& where);
 
 /// What finite elements find for a case, from harness/study/continuum.json.
@@ -57,7 +56,7 @@ struct TruthLattice {
     /// Number of steps in which the distance from rest shrinks sevenfold.
     int steps_between_looks = 0;
 
-    /// Mean displacement of the end along the pattern, weighted by it.
+    /// Mean displacement of the highest side along the pattern, weighted by area and pattern.
     double deflection(const State& state) const;
 };
 /// `across` is the number of voxels in a width. Particles are at the corners of voxels if `corners`,
