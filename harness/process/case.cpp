@@ -31,7 +31,7 @@ DeviceNumber device_of(const nlohmann::json& device) {
     return {.number = device.at("number"), .wraps = device.at("wraps"), .parts = device.at("parts")};
 }
 
-/// A case's side in the worker process: answers what the study asks.
+/// The part of a case that lives in the worker process. Answers what the study asks.
 class CaseInWorker {
 public:
     CaseInWorker(const nlohmann::json& description, const Scene* scene)

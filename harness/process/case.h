@@ -24,7 +24,8 @@ public:
     const char* what() const noexcept override { return "interrupted"; }
 };
 
-/// How many processes measure what depends on where the system puts a process's memory and threads.
+/// How many processes measure a time or a rate of the host's processor, which depends on where the system
+/// puts a process's memory and threads.
 constexpr int host_processes = 3;
 
 /// One backend, with its options, that is measured on one scene. It runs in a worker process, which starts
@@ -43,27 +44,27 @@ public:
     /// `construct_seconds`, `unsupported` (empty, or why it cannot run the scene) and `outpaced`
     /// (outpaced.h). Throws as ask().
     nlohmann::json introduce();
-    /// Lets several cases construct their backends at once, before introduce() is called: first begin each,
-    /// then await each. Each construction then takes longer. Errors are kept, and introduce() throws them
-    /// later.
+    /// Let several cases construct their backends at once, before introduce() is called: first
+    /// begin_introduction() of each, then await_introduction() of each. A construction then takes longer.
+    /// Errors are kept until introduce(), which throws them.
     void begin_introduction();
     void await_introduction();
     /// The capabilities of the backend, after introduce().
     const nlohmann::json& capabilities() const;
-    /// Asks the runner. Throws Interrupted, before asking, if Ctrl-C was pressed; BadInput if the device is
-    /// not the one in the journal; and what Worker::ask() throws.
+    /// Asks the case's CaseRunner. Throws Interrupted, before asking, if Ctrl-C was pressed; BadInput if the
+    /// device is not the one in the journal; and what Worker::ask() throws.
     nlohmann::json ask(const nlohmann::json& question, const std::string& doing,
                        const OnEvent& on_event = {});
-    /// Returns the measurement `name` of the journal. If the journal has neither it nor a failure of the
+    /// Returns the measurement `name` of the journal. If the journal has neither this nor a failure of the
     /// case, calls `make` and keeps the result. If `make` fails, keeps the reason as the case's failure, with
     /// `at` before it. Returns null if the case failed or was interrupted.
     const nlohmann::json* kept(const std::string& name, const std::function<nlohmann::json()>& make,
                                const std::string& at = {});
-    /// ask() in two parts, as Worker::begin() and finish().
+    /// ask() in two parts, as Worker::begin() and Worker::finish().
     void begin(const nlohmann::json& question);
     nlohmann::json finish(const std::string& doing, const OnEvent& on_event = {});
-    /// Measures the device's limits on a separate backend, unless `scope` has them. The best that this build
-    /// has measured on the device counts (best_so_far() of limits.h). Throws as ask() does.
+    /// Measures the device's limits on a separate backend, unless `scope` has them. Returns the best that
+    /// this build has ever measured on the device (best_so_far() of limits.h). Throws as ask() does.
     DeviceLimits measure_limits(JournalScope scope);
     /// Ends the process, if any. The next question starts another one.
     void restart() { process_.reset(); }
@@ -78,7 +79,7 @@ public:
     /// The current process, if there is one.
     std::optional<pid_t> process() const;
 
-    std::optional<DeviceLimits> limits;  ///< of its device; empty: they could not be measured
+    std::optional<DeviceLimits> limits;  ///< limits of the case's device; empty: not measured
 
 private:
     void start();
@@ -91,7 +92,7 @@ private:
     JournalScope scope_;
     std::chrono::duration<double> timeout_;
     std::unique_ptr<Worker> process_;
-    bool introducing_ = false;      ///< begin_introduction() was called
+    bool introducing_ = false;      ///< whether await_introduction() has to await an answer
     std::exception_ptr too_early_;  ///< the error of begin_introduction()
 };
 
@@ -100,10 +101,11 @@ private:
 /// BadInput, Unwritten.
 std::optional<std::string> failure_of(const std::function<void()>& action);
 
-/// Constructs a backend only to introduce it, as Case::introduce() does. Throws as Worker::ask() does.
+/// Constructs a backend in a worker. Returns what Case::introduce() returns, and throws as Worker::ask()
+/// does.
 nlohmann::json introduce(const BackendSpec& spec, Workers& workers, std::chrono::duration<double> timeout);
 
-/// The description that a case's process is started with, and the Answerer that it makes from this.
+/// The description that a case's process is started with, and the Answerer that this process makes from it.
 nlohmann::json case_description(const BackendSpec& spec, const CaseProgram& program);
 Answerer case_answerer(const nlohmann::json& description, const Scene* scene);
 

@@ -1,4 +1,4 @@
-// The code that runs in a case's process. It is made there from a name and parameters.
+// The code that runs in a case's process. The process makes it from a name and parameters.
 #pragma once
 
 #include <functional>
@@ -26,7 +26,7 @@ public:
 };
 
 /// Makes a runner in the case's process. `parameters` comes from the kind of study. `shared` is room for one
-/// state; null if the study did not ask for it. All references outlive the runner.
+/// state; null if CaseProgram::shared is null. All references outlive the runner.
 using CaseRunnerFactory = std::function<std::unique_ptr<CaseRunner>(
     const BackendSpec& spec, const Scene& scene, const nlohmann::json& parameters, SharedState* shared)>;
 
@@ -41,11 +41,11 @@ struct CaseProgram {
     std::string runner;
     nlohmann::json parameters = nlohmann::json::object();
     SharedState* shared = nullptr;  ///< must outlive the case
-    /// How many threads the case's process may use; 0: one per processor. If cases work side by side, each
-    /// takes a share of the processors: a thread that spins while it waits would keep a processor from
-    /// another process.
+    /// How many threads the case's process may use; 0: one per processor. Cases that run at the same time get
+    /// a share of the processors each: a thread that spins while it waits would keep a processor from another
+    /// process.
     int threads = 0;
-    /// The device of all backends in the case's process. It is set before the first one is made, since a
+    /// The device of all backends in the case's process. It is set before the first backend is made, since a
     /// backend opens its device in its constructor.
     DeviceNumber device = {};
     bool cold = false;  ///< the process finds nothing in the cache on disk, and keeps nothing there

@@ -21,13 +21,13 @@ namespace {
 
 constexpr int version = 2;
 constexpr std::string_view check_key = R"({"check":")";
-/// The line of `object`, which is not empty. It begins with a check of the rest of the line.
+/// The journal's line for `object`, which must not be empty. A checksum of the rest of the line comes first.
 std::string line_of(const nlohmann::json& object) {
     const std::string rest = "," + json_text(object).substr(1);
     return std::string(check_key) + hash_of(rest) + "\"" + rest + "\n";
 }
 
-/// The object in `line`, which has no newline; empty if the line does not match its check.
+/// The object in `line`, which has no newline; empty if the line does not match its checksum.
 std::optional<nlohmann::json> object_of(std::string_view line) {
     const std::size_t rest = check_key.size() + hash_digits + 1;
     if (line.size() < rest || !line.starts_with(check_key) ||
@@ -36,7 +36,7 @@ std::optional<nlohmann::json> object_of(std::string_view line) {
     return nlohmann::json::parse(line);
 }
 
-/// The text of a value that is missing, where only one of two objects has a key.
+/// The text for a missing value, when only one of two compared objects has a key.
 const std::string nothing = "nothing";
 
 /// `value` as text, without quotes and brackets.
@@ -197,7 +197,7 @@ void Journal::append(const nlohmann::json& object, const std::string& what) {
         throw unwritten("; it lacks " + what + " and is complete up to there: --resume continues it");
 }
 
-/// Syncing takes milliseconds, and a measurement may take less.
+/// At most once per second: syncing takes milliseconds, and a measurement may take less.
 bool Journal::sync_now_and_then() {
     constexpr std::chrono::seconds pause(1);
     const auto now = std::chrono::steady_clock::now();

@@ -1,5 +1,5 @@
-// The journal of a study: every finished measurement is written at once, so that it survives the end of the
-// process.
+// The journal of a study. Every measurement is written as soon as it is finished, so that it survives the end
+// of the process.
 #pragma once
 
 #include <chrono>
@@ -16,19 +16,19 @@
 
 namespace voxspring {
 
-/// A finished measurement cannot be written; the message says which. The study must stop measuring.
+/// The journal cannot be read or written; the message says what it lacks. The study must stop measuring.
 class Unwritten : public std::runtime_error {
     using std::runtime_error::runtime_error;
 };
 
-/// Where two JSON values first differ, and what each has there, as text for users.
+/// Where two JSON values, `there` and `here`, first differ, and what each has in that place, for users.
 struct Difference {
     std::string where;  ///< keys and, in lists, numbers from 1: "scenes 2 1"; empty: the values as a whole
     std::string there, here;
 };
 /// The first difference of two values, which must differ.
 Difference first_difference(const nlohmann::json& there, const nlohmann::json& here);
-/// The refusal of what the journal has at `key` of `file`.
+/// The error that the journal `file` has `other.there` (or nothing) at `key`, instead of `accepted`.
 BadInput refusal(const std::string& file, const std::string& key, const Difference& other,
                  const std::string& accepted);
 
@@ -58,12 +58,12 @@ public:
         const std::function<void(const std::string& name, const nlohmann::json& value)>& visitor) const;
     /// How many times the study has been started or resumed, including this time.
     int sessions() const { return session_; }
-    /// How long the journal has been open, and how long earlier sessions had it open until they last kept
+    /// How long the journal has been open in this session, plus in each earlier one until it last kept
     /// something.
     double elapsed_seconds() const;
     /// What a user should know about the file; usually empty.
     const std::string& note() const { return note_; }
-    /// Deletes the journal once the result is written.
+    /// Deletes the journal's file. To be called once the result is written.
     void remove();
 
     static std::filesystem::path file_beside(const std::filesystem::path& result);
@@ -72,14 +72,14 @@ private:
     /// The error that errno describes.
     Unwritten unwritten(const std::string& consequence) const;
     void open_locked();
-    /// The text of the file. An incomplete last line is cut off, in the file too.
+    /// Returns the text of the file. Cuts off an incomplete last line, also in the file.
     std::string complete_lines();
     void read(const std::string& text, const nlohmann::json& study);
     void append(const nlohmann::json& line, const std::string& what);
-    /// Syncs the file to the disk, unless that was done a moment ago.
+    /// Syncs the file to the disk, unless that was done within the last second. Returns false on failure.
     bool sync_now_and_then();
 
-    /// Closes the file at the end, which releases its lock.
+    /// A file descriptor. The destructor closes it, which releases the lock on the file.
     struct Descriptor {
         int number = -1;
         ~Descriptor();
@@ -95,7 +95,7 @@ private:
     std::map<std::string, nlohmann::json> finished_;
 };
 
-/// The measurements whose names begin with a prefix, those of one case for example.
+/// The measurements whose names begin with a prefix: for example all of one case.
 class JournalScope {
 public:
     JournalScope(Journal& journal, std::string prefix) : journal_(&journal), prefix_(std::move(prefix)) {}

@@ -47,8 +47,8 @@ Deadline after(Seconds patience) {
 
 // --- The study's side -----------------------------------------------------------------------------------
 
-/// Passes `socket` on to the new process, where it becomes launcher_socket. Other open files than 0, 1 and 2
-/// stay behind.
+/// Starts a launcher. It inherits `socket`, as descriptor launcher_socket, and of all other descriptors only
+/// 0, 1 and 2. Closes `socket` in this process.
 pid_t spawn(const std::filesystem::path& program, int socket) {
     std::string name = program_invocation_name, word = worker_word, mark = worker_mark;
     std::array arguments = {name.data(), word.data(), mark.data(), static_cast<char*>(nullptr)};
@@ -124,7 +124,7 @@ Launcher::Launcher(const std::filesystem::path& program, const Scene* scene, Sec
     }
 }
 
-/// A launcher first sends what it was built from, which is compared here.
+/// A launcher first sends what it was built from. This compares it with this program's build.
 void Launcher::check_build(const std::filesystem::path& program) {
     nlohmann::json theirs;
     try {
@@ -171,7 +171,7 @@ Launcher::Child Launcher::start(const nlohmann::json& description) {
         const pid_t process = started.at("process");
         return {process, receive_descriptor(socket_, after(own_patience_))};
     } catch (const Late&) {
-        // A late socket would arrive in place of the answer to the next request: give up this launcher.
+        // The late socket would arrive in place of the next answer, so this launcher is given up.
         lose(Seconds(0));
     } catch (const Closed&) {
         if (!is_lost()) lose(Seconds(0));
@@ -237,7 +237,7 @@ void start_worker(int socket, const nlohmann::json& description, const Scene* sc
     close(ends[0]);
 }
 
-/// Receives the scene, and reports to the study whether that succeeded.
+/// Receives the scene, and tells the study whether there was memory for it.
 std::optional<Scene> take_scene(int socket) {
     try {
         std::optional<Scene> scene = receive_scene(socket);
@@ -252,7 +252,7 @@ std::optional<Scene> take_scene(int socket) {
 }  // namespace
 
 void serve_as_launcher(int socket, const MakeAnswerer& make) {
-    // If the study died before this call, the launcher sees the closed socket instead.
+    // Makes this process end with the study. If the study has died already, the closed socket shows that.
     prctl(PR_SET_PDEATHSIG, SIGKILL);
     // Without this the process would be called `exe`, after /proc/self/exe.
     prctl(PR_SET_NAME, program_invocation_short_name);
@@ -260,9 +260,9 @@ void serve_as_launcher(int socket, const MakeAnswerer& make) {
     // can let them finish their current work.
     std::signal(SIGINT, SIG_IGN);
     std::signal(SIGTERM, SIG_IGN);
-    // It waits for its workers, which it could not if the study's program ignores this signal.
+    // The launcher waits for its workers. It could not if it inherited that this signal is ignored.
     std::signal(SIGCHLD, SIG_DFL);
-    // A driver's cache may exceed a limit on the size of files.
+    // If a driver's cache exceeds a limit on the size of files, writing fails but does not end the process.
     std::signal(SIGXFSZ, SIG_IGN);
     sigset_t none;
     sigemptyset(&none);

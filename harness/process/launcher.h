@@ -1,9 +1,9 @@
 // The launcher, which starts worker processes.
 //
-// A bare fork() of a program that has threads copies their locks, held, without the threads that would
-// release them. So the study starts this executable anew, as a launcher: a process with one thread, which
-// receives the scene and forks the workers of all its cases. The workers then share the scene in memory
-// without copies.
+// After a bare fork() of a program with threads, the child has their locks, maybe held, but not the threads
+// that would release them. So the study starts this executable anew, as a launcher: a process with one
+// thread, which receives the scene and forks the workers of all its cases. The workers then share the scene
+// in memory without copies.
 #pragma once
 
 #include <sys/types.h>
@@ -25,10 +25,11 @@ class Worker;
 /// with it its workers.
 class Launcher {
 public:
-    /// Starts `program`. An answer may take `own_patience` longer than the launcher was asked to wait: it
-    /// computes nothing, but the machine may be busy. Throws BadInput unless `program` is a worker of this
-    /// build, std::system_error if no further process can be started, and std::runtime_error with the reason
-    /// if the launcher does not take the scene.
+    /// Starts `program`, or this executable if it is empty. A launcher is lost if an answer takes
+    /// `own_patience` longer than the request says: it computes nothing, but the machine may be busy. Throws
+    /// BadInput unless `program` calls worker_main() and is of this build, std::system_error if no further
+    /// process can be started, and std::runtime_error with the reason if the launcher does not take the
+    /// scene.
     Launcher(const std::filesystem::path& program, const Scene* scene,
              std::chrono::duration<double> own_patience = std::chrono::minutes(1));
     Launcher(const Launcher&) = delete;
@@ -39,7 +40,7 @@ public:
         pid_t process;
         int socket;  ///< the connection to the worker, to be closed by the caller
     };
-    /// Starts a worker. Throws as the constructor does, and std::runtime_error if the launcher is lost.
+    /// Starts a worker. Throws std::system_error if that fails, std::runtime_error if the launcher is lost.
     Child start(const nlohmann::json& description);
     /// Waits up to `patience` for a worker to end by itself, then kills it. Returns how it ended, in words.
     std::string end(pid_t process, std::chrono::duration<double> patience);
@@ -59,13 +60,13 @@ private:
     std::string lost_;  ///< how the launcher ended, if it has
 };
 
-/// The means to start workers for one scene at a time. Each scene has a launcher, which is started with its
-/// first worker. If a launcher is lost, the next worker gets a new one.
+/// Starts workers, for one scene at a time. Each scene has a launcher, which is started with its first
+/// worker. If a launcher is lost, the next worker gets a new one.
 class Workers {
 public:
-    /// `program` is empty for this executable (worker_main.h). `scene` is null if the workers need none; it
-    /// must live until the next turn_to() or the end of this object. Throws std::logic_error if this
-    /// executable cannot be started as a worker.
+    /// If `program` is empty, workers are processes of this executable (worker_main.h). `scene` is null if
+    /// the workers need none; otherwise it must live until the next turn_to() or the end of this object.
+    /// Throws std::logic_error if this executable cannot be started as a worker.
     explicit Workers(std::filesystem::path program = {}, const Scene* scene = nullptr);
     Workers(const Workers&) = delete;
     Workers& operator=(const Workers&) = delete;
@@ -73,7 +74,7 @@ public:
     /// Turns to another scene, which must live until the next call or the end of this object.
     void turn_to(const Scene* scene);
 
-    /// The launcher of the scene, started if necessary. Throws as Launcher's constructor does.
+    /// The launcher for the present scene, started if necessary. Throws as Launcher's constructor does.
     std::shared_ptr<Launcher> launcher();
 
 private:
@@ -85,7 +86,7 @@ private:
     Worker* last_asked_ = nullptr;
 };
 
-/// Called in a worker to report something to the study before the answer.
+/// Called by an Answerer to report something to the study before the answer.
 using OnEvent = std::function<void(const nlohmann::json& event)>;
 /// Answers questions in the worker's process.
 using Answerer = std::function<nlohmann::json(const nlohmann::json& question, const OnEvent& on_event)>;

@@ -36,7 +36,7 @@ union DescriptorRoom {
     char bytes[CMSG_SPACE(sizeof(int))];
 };
 
-/// A message of one byte and `room`.
+/// A message that consists of the byte `byte` and a descriptor in `room`.
 msghdr descriptor_message(iovec& byte, DescriptorRoom& room) {
     msghdr message{};
     message.msg_iov = &byte;

@@ -19,10 +19,10 @@ class Late : public std::runtime_error {
 public:
     Late() : std::runtime_error("no answer") {}
 };
-/// Empty: wait for as long as it takes.
+/// When to give up waiting. Empty: never.
 using Deadline = std::optional<std::chrono::steady_clock::time_point>;
 
-/// All functions here throw Closed; those that receive also throw Late.
+/// All functions of this header throw Closed; those that receive also throw Late.
 void send_bytes(int socket, const void* bytes, std::size_t count);
 void receive_bytes(int socket, void* bytes, std::size_t count, const Deadline& until = std::nullopt);
 

@@ -91,15 +91,13 @@ void pass_all(const Stream& stream, Values&... values) {
     (pass(stream, values), ...);
 }
 
-/// Passes the members of a structure that is not a plain run of bytes. Each structure is unpacked by a
-/// structured binding of all members: once it gains a member, this does not compile until the member is added
-/// here.
+/// Passes the members of a structure that cannot be copied as plain bytes. Each structure is unpacked by a
+/// structured binding of all members, so that a new member does not compile until it is added here.
 template <class Stream, class Value>
 void pass_members(const Stream& stream, Value& value) {
     using Plain = std::remove_const_t<Value>;
     if constexpr (std::is_same_v<Plain, Scene>) {
-        // Facts of a volume's file, a mesh and units are for people and exported files. Workers need none of
-        // them.
+        // `volume`, `mesh` and `world` are for people and for exported files. Workers need none of them.
         auto& [name, source, description, problem, state, edits, tool_motion, stable_time_step, volume, mesh,
                notes, world] = value;
         pass_all(stream, name, source, description, problem, state, edits, tool_motion, stable_time_step,

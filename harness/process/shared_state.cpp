@@ -33,7 +33,7 @@ void copy(std::span<const glm::dvec3> from, glm::dvec3* to) {
 
 }  // namespace
 
-// A System V segment, since a file in memory would be subject to the limit on the size of files.
+// This is a System V segment: a file in memory would be subject to the limit on the size of files.
 SharedMemory SharedMemory::of_bytes(std::size_t bytes) {
     const int segment =
         shmget(IPC_PRIVATE, std::max<std::size_t>(1, bytes), IPC_CREAT | SHM_NORESERVE | 0600);

@@ -9,8 +9,8 @@
 
 namespace voxspring {
 
-/// A page-aligned segment, zero at first, shared by this process and all that attach to its number. It is
-/// freed with the last process that has it, however that ends.
+/// A page-aligned segment of memory, zero at first, shared by this process and all that attach to its number.
+/// The system frees it when the last of these processes has ended, in whatever way.
 class SharedMemory {
 public:
     /// A new segment. Memory is allocated only as it is written. Throws std::system_error.
@@ -25,25 +25,25 @@ public:
     void* data() const { return data_; }
 
 private:
-    int segment_;  ///< of System V's shared memory
+    int segment_;  ///< id of System V's shared memory
     void* data_;
 };
 
-/// Room for the state of one problem, shared by this process and all that have its description. It holds one
-/// state at a time: a state must be taken out before the next is put in.
+/// Room for the state of one problem, shared by this process and all that are given its description(). It
+/// holds one state at a time: a state must be taken out before the next is put in.
 class SharedState {
 public:
-    /// New room. Memory is allocated only as it is written. Throws std::system_error.
+    /// New room for this many particles. Memory is allocated only as it is written. Throws std::system_error.
     explicit SharedState(std::size_t particles);
-    /// The room that another process describes, which must still have it. Throws std::system_error.
+    /// The room that another process described and must still have. Throws std::system_error.
     explicit SharedState(const nlohmann::json& description);
     SharedState(const SharedState&) = delete;
     SharedState& operator=(const SharedState&) = delete;
 
     nlohmann::json description() const;
 
-    /// Puts a state in. Returns its sizes, which take() needs and the receiver checks. Throws
-    /// std::runtime_error if the state has more particles than there is room for.
+    /// Puts a state in. Returns the sizes of its lists, which take() needs. Throws std::runtime_error if the
+    /// state has more particles than there is room for.
     nlohmann::json put(const State& state);
     /// Copies the state out into `state`, whose memory is reused: allocating new memory would take longer
     /// than the copy.

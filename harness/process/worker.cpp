@@ -27,10 +27,10 @@ using Clock = std::chrono::steady_clock;
 
 /// If memory runs out, the system ends this process rather than the study, which has all finished
 /// measurements.
-void be_ended_first() { std::ofstream("/proc/self/oom_score_adj") << 1000; }  // the most
+void be_ended_first() { std::ofstream("/proc/self/oom_score_adj") << 1000; }  // the maximum
 
-/// Returns once the threads of this process are idle. OpenMP's threads spin for some milliseconds after their
-/// work. The wait is bounded, since some driver's threads never rest.
+/// Returns once the threads of this process are idle, after 50 ms at most, since some drivers' threads never
+/// rest. OpenMP's threads spin for some milliseconds after their work.
 void come_to_rest() {
     constexpr std::clock_t idle = CLOCKS_PER_SEC / 20'000;  // 50 us of processor time per millisecond
     std::clock_t before = std::clock();
@@ -100,7 +100,7 @@ void serve_as_worker(int socket, pid_t launcher, const nlohmann::json& descripti
 
 Worker::Worker(Workers& workers, const nlohmann::json& description, Seconds timeout)
     : workers_(workers),
-      // The limit keeps the deadline within a clock that counts nanoseconds in 64 bits.
+      // The clock counts nanoseconds in 64 bits: without this limit a deadline might overflow.
       timeout_(std::min(timeout, Seconds(1e8))) {
     if (!(timeout.count() > 0)) throw std::invalid_argument("a worker's time-out has to be positive");
     launcher_ = workers_.launcher();
@@ -166,7 +166,7 @@ nlohmann::json Worker::ask(const nlohmann::json& question, const std::string& do
 
 void Worker::begin(const nlohmann::json& question) {
     if (process_ < 0) throw WorkerLost(lost_);
-    // The worker may run beside others now: do not wait for it to come to rest.
+    // From here on other workers may run at the same time, so no one waits for this worker to come to rest.
     if (workers_.last_asked_ == this) workers_.last_asked_ = nullptr;
     asked_ = true;
     try {

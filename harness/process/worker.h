@@ -1,5 +1,5 @@
-// A process that answers questions for this one, so that what runs in it can crash, hang or run out of memory
-// without taking this one along.
+// A process that answers questions for this process. What runs in it can crash, hang or run out of memory
+// without ending this process.
 #pragma once
 
 #include <sys/types.h>
@@ -21,8 +21,8 @@ class WorkerLost : public std::runtime_error {
     using std::runtime_error::runtime_error;
 };
 
-/// A process that a launcher has forked. It ends with this object or with this process, however that ends.
-/// Numbers arrive with the same bits, NaN and infinity included.
+/// A process that a launcher has forked. It ends with this object or when this process ends, in whatever way.
+/// Numbers in questions and answers arrive with the same bits, NaN and infinity included.
 ///
 /// Only one worker of the same Workers works at a time, except between begin() and finish(). Before another
 /// worker is asked, the threads of the previous one have come to rest: they would otherwise take cores from
@@ -37,8 +37,8 @@ public:
     Worker& operator=(const Worker&) = delete;
     ~Worker();
 
-    /// Makes the process end, and does not wait for that: a driver takes a while to release a device, and
-    /// several workers can do so at once. The worker must not be asked again.
+    /// Makes the process end, and does not wait until it has: a driver takes a while to release a device, and
+    /// several workers can end at once. The worker must not be asked again.
     void dismiss();
 
     /// The worker's process; empty once it has ended.
@@ -46,14 +46,14 @@ public:
         return process_ > 0 ? std::optional<pid_t>(process_) : std::nullopt;
     }
 
-    /// Asks a question and returns the answer. Throws WorkerLost if the process ends or sends nothing for as
-    /// long as the time-out (it is then killed); the message names what it was `doing`. Throws Unavailable or
-    /// DeviceError with the message of what the Answerer threw.
+    /// Asks a question and returns the answer. Throws WorkerLost if the process ends, or is killed because it
+    /// has sent nothing for as long as the time-out; the message says what it was `doing`. If the Answerer
+    /// throws, throws Unavailable or DeviceError with the message of that exception.
     nlohmann::json ask(const nlohmann::json& question, const std::string& doing,
                        const OnEvent& on_event = {});
 
-    /// ask() in two parts, so that several workers can do at once what is not timed. Between the two the
-    /// worker must not be asked anything else.
+    /// ask() in two parts, so that several workers can do at once what is not timed. Between begin() and
+    /// finish() this worker must not be asked anything else.
     void begin(const nlohmann::json& question);
     nlohmann::json finish(const std::string& doing, const OnEvent& on_event = {});
 

@@ -7,15 +7,15 @@ namespace voxspring {
 
 /// Must be the first call in main() of a program that calls run_study(). A study measures in processes of the
 /// same executable, started as `PROGRAM worker --of-a-study`; in these the call does not return. In the
-/// program itself it only notes that it was called, and returns at once. Backends that the program adds must
-/// be registered before main(), by static objects. If a user starts the program with these words by hand, it
-/// prints why that is refused and exits with 2.
+/// program itself the call returns at once, and has_worker_main() is true from then on. Backends that the
+/// program adds must be registered before main(), by static objects. If a user starts the program with these
+/// words by hand, the call prints a refusal and exits with code 2.
 void worker_main(int argc, char** argv);
 
 /// Whether worker_main() has been called.
 bool has_worker_main();
 
-/// How a program is started as a launcher: its two arguments, and the descriptor of the socket to the study.
+/// How a launcher is started: with these two arguments, and this descriptor of the socket to the study.
 inline constexpr const char* worker_word = "worker";
 inline constexpr const char* worker_mark = "--of-a-study";
 inline constexpr int launcher_socket = 3;

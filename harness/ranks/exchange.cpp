@@ -16,7 +16,7 @@ std::size_t lines_of(std::size_t bytes) { return (bytes + sizeof(Line) - 1) / si
 
 }  // namespace
 
-/// Counts of messages since the beginning. All zeros mean an empty mailbox.
+/// Counts of messages sent and taken so far. All zeros mean an empty mailbox.
 struct Mailbox::Head {
     alignas(Line) std::atomic<std::uint64_t> sent;
     std::array<std::uint64_t, 2> bytes;
@@ -134,7 +134,7 @@ Exchange::Exchange(const Mailroom& mailroom, int rank) : mailroom_(mailroom), ra
                                        .capacity = mailroom_.routes().capacities().at({rank, other})});
 }
 
-/// Spins for some microseconds, and then yields the core to other threads.
+/// Waits until ready(). Spins for some microseconds, and then yields the core to other threads.
 template <class Ready>
 void Exchange::wait_for(int other, const Ready& ready) const {
     constexpr int spins = 2000, between_looks = 64;
@@ -185,7 +185,7 @@ void greet(Exchange& exchange, const std::vector<int>& others) {
     }
 }
 
-// After n rounds a rank has heard, through the ranks between, from all ranks up to n away.
+// After n rounds a rank has heard, directly or through other ranks, from all whose number differs by up to n.
 void meet(Exchange& exchange) {
     std::vector<int> beside;
     for (const int other : {exchange.rank() - 1, exchange.rank() + 1}) {

@@ -2,9 +2,9 @@
 //
 // A rank is one part of a run: a subdomain (backends/layout/decomposition.h), its backend and one Exchange.
 // Messages go through the host's memory here, which threads or processes share. If borders move from device
-// to device (DeviceBorders of backends/backend.h: copies between peers, stores into the neighbour's memory,
-// NCCL), empty messages say that a transfer has been enqueued. Waiting, meeting and failures then work in the
-// same way.
+// to device (DeviceBorders of backends/facets.h: copies between peers, stores into the neighbour's memory,
+// NCCL), empty messages say that a transfer has been enqueued. Ranks then wait, meet and fail as with borders
+// in the host's memory.
 #pragma once
 
 #include <chrono>
@@ -26,8 +26,8 @@ struct alignas(128) Line {
     std::byte bytes[128];
 };
 
-/// One direction between two ranks, with room for two messages, so that one can be written while the one
-/// before is read. One side sends, the other takes.
+/// Messages from one rank to another, with room for two, so that one can be written while the one before is
+/// read. One rank sends, the other takes.
 class Mailbox {
 public:
     /// `memory` has lines(capacity) Lines. A message has at most `capacity` bytes.
@@ -35,10 +35,10 @@ public:
     static std::size_t lines(std::size_t capacity);
 
     bool has_room() const;
-    std::byte* room() const;       ///< for the next message; requires has_room()
+    std::byte* room() const;       ///< where to write the next message; requires has_room()
     void send(std::size_t bytes);  ///< sends what was written to room()
     bool has_message() const;
-    const std::byte* message() const;  ///< the first one not yet taken; requires has_message()
+    const std::byte* message() const;  ///< the oldest message not yet taken; requires has_message()
     std::size_t message_bytes() const;
     void take();
 
@@ -51,10 +51,10 @@ private:
     std::size_t slot_lines_;
 };
 
-/// Which ranks send each other messages, and how large these may be.
+/// Which ranks send each other messages, and how large the messages may be.
 class Routes {
 public:
-    /// A rank always has routes to the ranks before and behind it, since meet() needs them (exchange.h).
+    /// Rank r always has routes to the ranks r - 1 and r + 1, if these exist, since meet() needs them.
     explicit Routes(int ranks);
 
     /// Adds a route from one rank to another, for messages of up to `capacity` bytes. If there is no route
@@ -64,7 +64,7 @@ public:
     int ranks() const { return ranks_; }
     /// The ranks to which `rank` has a route, ascending.
     std::vector<int> from(int rank) const;
-    /// The largest message in bytes, by sender and receiver.
+    /// The size of the largest message, in bytes, by {sender, receiver}.
     const std::map<std::pair<int, int>, std::size_t>& capacities() const { return capacity_; }
 
 private:
@@ -74,7 +74,7 @@ private:
 nlohmann::json to_json(const Routes& routes);
 Routes routes_from_json(const nlohmann::json& json);
 
-/// All mailboxes of a run, and the reason if it failed.
+/// All mailboxes of a run, and the reason if the run failed.
 class Mailroom {
 public:
     /// `memory`, which the ranks share, is an array of lines(routes) Lines. It must be zero before a rank
@@ -86,7 +86,7 @@ public:
     /// The mailbox of a route, which must exist.
     Mailbox box(int from, int to) const;
 
-    /// Notes why the run failed. The first reason is kept.
+    /// Notes why the run failed. Only the first reason is kept, cut to 1023 bytes.
     void fail(const std::string& reason) const noexcept;
     bool has_failed() const;
     std::string reason() const;
@@ -97,11 +97,11 @@ private:
 
     Line* memory_;
     Routes routes_;
-    std::map<std::pair<int, int>, std::size_t> begin_;  ///< first Line of a mailbox, by sender and receiver
+    std::map<std::pair<int, int>, std::size_t> begin_;  ///< first Line of a mailbox, by {sender, receiver}
 };
 
-/// Another rank failed or sent nothing for too long, so that this rank cannot go on. The message names the
-/// rank and the reason.
+/// Another rank failed or sent nothing for too long, so this rank cannot go on. The message says which and
+/// why.
 class RankLost : public std::runtime_error {
     using std::runtime_error::runtime_error;
 };
@@ -126,7 +126,7 @@ public:
     const std::byte* inbox(int from);
     void release(int from) { links_.at(from).in.take(); }
 
-    /// Makes every rank that waits throw RankLost with this reason. The first reason counts.
+    /// Makes every rank that waits throw RankLost with this reason, or with an earlier one if there is one.
     void fail(const std::string& reason) noexcept { mailroom_.fail(reason); }
     /// A rank that sends nothing for this long counts as lost. The initial value is 10 s.
     void set_patience(std::chrono::duration<double> patience) { patience_ = patience; }
@@ -147,10 +147,9 @@ private:
     std::unordered_map<int, Link> links_;
 };
 
-/// Sends an empty message to each of the others, and waits for theirs.
+/// Sends an empty message to each rank of `others`, and waits for a message from each.
 void greet(Exchange& exchange, const std::vector<int>& others);
-/// A barrier: returns once every rank has called it. Each rank exchanges messages only with the ranks before
-/// and behind it.
+/// A barrier: returns once every rank has called it. Rank r exchanges messages only with r - 1 and r + 1.
 void meet(Exchange& exchange);
 
 }  // namespace voxspring

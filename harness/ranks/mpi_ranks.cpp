@@ -63,7 +63,7 @@ public:
           mailroom_(static_cast<Line*>(memory_.data()), routes_from_json(parameters.at("routes"))),
           shared_(shared) {}
 
-    /// "prepare" only makes sure that the process exists and is known before the rank begins to "run".
+    /// "prepare" only makes sure that the process exists and its id is known before the rank begins to "run".
     nlohmann::json answer(Backend&, const nlohmann::json& question, const OnEvent&) override {
         if (question.at("do") == "prepare") return nullptr;
         Exchange exchange(mailroom_, rank_);
@@ -93,9 +93,9 @@ const RegisteredCaseRunner registered_rank("rank", [](const BackendSpec& spec, c
     return std::make_unique<RankRunner>(spec, scene, parameters, *shared);
 });
 
-// --- In the process that keeps it -----------------------------------------------------------------------
+// --- In the process of mpirun ---------------------------------------------------------------------------
 
-/// Carries the messages of one worker during one task.
+/// Carries messages between one worker's mailroom and MPI during one task.
 class Carrier {
 public:
     Carrier(OpenMpi& mpi, const RankTask& task, const Mailroom& mailroom, std::optional<pid_t> worker)
@@ -103,7 +103,7 @@ public:
         for (const int other : mailroom.routes().from(mpi.rank())) links_.push_back({other, nullptr});
     }
 
-    /// Carries until every rank has a verdict on its part, and returns the verdicts: a report, or why the
+    /// Carries messages until every rank has a verdict, and returns the verdicts: a rank's report, or why the
     /// rank failed. `ask` returns the report of this rank's worker.
     std::vector<nlohmann::json> carry(const std::function<nlohmann::json()>& ask);
 
@@ -149,7 +149,7 @@ bool Carrier::send_borders() {
     return moved;
 }
 
-/// Messages that the worker no longer needs are received as well, since their sender waits for that.
+/// Also receives messages that the worker no longer needs, since the sender waits until they are received.
 bool Carrier::receive_borders() {
     bool moved = false;
     const bool wanted = is_own_missing() && !mailroom_.has_failed();
@@ -196,7 +196,7 @@ void Carrier::hear() {
     }
 }
 
-/// Kills the worker if it is still at work a while after a rank failed. A worker that waits for a neighbour
+/// Kills the worker if it is still at work a second after a rank failed. A worker that waits for a neighbour
 /// notices the failure by itself.
 void Carrier::end_worker_that_hangs() {
     constexpr std::chrono::seconds grace(1);
@@ -210,8 +210,8 @@ std::vector<nlohmann::json> Carrier::carry(const std::function<nlohmann::json()>
     std::future<nlohmann::json> answer = std::async(std::launch::async, ask);
     int idle = 0;
     const auto is_missing = [](const nlohmann::json& verdict) { return verdict.is_null(); };
-    // The rank may not leave while its verdict is on its way: MPI might move it only within this rank's next
-    // call, and the others would wait for that.
+    // The rank must not leave while its verdict is on its way: MPI might move the verdict only within a
+    // further call of this rank, and the others would wait for it.
     const auto is_over = [&] {
         return announced_ && std::none_of(verdicts_.begin(), verdicts_.end(), is_missing) &&
                mpi_.has_sent_all();
@@ -231,8 +231,8 @@ std::vector<nlohmann::json> Carrier::carry(const std::function<nlohmann::json()>
 
 constexpr std::size_t most_at_once = std::size_t(1) << 20;  // vectors per message; MPI counts bytes in an int
 
-/// Returns once rank 0 has the vectors. Rank 0 receives from one rank after the other and sends nothing
-/// meanwhile, so this cannot deadlock.
+/// Returns once rank 0 has the vectors. This cannot deadlock: rank 0 receives from one rank after the other
+/// and sends nothing meanwhile.
 void send_vectors(const OpenMpi& mpi, const std::vector<glm::dvec3>& vectors) {
     for (std::size_t begin = 0; begin < vectors.size(); begin += most_at_once) {
         const std::size_t count = std::min(most_at_once, vectors.size() - begin);
@@ -260,8 +260,8 @@ CaseProgram rank_program(const RankTask& task, int rank, const SharedMemory& mai
                            {"routes", to_json(task.routes)},
                            {"segment", mailroom.segment()}},
             .shared = shared,
-            // Rank 0's backend is asked first whether it takes the whole scene, so it is not made to share
-            // its device.
+            // Rank 0's backend is first asked whether it takes the whole scene. So it is made as if no other
+            // rank used its device.
             .device = rank == 0 ? task.plan.first_device() : task.plan.device_of(rank)};
 }
 

@@ -29,22 +29,22 @@ namespace voxspring {
 /// What the ranks run together. Every rank gets a copy.
 struct RankTask {
     std::string scene;        ///< the argument of load_scene(), for every rank
-    std::string fingerprint;  ///< of the scene, to check that all have the same
+    std::string fingerprint;  ///< fingerprint_of(scene), to check that all have the same
     std::string backend;      ///< the argument of BackendSpec::parse()
-    RankPlan plan = {};       ///< the first plan.ranks() take part
+    RankPlan plan = {};       ///< the first plan.ranks() ranks take part
     Routes routes{1};         ///< routes between the ranks
     int number = 0;           ///< number of the task within the study
 };
 
-/// The program of a worker that is one rank of a task, on the rank's device. `shared`: room for its part of
-/// the state.
+/// The program of a worker that is one rank of a task, on the rank's device. `shared` is room for the rank's
+/// part of the state.
 CaseProgram rank_program(const RankTask& task, int rank, const SharedMemory& mailroom, SharedState* shared);
 
 /// One of the processes that mpirun started.
 class MpiRanks {
 public:
     /// The result is null if mpirun did not start this process. All ranks must be of the same build: if one
-    /// is not, throws BadInput on rank 0. Also throws what OpenMpi::join() throws.
+    /// is not, rank 0 throws BadInput. Also throws what OpenMpi::join() throws.
     static std::unique_ptr<MpiRanks> join();
     /// On rank 0: tells the other ranks to leave.
     ~MpiRanks();
@@ -61,7 +61,7 @@ public:
         std::filesystem::path worker;  ///< StudyOptions::worker
         std::chrono::duration<double> timeout{0};
     };
-    /// For ranks other than 0: runs what rank 0 asks for, until rank 0 leaves.
+    /// For ranks other than 0: takes part in what rank 0 runs, until rank 0 tells this rank to leave.
     void serve(const Means& means);
 
     /// For rank 0: makes all ranks of the task run it. `worker` is the process of rank 0's worker, which uses
@@ -79,7 +79,7 @@ private:
 
     std::unique_ptr<OpenMpi> mpi_;
     int tasks_ = 0;
-    /// On ranks other than 0: the scene of the latest task, and its workers.
+    /// On ranks other than 0: the scene of the latest task, its argument (RankTask::scene) and its workers.
     std::string argument_;
     std::unique_ptr<Scene> scene_;
     std::unique_ptr<Workers> workers_;

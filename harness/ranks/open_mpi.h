@@ -12,12 +12,12 @@
 
 namespace voxspring {
 
-/// This process among those that mpirun started. Must be called by one thread at a time. Errors in MPI end
-/// all of these processes, which is MPI's default.
+/// Connects this process with the others that mpirun started. Only the thread that called join() may use it.
+/// Errors in MPI end all of these processes, which is MPI's default.
 class OpenMpi {
 public:
-    /// The result is null if mpirun did not start this process. Throws BadInput, with the reason, if it did
-    /// but Open MPI cannot be loaded.
+    /// The result is null if mpirun did not start this process. If it did, and Open MPI cannot be loaded,
+    /// throws BadInput with the reason.
     static std::unique_ptr<OpenMpi> join();
     OpenMpi() = default;
     OpenMpi(const OpenMpi&) = delete;
@@ -33,12 +33,12 @@ public:
         int from;
         std::size_t bytes;
     };
-    /// A message from rank `from`, or from any rank, if one has arrived.
+    /// A message with this tag from rank `from`, or from any rank; empty if none has arrived.
     virtual std::optional<Arrived> arrived(int tag, std::optional<int> from = {}) const = 0;
     virtual void receive(int from, int tag, void* to, std::size_t bytes) const = 0;
 
-    /// A message on its way. The destructor waits until it is gone, which may require that the other rank
-    /// receives it: two ranks that wait for each other in this way deadlock.
+    /// A message on its way; it is gone once its bytes may change. The destructor waits for that, maybe until
+    /// the other rank receives the message: two ranks that wait for each other in this way deadlock.
     class Sending {
     public:
         Sending() = default;
@@ -47,20 +47,20 @@ public:
         virtual ~Sending() = default;
         virtual bool is_gone() = 0;
     };
-    /// Starts to send. The bytes must not change until the message is gone.
+    /// Starts to send `bytes` bytes, which must not change until the message is gone.
     virtual std::unique_ptr<Sending> start_to_send(int to, int tag, const void* from,
                                                    std::size_t bytes) const = 0;
 
-    /// Returns at once: the message is kept here until it is gone. So all ranks may send to each other before
+    /// Starts to send a copy of `message`, and returns at once. So all ranks may send to each other before
     /// any of them receives, however long the messages are.
     void send_json(int to, int tag, const nlohmann::json& message);
     /// Whether all messages of send_json() are gone. MPI moves long messages only within calls of MPI: a rank
-    /// that others wait for must call this, and receive, until it returns true.
+    /// that others wait for must call this, and receive messages, until this returns true.
     bool has_sent_all();
     nlohmann::json receive_json(const Arrived& message, int tag) const;
 
 protected:
-    /// Waits until has_sent_all(); for the destructor of the implementation.
+    /// Waits until all messages of send_json() are gone; for the destructor of the implementation.
     void wait_for_sent() { posted_.clear(); }
 
 private:

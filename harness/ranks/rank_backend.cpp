@@ -73,7 +73,7 @@ void RankBackend::step_together(Enqueue enqueue) {
     seconds_.compute += seconds_from(here, Clock::now());
 }
 
-/// Steps as without ranks: one rank is the baseline for several, and must not be slowed down.
+/// Steps as if there were no ranks. A single rank is the baseline for several, and must not be slowed down.
 void RankBackend::step_alone(int count) {
     const auto begin = Clock::now();
     inner_.step(count);
@@ -86,7 +86,7 @@ void RankBackend::step(int count) {
         for (; count > 0; count -= most) step_together([&] { inner_.step(std::min(count, most)); });
         return;
     }
-    // A rank without a border does this too, since the others meet all ranks.
+    // A rank without a border does this too: in step_together() all ranks meet.
     if (goes_by_device() && !waits_ && inner_.borders()->prepare_exchanges(*own_borders(), count)) {
         step_together([&] { inner_.borders()->step_and_exchange(*own_borders(), count); });
         return;
@@ -103,8 +103,8 @@ void RankBackend::step(int count) {
 
 void RankBackend::exchange_borders() { goes_by_device() ? exchange_by_device() : exchange_by_host(); }
 
-/// Unless the devices wait for each other, the hosts do. A mailbox has room for two messages, so the host of
-/// a rank can be at most two steps ahead of its neighbour's.
+/// If the devices do not wait for each other, the hosts do. A mailbox has room for two messages, so the host
+/// of a rank can be at most two steps ahead of its neighbour's.
 void RankBackend::exchange_by_device() {
     const auto begin = Clock::now();
     DeviceBorders& borders = *own_borders();

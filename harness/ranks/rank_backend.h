@@ -18,7 +18,7 @@ namespace voxspring {
 /// The DeviceBorders of all ranks of one process, by rank.
 using PartsOnDevices = std::vector<std::shared_ptr<DeviceBorders>>;
 
-/// Where the time of a rank's steps went.
+/// Where the time of a rank's steps went, in seconds.
 struct RankSeconds {
     double compute = 0;   ///< stepping
     double exchange = 0;  ///< reading, sending and writing borders
@@ -28,9 +28,9 @@ struct RankSeconds {
 /// Steps a subdomain with the backend `inner`. All ranks make the same number of steps and the same edits.
 class RankBackend final : public Backend, public ToolFacet {
 public:
-    /// All arguments must outlive this object. If there are `parts`, borders go from device to device, by
-    /// `way` (Capabilities::border_ways): after each upload() all ranks must meet and connect() before
-    /// anything else.
+    /// All arguments must outlive this object. If `parts` is not null, borders go from device to device by
+    /// `way`, one of Capabilities::border_ways. Then after each upload() all ranks must meet() and connect()
+    /// before anything else.
     RankBackend(Backend& inner, const Subdomain& subdomain, Exchange& exchange, std::string way = {},
                 PartsOnDevices* parts = nullptr)
         : inner_(inner), subdomain_(subdomain), exchange_(exchange), way_(std::move(way)), parts_(parts) {}
@@ -40,7 +40,7 @@ public:
     void upload(const Problem& problem, const State& state) override;
     bool keep_start() override { return inner_.keep_start(); }
     void rewind() override { inner_.rewind(); }
-    /// Skips an edit that changes no spring here. All ranks must still call it, as they do step().
+    /// Does nothing for an edit that changes no spring here. All ranks must still call this.
     void edit(const Problem& edited, const SpringEdit& edit) override {
         if (!edit.empty()) inner_.edit(edited, edit);
     }
@@ -48,9 +48,9 @@ public:
     void move_tool(const glm::dvec3& displacement) override {
         if (is_held_) inner_.tool()->move_tool(displacement);
     }
-    /// The force on the particles of this subdomain that the tool holds.
+    /// The force on the tool by the particles that are stepped here.
     glm::dvec3 tool_force() override { return inner_.tool()->tool_force(); }
-    /// All ranks must make the same sequence of calls: steps, edits and moves of the tool.
+    /// All ranks must make the same steps, edits and moves of the tool, in the same order.
     void step(int count) override;
     void monitor(const DivergenceMonitor& monitor) override { inner_.monitor(monitor); }
     std::optional<Divergence> divergence() override { return inner_.divergence(); }
@@ -58,30 +58,31 @@ public:
     State download() override { return inner_.download(); }
     LimitsFacet* limits() override { return inner_.limits(); }
 
-    /// Connects with the parts of all other ranks if borders go from device to device. Does nothing if that
-    /// was done since the latest upload().
+    /// If borders go from device to device, connects with all other ranks, unless that was done since the
+    /// latest upload().
     void connect();
-    /// To be called after the last step of a run without failures, once all ranks have met.
+    /// Ends what connect() began. To be called when all ranks have met after the last step, if none failed.
     void disconnect();
-    /// Follows every step: sends borders to the neighbours, and writes theirs to the ghosts. If borders go
-    /// from device to device, this returns before the transfers are done.
+    /// Sends borders to the neighbours, and writes their borders to the ghosts; step() does this after each
+    /// step. If borders go from device to device, returns before the transfers are done.
     void exchange_borders();
-    /// Whether the host waits for the device after each part of a step, so that take_seconds() can tell the
-    /// parts apart. It is always true if borders go through the host's memory, and false at first otherwise.
+    /// Sets whether the host waits for the device after each part of a step, so that take_seconds() can tell
+    /// the parts apart. It always does if borders go through the host's memory; otherwise it does not at
+    /// first.
     void wait_in_steps(bool wait) { waits_ = wait || parts_ == nullptr; }
     bool goes_by_device() const { return parts_ != nullptr; }
     /// Whether borders travel within steps, so that their exchange cannot be timed separately.
     bool exchanges_in_steps() const { return steps_per_call() > 0; }
-    /// The seconds since the previous call.
+    /// The time spent since the previous call of this function.
     RankSeconds take_seconds() { return std::exchange(seconds_, {}); }
-    /// The ranks that it exchanges borders with.
+    /// The ranks that this rank exchanges borders with.
     std::vector<int> neighbours() const;
     /// The bytes that this rank sends per step.
     std::size_t border_bytes() const;
 
 private:
     using Clock = std::chrono::steady_clock;
-    /// Both sides of the border with another rank.
+    /// The border with another rank: own particles that are sent, and ghosts that are received.
     struct Link {
         int rank;
         std::unique_ptr<Border> sent, received;
@@ -96,7 +97,7 @@ private:
     std::shared_ptr<DeviceBorders>& own_borders() const { return parts_->at(std::size_t(exchange_.rank())); }
     int steps_per_call() const;
     void step_alone(int count);
-    /// Calls enqueue() while all ranks do the same, and none does anything else.
+    /// Calls enqueue() when all ranks are ready to, and returns once all have done so.
     template <class Enqueue>
     void step_together(Enqueue enqueue);
     void exchange_by_host();

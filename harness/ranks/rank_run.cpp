@@ -49,8 +49,8 @@ namespace {
 using Seconds = std::chrono::duration<double>;
 using Clock = std::chrono::steady_clock;
 
-/// Seconds that `action`, which all ranks do at the same time, takes when it is repeated. The least of some
-/// batches counts, since other activity of the machine only adds time.
+/// Seconds that one `action` takes, which all ranks repeat at the same time. The fastest of several batches
+/// counts, since other activity of the machine only adds time.
 double seconds_of(Exchange& exchange, RankBackend& backend, const std::function<void()>& action) {
     constexpr int batches = 10, rounds = 20;
     double least = std::numeric_limits<double>::infinity();
@@ -78,16 +78,16 @@ void leave(const Subdomain& subdomain, const State& state, const Problem& whole,
     }
 }
 
-/// A lock for large scenes, held while a rank needs much temporary memory, above all a state in float64. The
-/// ranks of a process take turns, so that there need be memory for only one of them.
+/// A lock that a rank holds while it needs much temporary memory, above all a state in float64: there may be
+/// memory for only one rank of this process at a time. For a small scene the lock is empty.
 std::unique_lock<std::mutex> turn_of_rank(const Scene& scene) {
     static std::mutex turns;
     constexpr std::size_t large = std::size_t(1) << 20;
     return scene.problem.particle_count() > large ? std::unique_lock(turns) : std::unique_lock<std::mutex>();
 }
 
-/// Called before the first step: the ghosts then equal the borders that are written to them, so that no bit
-/// changes.
+/// Measures exchanges of borders. Must be called before the first step: the ghosts then equal the borders
+/// that are written to them, so that no bit changes.
 void measure_exchange(Exchange& exchange, RankBackend& backend, RankReport& report) {
     report.border_bytes = backend.border_bytes();
     if (exchange.ranks() == 1 || backend.exchanges_in_steps()) return;
@@ -101,13 +101,13 @@ void measure_exchange(Exchange& exchange, RankBackend& backend, RankReport& repo
 /// Watches a rank's card after each batch.
 class WatchedCard {
 public:
-    /// Reports nothing if there is no card with this UUID, or if it cannot be watched.
+    /// If there is no card with this UUID, or if it cannot be watched, look() reports nothing.
     explicit WatchedCard(const std::string& uuid) {
         if (uuid.empty()) return;
         try {
             card_.emplace(uuid);
         } catch (const std::runtime_error&) {
-            // The result gives the reason once, for the first card.
+            // The study's result gives the reason once, for the first card.
         }
     }
     /// Must be called right after a batch, before the card's clock falls.
@@ -122,7 +122,7 @@ private:
     std::optional<Card> card_;
 };
 
-/// Data that the threads of one run share. It lives as long as the last of them.
+/// Data that the threads of one run share. It lives as long as the last of these threads.
 struct Together {
     BackendSpec spec;
     const Scene& scene;
@@ -157,7 +157,7 @@ void run_as_thread(const std::shared_ptr<Together>& all, int rank) {
 }
 
 /// Starts one thread per rank. If the system refuses a thread, the run has failed, and the threads already
-/// started end as after any rank's failure. Until then they use what the caller gave.
+/// started end as after any rank's failure. Until then they use the caller's scene.
 void start_threads(const std::shared_ptr<Together>& all) {
     for (int rank = 0, ranks = all->at_work; rank < ranks; ++rank) {
         try {
@@ -171,7 +171,7 @@ void start_threads(const std::shared_ptr<Together>& all) {
     }
 }
 
-/// Waits for all threads. Once a rank has failed, the others get a little time to end.
+/// Waits for all threads. Once a rank has failed, the others get one second to end.
 void wait_for(Together& all) {
     constexpr Seconds between_looks(0.05), grace(1);
     std::unique_lock lock(all.mutex);

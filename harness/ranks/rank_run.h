@@ -16,13 +16,14 @@
 
 namespace voxspring {
 
-/// A warm-up batch and timed batches, each of `steps` steps from the scene's start.
+/// What each rank runs: a warm-up batch and `repetitions` timed batches, each of `steps` steps from the
+/// start.
 struct RankPlan {
     int steps = 0;
     int repetitions = 0;
-    /// How long a rank may send nothing before the first batch, and after that.
+    /// How long a rank may send nothing: until all ranks are connected, and after that.
     std::chrono::duration<double> start_patience{1800}, patience{10};
-    /// The device of each rank, used cyclically. Empty: ranks take the available devices in turn.
+    /// Rank r takes device number devices[r % size]. Empty: ranks take the available devices in turn.
     std::vector<int> devices = {};
     DeviceNumber device_of(int rank) const;
     /// The device of rank 0, as if no other rank used it.
@@ -33,10 +34,9 @@ struct RankPlan {
     /// How many subdomains the scene is cut into along each axis. Each rank has one.
     glm::ivec3 cut{1};
     int ranks() const { return cut.x * cut.y * cut.z; }
-    /// Whether the run begins with strained_start(), not with the scene's own start.
+    /// Whether the run begins with strained_start() instead of the scene's start.
     bool strained = false;
-    /// If not empty, only the state of the particles in these bricks of a Sample is kept at the end of the
-    /// run.
+    /// If not empty, only the state of Sample::particles() of these bricks is kept at the end of the run.
     std::vector<Decomposition::Brick> sampled = {};
 };
 nlohmann::json to_json(const RankPlan& plan);
@@ -51,13 +51,13 @@ struct RankBatch {
 struct RankReport {
     std::vector<RankBatch> batches = {};
     std::size_t own = 0, ghosts = 0;  ///< particles
-    std::size_t border_bytes = 0;     ///< that the rank sends per step
-    /// The cost of an exchange in which each rank sends to and receives from each neighbour: the time with
-    /// empty messages, and the time that each of border_bytes adds, with reading and writing it. Both are
-    /// zero for a single rank, and if borders travel within steps.
+    std::size_t border_bytes = 0;     ///< bytes that the rank sends per step
+    /// The cost of an exchange with all neighbours, in seconds: the time with empty messages, and the time
+    /// that each of border_bytes adds, reading and writing included. Both are zero for a single rank, and if
+    /// borders travel within steps.
     double latency = 0, seconds_per_byte = 0;
     std::string device = {}, uuid = {};  ///< from the Capabilities of its backend
-    /// Observations of the card after each batch, as in Observed; empty if the device is not a card or is not
+    /// Observed::card_mhz and other_users, after each batch; empty if the device is no card or is not
     /// watched. With MPI the other users of a card may be other ranks.
     std::vector<unsigned> card_mhz = {}, other_users = {};
 };
@@ -66,27 +66,26 @@ RankReport rank_report_of(const nlohmann::json& json);
 /// Empty, or which ranks are on devices of different names. Such ranks are not measured together.
 std::string different_devices(const std::vector<RankReport>& reports);
 
-/// Empty, or why the scene cannot be cut in this way.
+/// Empty, or why the scene cannot be cut into this many subdomains along each axis.
 std::string cut_refusal(const Scene& scene, glm::ivec3 cut);
 /// The routes between ranks, each of which has one of these subdomains.
 Routes routes_of(const Decomposition& decomposition);
 
-/// Room for the state that a run with this plan leaves.
+/// Room for the state that is kept at the end of a run: of all particles, or of RankPlan::sampled.
 State room_for_state(const Problem& problem, const RankPlan& plan);
 /// The indices in room_for_state() of the particles that a rank steps, ascending.
 std::vector<std::uint32_t> places_of_rank(const Problem& problem, const RankPlan& plan, int rank);
 
-/// Runs a rank of the scene, and copies the state of the particles that it steps into `left`, which is
+/// Runs one rank, and copies the final state of the particles that it steps to `left`, which is
 /// room_for_state(). Throws RankLost, what the backend throws (Unavailable if there is no such device),
 /// Unavailable if the backend cannot run its subdomain, and std::runtime_error if the run diverges.
 ///
-/// `parts` has one element per rank and is shared by all ranks; it is needed only for ways from device to
-/// device.
+/// `parts` has one element per rank and is shared by all ranks. It may be null if plan.way is "memory".
 RankReport run_rank(const BackendSpec& spec, const Scene& scene, const RankPlan& plan, Exchange& exchange,
                     State& left, PartsOnDevices* parts = nullptr);
 
 /// Runs all ranks of the plan, each as a thread of this process, and returns one report per rank. If a rank
-/// fails, the others end at once, and this throws Unavailable if a rank threw that, otherwise
+/// fails, the others end soon. Then throws Unavailable if a rank threw Unavailable, and otherwise
 /// std::runtime_error, with the reason. A thread that hangs is left behind until the process ends, with the
 /// data that it uses: `scene` must live until then.
 std::vector<RankReport> run_ranks_as_threads(const BackendSpec& spec, const Scene& scene,

@@ -76,7 +76,7 @@ std::string Sample::refusal(const Scene& scene, int layers) {
         return "springs beyond the lattice reach farther than the layers beside a sample";
     const int axis = longest_axis(scene.problem);
     const std::vector<Brick> all = bricks(scene, layers);
-    // Each brick needs a layer beside it on every side that faces another brick: four in all.
+    // Each brick needs a layer of ghosts on every side that faces another brick: four layers in all.
     if (const int length = all.back().end[axis] - all.front().begin[axis]; 3 * layers + 4 > length)
         return "three times as many layers, and four beside them, are more than the " +
                std::to_string(length) + " of the body; without this key the whole body is verified";

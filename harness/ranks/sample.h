@@ -1,4 +1,4 @@
-// Layers of a body that are verified in place of the whole, if the whole is too large.
+// Layers of a body that are verified instead of the whole body, if that is too large.
 #pragma once
 
 #include <cstdint>
@@ -10,8 +10,8 @@
 
 namespace voxspring {
 
-/// The part of `scene` that belongs to a subdomain, whose problem is moved into the result. Edits that change
-/// nothing here are kept: all ranks must stop at the same steps and upload at the same points.
+/// The part of `scene` that belongs to `subdomain`. Moves subdomain.problem into the result. Edits that
+/// change nothing here are kept: all ranks must stop at the same steps and upload at the same points.
 Scene part_of(const Scene& scene, Subdomain& subdomain);
 
 /// The indices in `all` of the values of `some`. `all` contains every value of `some`, and both ascend.
@@ -22,14 +22,14 @@ std::vector<std::uint32_t> places_of(const std::vector<std::uint32_t>& some,
 /// voxel further per step. So after n steps the brick depends only on the n layers around it, and the float64
 /// reference needs to step only these.
 struct Sample {
-    /// One of `bricks()` and a layer of ghosts around it, which is verified as well.
+    /// The part of the scene in one of bricks() and in the ghosts around it, which are verified as well.
     Scene judged;
-    std::vector<std::uint32_t> particle;  ///< index of each particle in the whole, ascending
-    /// `judged` and the layers that it depends on.
+    std::vector<std::uint32_t> particle;  ///< index in the whole body of each particle of `judged`, ascending
+    /// The part of the scene in the brick and in the layers that `judged` depends on.
     Scene around;
     std::vector<std::uint32_t> in_around;  ///< indices in `around` of the particles of `judged`
 
-    /// The bricks of a sample, each of `layers` layers: at either end and in the middle.
+    /// The three bricks of a sample, each `layers` layers thick: at either end of the body and in the middle.
     static std::vector<Decomposition::Brick> bricks(const Scene& scene, int layers);
     /// Empty, or why a sample of `layers` layers is not possible.
     static std::string refusal(const Scene& scene, int layers);

@@ -87,7 +87,7 @@ Problem make_corner_problem(const VoxelGrid& voxels, std::uint32_t group_bits,
                 sum += material.stiffness[std::size_t(direction.group)];
             });
             const double stiffness = sum / places;
-            // Rounding error of sums of up to eight springs, and of two half springs in series.
+            // Relative rounding error of a sum over up to eight springs, and of two half springs in series.
             constexpr double rounding = 1e-12;
             if (std::abs(stiffness - full) <= rounding * full) return;
             mask[i] &= ~(1U << direction.bit);

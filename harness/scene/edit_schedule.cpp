@@ -12,8 +12,8 @@
 namespace voxspring {
 namespace {
 
-/// The largest distance in voxels that a suture by shape may span. The number of pairs of particles grows
-/// with its cube.
+/// The largest distance in voxels that a suture by shape may span. The number of pairs of particles to test
+/// grows with the cube of the distance.
 constexpr int max_suture_voxels = 8;
 
 /// One repetition of an edit, with the step after which it is made.
@@ -50,7 +50,7 @@ void check_sizes(const std::vector<EditSpec>& specs, const Lattice& lattice, con
     }
 }
 
-/// All repetitions of all edits, sorted by step. Those of one step keep the order of the file.
+/// All repetitions of all edits, sorted by step. Edits after the same step keep the order of the file.
 std::vector<Due> by_step(const std::vector<EditSpec>& specs) {
     std::vector<Due> all;
     for (const EditSpec& spec : specs) {
@@ -82,7 +82,7 @@ std::vector<std::pair<std::uint32_t, std::uint32_t>> pairs_of(const EditSpec& sp
     return pairs;
 }
 
-/// Makes the edit on the springs that `editor` has now.
+/// Makes the edit `due` on the springs that earlier edits have left to `editor`.
 SpringEdit make_edit(const Due& due, SpringEditor& editor, const Lattice& lattice,
                      const std::vector<std::uint32_t>& particle) {
     const EditSpec& spec = *due.spec;

@@ -11,8 +11,8 @@
 namespace voxspring {
 
 /// The edits of `specs` in the order in which they are made. Each is computed on `problem` as the edits
-/// before it left it. An edit that repeats must change something at least once; repetitions without a change
-/// are left out. Throws BadInput.
+/// before it have left it. Repetitions that change no spring are left out. Throws BadInput, also if no
+/// repetition of an edit changes a spring or the edits exceed `limits`.
 std::vector<ScheduledEdit> schedule_edits(const std::vector<EditSpec>& specs, const Problem& problem,
                                           const SceneSizeLimits& limits);
 

@@ -89,7 +89,7 @@ LoadedDataset load_dataset(const SceneFile& scene, const std::string& file, cons
         return load_mesh(dataset, path, limits);
     }
     const Volume volume = read_volume(path, {scene.spacing, dataset.frame}, limits);
-    // If a file has segments, they are the body: its labels are used unless a threshold is given.
+    // If a file has segments, they make the body unless a threshold is given.
     const auto per_label = [](const std::optional<Parameter>& p) { return p && !p->by_label.empty(); };
     const bool by_label = per_label(scene.mass) || per_label(scene.stiffness) || per_label(scene.young) ||
                           per_label(scene.density) || !volume.segments.empty();
@@ -201,8 +201,8 @@ std::uint32_t bits_of(const std::vector<SpringGroup>& groups) {
     return bits;
 }
 
-/// If `scene` gives Young's modulus: computes mass and stiffness from young and density, and converts gravity
-/// and loads from SI units to kg, s and the scene's unit of length. Otherwise returns empty.
+/// If `scene` gives Young's modulus: computes mass and stiffness, converts gravity and loads from SI units to
+/// kg, s and the scene's unit of length, and returns the units. Otherwise returns empty.
 std::optional<WorldUnits> use_units(SceneFile& scene, const LabelledGrid& labelled,
                                     const std::optional<VolumeFacts>& volume, const std::string& file) {
     if (!scene.young) return std::nullopt;
@@ -353,8 +353,8 @@ std::vector<std::size_t> particles_in(const Region& region, const Lattice& latti
 }
 
 /// Moves `region` to the same side of the body's longest axis if the body has only one slice along the
-/// region's axis. Otherwise the region would cover, and pin, the whole body: a rod along z, for example, with
-/// the region of `heart`.
+/// region's axis. There it would pin the whole body, as the region of `heart`, at a side of x, would pin a
+/// rod along z.
 Region on_an_axis_with_slices(Region region, const Lattice& lattice) {
     std::array<int, 3> extent{};
     for (int axis = 0; axis < 3; ++axis) {
@@ -375,13 +375,13 @@ void pin_regions(Problem& problem, const SceneFile& scene) {
     pin(problem, std::move(pinned));
 }
 
-/// Whether the scene is a volume or mesh without a scene file: its user has chosen only what options say.
+/// Whether the scene is a volume or mesh without a scene file. Its user has chosen only what options set.
 bool is_body_by_itself(const SceneFile& scene) {
     return scene.dataset.is_from_file() && !scene.dataset.file_source;
 }
 
-/// A note on what was chosen for a user who gave no scene file with the volume or mesh, apart from gravity
-/// (gravity_of()).
+/// A note on everything that was chosen for a user who gave no scene file with the volume or mesh. Only
+/// gravity has a separate note (gravity_of()).
 std::string chosen_for_user(const SceneFile& file_says, const Scene& scene) {
     const bool above_zero = !scene.mesh && !file_says.dataset.threshold && scene.volume->labels.empty();
     const Region& pinned = file_says.pinned.front();
@@ -401,8 +401,7 @@ std::string chosen_for_user(const SceneFile& file_says, const Scene& scene) {
         file_says.time_step.fraction);
 }
 
-/// What a user may not expect of the whole body: it falls freely, or nothing moves it. Empty if neither is
-/// so.
+/// A note if the whole body falls freely or nothing moves it, which a user may not expect; otherwise empty.
 std::string why_it_falls_or_rests(const Scene& scene) {
     const Problem& problem = scene.problem;
     if (problem.has_tool()) return {};
@@ -414,8 +413,8 @@ std::string why_it_falls_or_rests(const Scene& scene) {
     return {};
 }
 
-/// Sets `out` to `scale` times `field` on those particles of its region that may move. A field of zeros
-/// leaves `out` empty.
+/// Sets `out` to `scale` times `field` on the particles of the field's region that are not pinned, and to
+/// zero elsewhere. A field of zeros without a region leaves `out` empty.
 void set_field(std::vector<glm::dvec3>& out, const InitialField& field, double scale,
                const Problem& problem) {
     if (!field.region && field.vector == glm::dvec3(0) && !(field.amplitude > 0)) return;  // all zeros
@@ -446,7 +445,7 @@ std::string why_nothing_oscillates(const Problem& problem) {
     return pinned.empty() ? "there are no springs" : "no particle that may move has a spring";
 }
 
-/// `stable` is the stable time step of `limiting`, which with_all_springs() has returned.
+/// `limiting` is the problem with all springs that edits add, and `stable` is its stable_time_step().
 double choose_time_step(const TimeStep& chosen, double stable, const Problem& limiting,
                         const std::string& file) {
     if (chosen.absolute) return *chosen.absolute;
@@ -500,10 +499,10 @@ void keep_parts(VoxelGrid& grid, const SceneFile& scene, const std::string& file
     throw BadInput(file, "--parts", scene.dataset.parts->text(), accepted);
 }
 
-/// Damps the motion x'' + c x' = force / mass + gravity with c = `per_second`. Central differences of second
-/// order multiply forces and gravity by 1 - lambda / 2 = 1 / (1 + g), with g = c dt / 2. The integrator does
-/// not, so masses are multiplied and gravity is divided by 1 + g. The largest stable time step is then as
-/// large as without damping.
+/// Damps the motion x'' + c x' = force / mass + gravity with c = `per_second`. With lambda, the damping per
+/// step, and g = c dt / 2, central differences of second order multiply forces and gravity by 1 - lambda / 2
+/// = 1 / (1 + g). The integrator does not, so masses are multiplied and gravity is divided by 1 + g. The
+/// largest stable time step is then as large as without damping.
 void damp(Problem& problem, double per_second) {
     const double g = per_second * problem.time_step / 2;
     problem.damping = 2 * g / (1 + g);
@@ -525,7 +524,7 @@ std::string what_follows(const WorldUnits& world, const Problem& problem) {
         stiffest, heaviest, problem.time_step, problem.damping, world.length, world.force());
 }
 
-/// The scene's gravity. Adds a note if the user has not chosen it.
+/// The scene's gravity. Adds a note if the user has not chosen the gravity.
 glm::dvec3 gravity_of(const SceneFile& scene, const glm::dvec3& spacing, std::vector<std::string>& notes) {
     if (scene.gravity_in_voxels && scene.young)
         notes.push_back(
@@ -628,7 +627,7 @@ std::vector<std::string> builtin_name_list() {
 /// "@64" or "@120x102x92" at the end of an argument.
 struct Resize {
     std::string base;    ///< the part of the argument before the '@'
-    std::string suffix;  ///< the part from the '@' on; empty if there is none
+    std::string suffix;  ///< the part from the '@' on; empty if there is no '@'
     glm::ivec3 dims{0};
 };
 
@@ -682,7 +681,7 @@ void check(const VolumeOptions& options, const std::string& file) {
            "--pitch for a mesh, the distance of the voxels made of it");
 }
 
-/// Lets the options of the command line replace what `scene` says.
+/// Replaces what `scene` says by the options of the command line.
 void apply(const VolumeOptions& volume, SceneFile& scene) {
     scene.dataset.pitch = volume.pitch;
     scene.dataset.fill = volume.fill;

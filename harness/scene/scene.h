@@ -35,15 +35,15 @@ struct Scene {
     std::string source;  ///< the argument from which the scene was loaded; empty if it was built in memory
     std::string description;  ///< one sentence; may be empty
     Problem problem;
-    State state;  ///< the state at step 0; a list of zeros is left empty
-    /// Sorted by step. Each edit applies to the springs as the edits before it left them.
+    State state;  ///< the state at step 0; a list of zeros may be left empty
+    /// Sorted by step. Each edit applies to the springs that the edits before it have left.
     std::vector<ScheduledEdit> edits;
     /// The motion of Problem::tool. If it is empty the tool, if any, stays where it took hold.
     ToolMotion tool_motion = {};
-    /// The largest stable time step for small displacements (stability.h), springs that edits add included.
-    /// Infinite if nothing oscillates.
+    /// stable_time_step() (stability.h) with all springs that edits add: a lower bound of the largest time
+    /// step that is stable for small displacements. Infinite if nothing oscillates.
     double stable_time_step = 0;
-    /// Present if the voxels come from a volume file or a mesh. A mesh has only the placement.
+    /// Present if the voxels come from a volume file or a mesh. A mesh has only VolumeFacts::placement.
     std::optional<VolumeFacts> volume = {};
     std::shared_ptr<const MeshInGrid> mesh = {};  ///< null unless the voxels come from a mesh
     /// What the loader guessed, rounded or left out, for the user to know. Each note is a sentence that
@@ -62,11 +62,11 @@ inline bool is_heavy(const Scene& scene) {
     return scene.problem.particle_count() > particles;
 }
 
-/// `argument` is a built-in scene ("box"), a scene file (*.json), a volume file (volume_endings()) or a mesh
-/// (mesh_endings()). A volume or mesh is simulated with the parameters of the built-in scene `heart`. The
-/// heart is pinned at one side of an axis. A body that is only one slice thick along that axis is pinned at a
-/// side of its longest axis instead. "@N" or "@WxHxD" after a built-in name or a scene file gives its box or
-/// heart other dims: "box@64", "heart@120x102x92".
+/// Loads the scene `argument`: a built-in scene ("box"), a scene file (*.json), a volume file
+/// (volume_endings()) or a mesh (mesh_endings()). A volume or mesh is simulated with the parameters of the
+/// built-in scene `heart`. The heart is pinned at one side of an axis. A body that is only one slice thick
+/// along that axis is pinned at a side of its longest axis instead. "@N" or "@WxHxD" after a built-in name or
+/// a scene file gives its box or heart other dims: "box@64", "heart@120x102x92".
 ///
 /// Throws BadInput. Allocates memory in proportion to what was really read, and never beyond `limits`.
 Scene load_scene(const std::string& argument,
@@ -87,12 +87,12 @@ struct VolumeOptions {
     /// along its axis. The body then sags by the same number of voxels in any unit of length.
     std::optional<glm::dvec3> gravity;
     std::optional<PartsToKeep> parts;  ///< absent: all parts
-    /// Edge length of the voxels. Absent: that of the volume's voxels, or default_pitch() for a mesh.
+    /// Edge length of the voxels to make. Absent: a volume keeps its voxels, and a mesh gets default_pitch().
     std::optional<double> pitch;
-    /// A voxel is active if at least this fraction of it is filled; needs a pitch or a mesh.
+    /// A voxel is active if at least this fraction of it is filled. For a volume only together with `pitch`.
     std::optional<double> fill;
-    /// In Pa and kg/m^3; both or neither are given. If they are, `gravity` is in m/s^2. If it is absent,
-    /// gravity is then 9.81 m/s^2 in the direction that it has in the scene `heart`.
+    /// Young's modulus in Pa and density in kg/m^3: both or neither. With them `gravity` is in m/s^2, and if
+    /// it is absent gravity is 9.81 m/s^2 in the direction of the gravity of the scene `heart`.
     std::optional<double> young, density;
     std::optional<std::string> unit;  ///< unit of length, one of accepted_lengths(); absent: the file's unit
     std::optional<double> damping;    ///< per second
@@ -109,8 +109,8 @@ struct VolumeOptions {
 Scene load_scene(const std::string& argument, const VolumeOptions& volume,
                  const SceneSizeLimits& limits = SceneSizeLimits::of_this_machine());
 
-/// The scene that the JSON `text` describes. Messages name `file`, and the path of a volume is relative to
-/// its folder. The name of the file without its folder is the scene's name.
+/// The scene that the JSON `text` describes. Messages name `file`. Paths in the text are relative to the
+/// folder of `file`. The scene's name is that of `file` without the folder.
 Scene parse_scene(const std::string& text, const std::string& file, const SceneSizeLimits& limits);
 
 /// Makes a scene, without edits, of a problem that was built in memory. An empty list in `state` stands for
@@ -124,7 +124,7 @@ Scene scene_of(const std::string& name, Problem problem, State state = {});
 /// of the time step.
 Problem with_all_springs(const Scene& scene);
 
-/// What is built into the program: a scene, or a study.
+/// A scene or a study that is built into the program.
 struct Named {
     std::string name;
     std::string description;

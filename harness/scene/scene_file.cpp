@@ -31,7 +31,7 @@ double positive(const JsonValue& value) { return value.number(min_quantity, max_
 
 glm::dvec3 vector(const JsonValue& value) { return value.vec3(max_quantity); }
 
-/// How many of the keys are there.
+/// The number of `keys` that are present.
 int keys_given(std::initializer_list<std::optional<JsonValue>> keys) {
     return int(std::count_if(keys.begin(), keys.end(), [](const auto& key) { return key.has_value(); }));
 }
@@ -105,7 +105,7 @@ DatasetSpec read_dataset(JsonObject object) {
     return dataset;
 }
 
-/// The group with this name, if there is one.
+/// The group with this name; empty if there is none.
 std::optional<SpringGroup> group_named(const std::string& name) {
     const auto found = std::find(group_names.begin(), group_names.end(), name);
     if (found == group_names.end()) return {};
@@ -123,7 +123,8 @@ std::vector<SpringGroup> read_spring_groups(const JsonValue& value) {
     return groups;
 }
 
-/// `accepted_value` describes a value that `read` reads.
+/// Reads a parameter, each value by `read`. In messages `accepted_value` describes a value, and `one` names
+/// it. Unless `one` is "number", a value may be a text with a unit.
 Parameter read_parameter(const JsonValue& value, bool groups_allowed,
                          const std::function<double(const JsonValue&)>& read = positive,
                          const std::string& accepted_value = "a number", const char* one = "number") {
@@ -147,8 +148,8 @@ Parameter read_parameter(const JsonValue& value, bool groups_allowed,
     return parameter;
 }
 
-/// Reads Young's modulus, density and the unit of lengths. `replaced`: mass and stiffness, which must be
-/// absent beside Young's modulus.
+/// Reads Young's modulus, density and the unit of lengths. `replaced` are mass and stiffness, which must be
+/// absent if Young's modulus is given.
 void read_units(JsonObject& document, SceneFile& scene,
                 std::initializer_list<std::optional<JsonValue>> replaced) {
     const auto with_unit = [](std::optional<double> (*convert)(const std::string&), const char* accepted) {
@@ -194,7 +195,7 @@ void read_side(const JsonValue& value, Side& side) {
     }
 }
 
-/// The region that `object` describes, if it has any key of a region. Other keys are left to the caller.
+/// The region that `object` describes; empty if it has no key of a region. The caller reads the other keys.
 std::optional<Region> find_region(JsonObject& object) {
     Region region{.source = object.value()};
     const auto side = object.find("side");
@@ -285,7 +286,7 @@ glm::dvec3 direction(const JsonValue& value) {
     return v;
 }
 
-/// The shape that `object` gives by one of three keys, or nullopt if it has none of them.
+/// The shape that `object` gives by the key plane, triangles or ball; empty if it has none of them.
 std::optional<Shape> read_shape(JsonObject& object, const std::string& accepted) {
     const auto plane = object.find("plane");
     const auto triangles = object.find("triangles");

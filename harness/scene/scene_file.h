@@ -28,12 +28,12 @@ struct DatasetSpec {
     std::string file;        ///< path of a volume or mesh, relative to the scene file
     /// JSON value of `file`, for messages; absent without a scene file.
     std::optional<JsonValue> file_source;
-    /// For a volume or mesh. A volume that has `fill` also has `pitch`.
+    /// For a volume or mesh, as VolumeOptions::pitch and fill. A volume that has `fill` also has `pitch`.
     std::optional<double> pitch, fill;
     std::optional<double> threshold;  ///< for a volume; never given together with labels
     /// Labels of a volume: whole numbers or names of segments, without duplicates.
     std::optional<std::vector<std::string>> labels;
-    std::optional<std::int64_t> frame;      ///< which value, for a volume with several values per voxel
+    std::optional<std::int64_t> frame;      ///< which of several values per voxel, counted from 0
     std::optional<PartsToKeep> parts;       ///< absent: all parts
     std::optional<JsonValue> parts_source;  ///< JSON value of `parts`, for messages
 
@@ -46,7 +46,7 @@ struct Parameter {
     std::optional<double> everywhere;
     std::map<SpringGroup, double> by_group;
     std::map<std::string, double> by_label;  ///< each key is one of the names of a label (Label::words)
-    std::optional<JsonValue> source;         ///< for messages; absent for a default
+    std::optional<JsonValue> source;         ///< JSON value, for messages; absent for a default
 };
 
 /// Particles chosen by location. If `at_side`, they are those in the outermost slices on a side of the grid,
@@ -54,17 +54,17 @@ struct Parameter {
 /// to `to`, both included.
 struct Region {
     bool at_side = false;
-    /// Side of the body, if one is given; loading replaces it by `axis` and `upper`.
+    /// Side of the body, if one is given. Loading sets `axis` and `upper` to the nearest side of the grid.
     std::optional<AnatomicalSide> anatomical{};
-    int axis = 0;        ///< axis of the side
+    int axis = 0;        ///< axis that the side is perpendicular to: 0, 1 or 2
     bool upper = false;  ///< whether it is the side with the larger coordinate
     int slices = 1;      ///< number of slices, counted from the side inward
-    /// If > 0, it replaces `slices`: the region covers this fraction of the active voxels' extent, at least
-    /// one slice.
+    /// If > 0, replaces `slices`: the region covers this fraction of the active voxels' extent along `axis`,
+    /// and at least one slice.
     double fraction = 0;
     glm::ivec3 from{0};
     glm::ivec3 to{0};
-    JsonValue source;  ///< for messages
+    JsonValue source;  ///< JSON value, for messages
 };
 
 /// Gravity given by the side that it pulls towards.
@@ -87,14 +87,15 @@ struct InitialField {
     glm::dvec3 vector{0};
     double amplitude = 0;  ///< 0: the field is not random
     std::uint64_t seed = 0;
-    std::optional<Region> region{};  ///< other particles are at rest; absent: all particles
+    std::optional<Region> region{};  ///< the field is zero outside; absent: all particles
 };
 
 struct TimeStep {
     double fraction = 0.8;
-    /// `fraction` refers to the true limit rather than to its bound (stability.h).
+    /// Whether `fraction` is of the true limit instead of stable_time_step(problem), which is less
+    /// (stability.h).
     bool of_limit = false;
-    std::optional<double> absolute;  ///< replaces the fraction
+    std::optional<double> absolute;  ///< the time step itself; replaces `fraction`
     std::optional<JsonValue> source;
 };
 
@@ -106,9 +107,9 @@ struct EditSpec {
     std::vector<std::pair<glm::ivec3, glm::ivec3>> voxels{};  ///< pairs of voxels that the suture joins
     double within = 0;                  ///< for a suture by shape: the longest spring that it adds
     std::optional<double> stiffness{};  ///< of the springs that a suture adds
-    int times = 1, every = 0;           ///< how often the edit is made, and the steps in between
+    int times = 1, every = 0;           ///< number of times, and of steps from one time to the next
     glm::dvec3 move{0};                 ///< translation of the shape from one time to the next
-    JsonValue source;                   ///< for messages
+    JsonValue source;                   ///< JSON value, for messages
 };
 
 /// A tool that holds the particles of a region while a recorded hand moves it.
@@ -116,7 +117,7 @@ struct ToolSpec {
     Region region;
     double stiffness = 1;
     std::string motion;                       ///< the file, relative to the scene file
-    JsonValue motion_source;                  ///< for messages
+    JsonValue motion_source;                  ///< JSON value, for messages
     double time_scale = 1, length_scale = 1;  ///< units of the scene per unit of the file
     int every = 1;                            ///< number of steps between two moves of the tool
 };
@@ -137,7 +138,7 @@ struct SceneFile {
     std::optional<double> damping_per_second;       ///< replaces `damping`
     glm::dvec3 gravity{0};                          ///< in m/s^2 if `young` is given
     std::optional<GravityTowards> gravity_towards;  ///< replaces `gravity`
-    /// `gravity` is a default, whose components are to be multiplied by the spacing along their axes.
+    /// Whether `gravity` is a default. Without `young` it is to be multiplied by the spacing, axis by axis.
     bool gravity_in_voxels = false;
     TimeStep time_step;
     std::vector<Region> pinned;

@@ -1,4 +1,4 @@
-// Makes a scene of a problem that another program built. No parser has checked it, so it is checked here.
+// Checks a problem that another program built, since no parser has done so, and makes a scene from it.
 #include <algorithm>
 #include <cmath>
 #include <cstdint>

@@ -15,9 +15,9 @@ namespace voxspring {
 
 /// Runs a scene on one backend at a time.
 ///
-/// A backend receives an edit as a SpringEdit, which takes tens of times as much memory as the form that the
-/// scene keeps. The constructor makes the SpringEdits of the first edits, up to max_prepared_bytes, so that
-/// timed steps do not wait for that. Later edits are prepared when they are due.
+/// A backend receives an edit as a SpringEdit, which takes tens of times as much memory as the
+/// SpringDifference that the scene keeps. The constructor makes the SpringEdits of the first edits, up to
+/// max_prepared_bytes, so that timed steps do not wait for them. Later ones are made when they are due.
 class SceneRunner {
 public:
     static constexpr std::size_t max_prepared_bytes = std::size_t(16) << 20;
@@ -27,23 +27,23 @@ public:
     SceneRunner(const SceneRunner&) = delete;
     SceneRunner& operator=(const SceneRunner&) = delete;
 
-    /// Empty, or why `backend` cannot run the scene from its first edit to its last.
+    /// Empty, or why `backend` cannot run the scene with all its edits. Call rewind() before the next run().
     std::string unsupported(const Backend& backend);
 
     /// Replaces the scene's start, from the next rewind() on, by `state`, which the scene reached after
     /// `step` steps. `state` must outlive this.
     void start_from(int step, const State& state);
-    /// Goes back to the start, with the edits that come before it. Uploads the state, or lets the backend
-    /// restore what keep_start() kept.
+    /// Goes back to the start, and makes the edits that are due before the start (start_from()). Uploads the
+    /// state, or lets the backend restore the state that keep_start() kept.
     void rewind(Backend& backend);
-    /// Speeds up frequent rewinds. To be called right after the first rewind(). Later rewinds of this backend
-    /// then copy the state on the device, as long as the springs are those of the start. Returns whether the
+    /// Speeds up frequent rewinds: later rewinds of this backend copy the state on the device, as long as the
+    /// springs are those of the start. To be called right after the first rewind(). Returns whether the
     /// backend can do so. If it can and the scene has no edits, the state at the start is not read any more.
     bool keep_start(Backend& backend);
-    /// Runs `steps` further steps, makes the edits that are due before each of them, and moves the tool.
-    /// Asynchronous, as Backend::step() is. `edit`, if given, is called instead of Backend::edit(), for
-    /// callers that have to observe edits.
+    /// Called instead of Backend::edit(), for callers that have to observe edits.
     using Edit = std::function<void(const Problem& edited, const SpringEdit& edit)>;
+    /// Runs `steps` further steps, makes the edits that are due before each of them, and moves the tool. May
+    /// return before the steps have run, as Backend::step() does.
     void run(Backend& backend, int steps, const Edit& edit = {});
 
     /// The problem as the edits so far left it.
@@ -57,11 +57,11 @@ private:
     void restart();
     const Problem& start_problem() const { return uploaded_ ? *uploaded_ : scene_.problem; }
     bool has_the_springs_of_the_start() const;
-    /// Steps up to step `end` and moves the tool as the scene says.
+    /// Steps until `end` steps are done, and moves the tool as the scene says.
     void step_to(Backend& backend, int end);
 
     const Scene& scene_;
-    std::optional<Problem> edited_;  ///< the problem as the edits have left it; empty if the scene has none
+    std::optional<Problem> edited_;       ///< problem after the edits so far; empty if the scene has no edits
     std::optional<SpringEditor> editor_;  ///< changes `edited_`
     std::vector<SpringEdit> prepared_;    ///< the scene's first edits, as a backend receives them
     /// The problem after the edits before step `first_`; empty: the scene's problem.

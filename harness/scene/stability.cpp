@@ -28,9 +28,9 @@ double largest_eigenvalue(const Eigen::Matrix3d& symmetric) {
         .maxCoeff();
 }
 
-/// For each particle the matrix sum_j k_ij r r^T over its springs beyond the lattice; empty if there are
-/// none. Only half the stiffness of a tool's spring counts, because its other end does not move with the
-/// particle.
+/// For each particle the matrix sum_j k_ij r r^T over its springs beyond the lattice and its spring to a
+/// tool. Only half the stiffness of a tool's spring counts, because its other end is fixed. Empty if there
+/// are no such springs.
 std::vector<Eigen::Matrix3d> beyond_lattice(const Problem& problem) {
     std::vector<Eigen::Matrix3d> sum;
     if (problem.springs.empty() && !problem.has_tool()) return sum;
@@ -40,7 +40,7 @@ std::vector<Eigen::Matrix3d> beyond_lattice(const Problem& problem) {
     for (const Spring& spring : problem.springs) {
         const glm::dvec3 offset = problem.rest_position[spring.first] - problem.rest_position[spring.second];
         const double length = glm::length(offset);
-        Eigen::Matrix3d matrix = Eigen::Matrix3d::Identity();  // if the length is 0, no direction
+        Eigen::Matrix3d matrix = Eigen::Matrix3d::Identity();  // at length 0 there is no direction
         if (length > 0) {
             const Eigen::Matrix3d along = outer_product(offset / length);
             const double transverse = std::max(0.0, 1 - spring.rest_length / length);
@@ -71,7 +71,7 @@ std::vector<LinearSpring> linear_springs(const Problem& problem, const std::vect
         if (!displacement.empty()) offset += displacement[spring.first] - displacement[spring.second];
         const double length = glm::length(offset);
         const double k = spring.stiffness / stiffness;
-        // Below the shortest length the force does not depend on the spring's direction (spring.h).
+        // Below the length `shortest` the force does not depend on the spring's direction (spring.h).
         const double across = k * (1 - spring.rest_length / std::max(length, shortest));
         const glm::dvec3 r = length < shortest ? glm::dvec3(0) : offset / length;
         linear.push_back(
@@ -128,16 +128,16 @@ private:
     Eigen::VectorXd inverse_root_mass_;  ///< 0 for pinned particles
 };
 
-/// The start vector of the iteration. Neighbours on a lattice move against each other, as in its fastest
-/// mode, which halves the number of iterations. Random numbers add a component of every other mode.
+/// The start vector of the iteration. Neighbours on a lattice move against each other, as in the lattice's
+/// fastest mode, which halves the number of iterations. Random numbers add some of each of the other modes.
 std::vector<double> fast_start(const Problem& problem) {
     std::vector<double> start(3 * problem.particle_count());
     std::mt19937_64 generator(1);
     for (double& component : start) component = std::ldexp(double(generator() >> 11), -54);
     for (std::size_t i = 0; i < problem.lattice.voxel.size(); ++i) {
         const glm::ivec3 at = problem.lattice.coordinates(problem.lattice.voxel[i]);
-        // Amounts differ along x, y and z: with equal ones the sum might be a mode of a cube, but not its
-        // fastest.
+        // Amounts differ along x, y and z. With equal amounts the start might be a mode of a cube that is not
+        // the fastest.
         for (int axis = 0; axis < 3; ++axis)
             start[3 * i + std::size_t(axis)] += (at[axis] % 2 == 0 ? 1 : -1) * (1 + 0.1 * axis);
     }
@@ -147,7 +147,7 @@ std::vector<double> fast_start(const Problem& problem) {
 /// Lanczos' iteration ends at this relative residual, or gives up after this number of multiplications.
 constexpr double max_residual = 1e-6;
 constexpr int max_multiplications = 1000;
-/// The largest number of particles. For more, the iteration takes minutes.
+/// The largest number of particles for which the iteration is run. For more it takes minutes.
 constexpr std::size_t max_oscillators = 300'000;
 
 /// The largest eigenvalue of the symmetric tridiagonal matrix that Lanczos' iteration has built so far, and
@@ -165,7 +165,7 @@ std::pair<double, double> largest_ritz_value(const std::vector<double>& diagonal
 /// The largest eigenvalue of `matrix`, or nullopt if max_multiplications do not find it.
 ///
 /// Vectors are not orthogonalised against all earlier ones, which would take four fifths of the time. In
-/// exact arithmetic they are orthogonal anyway. The loss of orthogonality by rounding adds copies of
+/// exact arithmetic they are orthogonal anyway. Rounding makes them less orthogonal. This adds copies of
 /// eigenvalues that were found, but no false ones, and the residual stays valid for the largest (Paige 1980).
 std::optional<double> largest_eigenvalue(const Oscillations& matrix, std::vector<double> start) {
     const Eigen::Index size = matrix.rows();
@@ -213,7 +213,7 @@ double frequency_bound_squared(const Problem& problem) {
     const bool by_mask = !problem.has_materials() && beyond.empty();
 
     double largest = 0;
-    std::optional<std::uint32_t> before;  // mask of the previous particle, usually the same
+    std::optional<std::uint32_t> before;  // mask of the previous unpinned particle
     for (std::size_t i = 0; i < problem.particle_count(); ++i) {
         const std::uint32_t mask = problem.lattice.mask.empty() ? 0 : problem.lattice.mask[i];
         if (by_mask && mask == before) continue;

@@ -23,16 +23,16 @@ struct Frequency {
 };
 
 /// omega^2 itself, computed by Lanczos' iteration: the largest eigenvalue of M^-1/2 K M^-1/2 of the unpinned
-/// particles. It holds for small displacements about the state in which particles are displaced from rest by
+/// particles. K is that of small displacements about the state in which particles are displaced from rest by
 /// `displacement` (one element per particle; empty: by zero). A spring of length d adds k r r^T + k (1 - l/d)
 /// (I - r r^T) to K, which is the derivative of spring.h's force. That force pushes if the spring is shorter
 /// than its rest length. The result is 0 if nothing oscillates.
 ///
 /// The relative error is about 1e-8: the residual is below 1e-6 of omega^2, and the error is proportional to
-/// the square of the residual over the distance to the next eigenvalue. If two eigenvalues are closer
-/// together than that, the result may be the lower one. Every call gives the same bits. A heart of 30000
-/// particles takes a tenth of a second, one of 250000 about three seconds. There is no result for more than
-/// 300000 particles, or if the iteration does not converge.
+/// the square of the residual over the distance to the next eigenvalue. If the two largest eigenvalues are
+/// closer together than the residual, the result may be the second largest. Every call gives the same bits. A
+/// heart of 30000 particles takes a tenth of a second, one of 250000 about three seconds. For more than
+/// 300000 particles, and if the iteration does not converge, Frequency::squared is absent.
 Frequency true_frequency_squared(const Problem& problem, const std::vector<glm::dvec3>& displacement = {});
 
 /// The largest stable time step for a given omega^2: omega dt < 2 sqrt(1 - lambda / 2) with the damping
@@ -41,7 +41,7 @@ Frequency true_frequency_squared(const Problem& problem, const std::vector<glm::
 double stable_time_step(double frequency_squared, double damping);
 
 /// The stable time step for frequency_bound_squared(), which is safe for small displacements about rest. If
-/// springs are stretched to twice their length, the limit falls to as little as 0.7 of it.
+/// springs are stretched to twice their length, the true limit may fall to 0.7 of this time step.
 double stable_time_step(const Problem& problem);
 
 }  // namespace voxspring

@@ -33,7 +33,7 @@ std::string_view cut(std::string_view& text, char end) {
     return before.substr(0, before.find_last_not_of(blanks) + 1);
 }
 
-/// The fields of a line; empty if there are not four of them.
+/// The four fields of a line; empty if the line has fewer or more.
 std::vector<std::string_view> fields_of(std::string_view line) {
     if (std::count(line.begin(), line.end(), ',') != 3) return {};
     std::vector<std::string_view> fields;
@@ -57,7 +57,7 @@ std::array<double, 4> parse_sample(std::string_view line, const std::string& fil
     return sample;
 }
 
-/// Refuses a gap in `time`. The first time is on line 2 of the file.
+/// Throws BadInput if `time` has a gap (max_gap). The first time is on line 2 of the file.
 void check_gaps(const std::vector<double>& time, const std::string& file) {
     std::vector<double> interval;
     for (std::size_t n = 1; n < time.size(); ++n) interval.push_back(time[n] - time[n - 1]);

@@ -22,7 +22,7 @@ struct ToolMotion {
     bool empty() const { return time.empty(); }
     /// The displacement at time `when`. Zero if there are no samples.
     glm::dvec3 at(double when) const;
-    /// The displacement in the step that follows the scene's first `step` steps.
+    /// The displacement during step number `step`, counted from 0. It changes every `every` steps.
     glm::dvec3 at_step(std::int64_t step, double time_step) const {
         const std::int64_t moves = step / every;
         return at(double(moves) * every * time_step);
@@ -30,12 +30,12 @@ struct ToolMotion {
 };
 
 /// The motion in the CSV `text`, with times and lengths multiplied by the given scales. Messages name `file`.
-/// Throws BadInput, naming the line and the column, if a value is missing or not a finite number, if a time
-/// is not later than the one before, or if the recording has a gap: an interval of more than ten times the
-/// median.
+/// Throws BadInput, naming the line, if the header is wrong, if a value is missing or is no number from -1e12
+/// to 1e12, if a time is not later than the one before, or if an interval is longer than ten times the
+/// median. Also throws BadInput if there are fewer than two samples.
 ToolMotion parse_tool_motion(std::string_view text, const std::string& file, double time_scale,
                              double length_scale);
-/// Reads the motion from a file of at most 64 MiB, as parse_tool_motion() does.
+/// Reads `file`, of at most 64 MiB, as parse_tool_motion() reads a text. Throws BadInput.
 ToolMotion read_tool_motion(const std::string& file, double time_scale, double length_scale);
 
 }  // namespace voxspring

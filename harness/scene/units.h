@@ -10,7 +10,7 @@
 
 namespace voxspring {
 
-/// The material of a label.
+/// The material of the voxels with one label.
 struct Tissue {
     std::string label;   ///< empty if the body has one material
     double young = 0;    ///< Young's modulus in Pa
@@ -23,7 +23,7 @@ struct Tissue {
 /// The units of a scene that gives Young's modulus. Times are in seconds, masses in kg and lengths in
 /// `length`. So forces are in kg times `length` per s^2, and stiffness is in N/m.
 struct WorldUnits {
-    std::string length;  ///< "mm" for example
+    std::string length;  ///< the unit of length, for example "mm"
     double metres = 1;   ///< metres per unit of length
     std::vector<Tissue> tissues;
     double damping = 0;  ///< per second; 0 also if the scene gives damping per step
@@ -40,13 +40,13 @@ inline constexpr double poisson_ratio = 0.25;
 /// if some motion would strain no spring.
 ///
 /// A lattice has C_1111 = (k1 + 2 k2 + 4/3 k3) / h and C_1122 = C_1212 = (k2 + 4/3 k3) / h. It is isotropic
-/// if C_1111 = 3 C_1122, which means k1 = k2 + 8/3 k3; then E = 5/2 C_1122. Of the lattices with three groups
-/// we take k1 : k2 : k3 = 16 : 8 : 3, for which the part sum k L^4 n_x^4 n_y^2 of the next term, which makes
-/// short waves slower, is three times sum k L^4 n_x^2 n_y^2 n_z^2 as in an isotropic medium.
+/// if C_1111 = 3 C_1122, which means k1 = k2 + 8/3 k3; then E = 5/2 C_1122. With three groups one ratio is
+/// free: we take k1 : k2 : k3 = 16 : 8 : 3. In the next term, which makes short waves slower, sum k L^4 n_x^4
+/// n_y^2 is then three times sum k L^4 n_x^2 n_y^2 n_z^2, as in an isotropic medium.
 std::optional<std::array<double, 3>> isotropic_stiffness(double young, double spacing,
                                                          std::uint32_t group_bits);
 
-/// Metres in a unit of length: "m", "cm", "mm", "um". Empty for other words.
+/// The length of a unit ("m", "cm", "mm" or "um") in metres. Empty for other words.
 std::optional<double> metres_in(const std::string& unit);
 std::string accepted_lengths();
 

@@ -10,13 +10,12 @@ namespace {
 
 using Pair = std::pair<std::uint32_t, std::uint32_t>;
 
-/// A particle with its distance. Of two at the same distance the one with the smaller index counts as nearer.
+/// A squared distance and the particle there. At equal distances the smaller index counts as nearer.
 using Near = std::pair<double, std::uint32_t>;
 
 double squared(const glm::dvec3& v) { return glm::dot(v, v); }
 
-/// Collects all that `find(i, found)` appends for each i below `count`. Runs on all cores and sorts the
-/// result.
+/// Returns, sorted, all that find(i, found) appends to `found` for each i below `count`. Runs on all cores.
 template <class Found, class Find>
 std::vector<Found> gather(std::size_t count, const Find& find) {
     std::vector<Found> all;
@@ -68,7 +67,7 @@ std::vector<Pair> Places::springs_through(const std::array<glm::dvec3, 4>& quad)
         low = glm::min(low, corner);
         high = glm::max(high, corner);
     }
-    // The box is larger than the triangles by more than the rounding error of a line's position.
+    // The box around the triangles is larger than they are, by more than the rounding error of a position.
     const glm::dvec3 reach = glm::max(glm::abs(low), glm::abs(high));
     const double margin = 1e-9 * std::max({reach.x, reach.y, reach.z});
     low -= margin;

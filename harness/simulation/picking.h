@@ -15,8 +15,8 @@
 namespace voxspring {
 
 /// The places of a problem's particles in a state: rest position plus displacement. The state must be finite.
-/// The object keeps references to both. All functions run on all cores, and their results do not depend on
-/// the number of cores.
+/// Keeps references to the problem and the state. All functions run on all cores, and their results do not
+/// depend on the number of cores.
 class Places {
 public:
     Places(const Problem& problem, const State& state) : problem_(problem), state_(state) {}
@@ -27,8 +27,8 @@ public:
 
     /// The particle nearest to `place`.
     std::uint32_t nearest_to(const glm::dvec3& place) const;
-    /// The particles within `radius` of `place`, ascending. If there is none, the nearest particle; if there
-    /// are more than `most`, the nearest `most`.
+    /// The particles within `radius` of `place`, ascending. If there is none, the result is the nearest
+    /// particle; if there are more than `most`, the nearest `most`.
     std::vector<std::uint32_t> near(const glm::dvec3& place, double radius, std::size_t most) const;
 
     /// The pairs of particles whose spring passes through one of the triangles (0, 1, 3) and (0, 3, 2) of a
@@ -36,9 +36,9 @@ public:
     std::vector<std::pair<std::uint32_t, std::uint32_t>> springs_through(
         const std::array<glm::dvec3, 4>& quad) const;
 
-    /// Springs that `whole` has and the problem no longer has, if both ends are within `radius` of the line
+    /// The springs of `whole` whose two particles are no longer joined and lie within `radius` of the line
     /// from `a` to `b`. `whole` has the same particles with other springs. Lattice springs come first, sorted
-    /// by first particle and direction, then the springs beyond the lattice, in the order of `whole.springs`.
+    /// by first particle and direction, then others in the order of `whole.springs`.
     std::vector<ChangedSpring> lost_springs(const Problem& whole, const glm::dvec3& a, const glm::dvec3& b,
                                             double radius) const;
 

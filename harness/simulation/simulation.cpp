@@ -19,11 +19,11 @@ namespace {
 
 constexpr const char* not_finite = "the state is no longer finite";
 
-/// The hand and the needle may each take this fraction of room_for_springs(). It is less than half, so that
-/// the time step stays stable with both.
+/// The springs of the hand, and those of the needle, may each use this fraction of room_for_springs(). It is
+/// less than half, so that the time step stays stable with both.
 constexpr double share_of_room = 0.4;
 
-/// The omega^2 for which `time_step` is just stable with that damping.
+/// The largest omega^2 for which `time_step` is stable. `damping` is per step.
 double frequency_squared_at(double time_step, double damping) {
     return 4 * (1 - damping / 2) / (time_step * time_step);
 }
@@ -37,8 +37,7 @@ double room_for_springs(const Scene& scene) {
            frequency_squared_at(scene.stable_time_step, damping);
 }
 
-/// The loads of the scene itself. take_hold() adds loads of zero to a problem with a tool; these are left
-/// out.
+/// The loads of `problem`; empty if they are only the zeros that take_hold() adds to a problem with a tool.
 std::vector<glm::dvec3> loads_without_tool(const Problem& problem) {
     if (!problem.has_tool()) return problem.load;
     const bool none = std::all_of(problem.load.begin(), problem.load.end(),
@@ -90,7 +89,7 @@ std::string Simulation::refusal(const Backend& backend, const Problem& problem, 
     const auto leaves = [](const ScheduledEdit& scheduled) { return scheduled.edit.leaves_lattice(); };
     const auto first =
         std::find_if(scene_.edits.begin() + std::ptrdiff_t(next_edit), scene_.edits.end(), leaves);
-    // A backend that supports the problem also supports edits that stay within the lattice.
+    // A backend that supports the problem also supports edits that add no spring beyond the lattice.
     if (!why.empty() || first == scene_.edits.end()) return why;
     Problem joined = problem;
     for (auto scheduled = first; scheduled != scene_.edits.end(); ++scheduled) {

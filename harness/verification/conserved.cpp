@@ -41,7 +41,7 @@ struct Moved {
     }
 };
 
-/// For each octave the sum of squared differences, and their number.
+/// For each octave of distances the sum of squared differences of displacement, and the number of pairs.
 struct Bands {
     static constexpr std::size_t most = 31;  // octaves of distances below 2^31
     std::array<double, most> squares{};

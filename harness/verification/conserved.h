@@ -1,5 +1,5 @@
-// Numbers of a whole state. Momentum and energy are conserved, or change in a known way; statistics can still
-// be compared after rounding has driven the particles of two runs apart.
+// Numbers that describe a whole state. Momentum and energy are conserved, or change in a known way.
+// Statistics can still be compared after rounding has driven the particles of two runs apart.
 #pragma once
 
 #include <array>
@@ -13,7 +13,7 @@ namespace voxspring {
 
 /// Momentum of the particles that can move.
 struct Momentum {
-    glm::dvec3 sum{0};  ///< sum of m v; v = increment / time step is the velocity half a step ago
+    glm::dvec3 sum{0};  ///< sum of m v; v is increment / time step, the velocity half a step ago
     double size = 0;    ///< sum of |m v|
     Momentum& operator+=(const Momentum& other);
 };
@@ -23,7 +23,7 @@ Momentum momentum(const Problem& problem, const State& state);
 struct Energy {
     double kinetic = 0;     ///< sum of m |v|^2 / 2
     double springs = 0;     ///< sum of k (|d| - l)^2 / 2, free of cancellation
-    double field = 0;       ///< -sum of (m g + load).u, zero at rest
+    double field = 0;       ///< of gravity and loads: -sum of (m g + load).u, u the displacement
     double field_size = 0;  ///< sum of |(m g + load).u|
     double total() const { return kinetic + springs + field; }
     double size() const { return kinetic + springs + field_size; }
@@ -38,13 +38,13 @@ struct Conserved {
 };
 Conserved conserved(const Problem& problem, const State& state);
 
-/// The difference of a run from the reference after the same steps of the same problem. The discrete motion
-/// does not conserve the continuous energy exactly; the difference shows only the effect of rounding.
+/// The difference of a run from the reference after the same steps of the same problem. In discrete steps
+/// energy is not conserved exactly; the difference from the reference shows only the effect of rounding.
 struct Drift {
     double momentum = 0;  ///< |sum p - sum p_ref| / sum |p_ref|
     double energy = 0;    ///< (E - E_ref) / Energy::size() of the reference; positive: energy was gained
 };
-/// A component is 0 if numerator and denominator vanish, and infinite if only the denominator does.
+/// A member of the result is 0 if its numerator is 0, and otherwise infinite if its denominator is 0.
 Drift drift(const Conserved& run, const Conserved& reference);
 
 /// A number of a whole state by which two runs are compared.
@@ -58,7 +58,7 @@ struct Statistic {
 using Statistics = std::array<Statistic, Statistic::count>;
 std::string to_string(Statistic::Kind kind);
 
-/// The quantities of one state that statistics() compares.
+/// The numbers of one state that statistics() compares with those of another.
 struct StateSummary {
     double moved = 0;  ///< root mean square of the distances that particles moved
     glm::dvec3 centre_of_mass{0};
@@ -70,7 +70,7 @@ struct StateSummary {
 /// Summarises `state`, which the problem's particles reached from `start`. The order of summation does not
 /// depend on the number of threads.
 StateSummary summary_of(const Problem& problem, const State& start, const State& state);
-/// As above, for a state whose energy is known already.
+/// As above, for a state whose energy() is `known`.
 StateSummary summary_of(const Problem& problem, const State& start, const State& state, const Energy& known);
 
 /// Compares a run with the reference, both after the same steps from the same start:

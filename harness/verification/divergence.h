@@ -16,28 +16,28 @@ namespace voxspring {
 ///
 /// Here l is the longest rest length, v_0 the longest increment and u_0 the longest displacement of the
 /// start, s the largest strain of a spring at rest (a length), and d the farthest that a tool moves, whose
-/// springs accelerate by at most omega^2 d. n is `steps`, or 1 / lambda if that is less: within so many steps
-/// damping balances a constant force. It is an energy bound. Below the stability limit, omega dt < 2, a mode
-/// of amplitude A moves by at most 2 A per step, where A is the amplitude of the start or half the strain. A
-/// constant force adds n dt^2 times the acceleration to the increment in n steps. One rest length per step is
-/// a margin for springs whose ends meet. A diverging run grows by a factor per step, so that the margin
-/// delays its detection by few steps only.
+/// springs accelerate by at most omega^2 d. n is the smaller of `steps` and 1 / lambda, the number of steps
+/// in which damping balances a constant force. The sum is an energy bound. Below the stability limit, omega
+/// dt < 2, a mode of amplitude A moves by at most 2 A per step, where A is the amplitude of the start or half
+/// the strain. A constant force adds n dt^2 times the acceleration to the increment in n steps. One rest
+/// length per step is a margin for springs whose ends meet. A diverging run grows by a factor per step, so
+/// the margin delays its detection by few steps only.
 double largest_increment(const Scene& scene, int steps, const State& start);
 inline double largest_increment(const Scene& scene, int steps) {
     return largest_increment(scene, steps, scene.state);
 }
 
-/// The monitor of every run in the harness: it checks largest_increment() every 64 steps.
+/// The monitor of every run: every 64 steps it checks that no particle exceeds largest_increment().
 DivergenceMonitor divergence_monitor(const Scene& scene, int steps, const State& start);
 inline DivergenceMonitor divergence_monitor(const Scene& scene, int steps) {
     return divergence_monitor(scene, steps, scene.state);
 }
 
-/// Finds where a run left its bounds; empty if it did not. The run made `steps` steps since the last rewind()
-/// and ended in the state `last`. It left its bounds between two checks of the backend, or between the last
-/// check and `last`. To find the step, the scene runs once more and is checked after every step, unless that
-/// takes more than a million steps. If `last` is not finite and the second run does not leave its bounds, the
-/// result is empty, and compare() judges the case. `monitor` stays set on the backend.
+/// Finds the step at which a run left the bounds of `monitor`; empty if it did not. The run made `steps`
+/// steps since the last rewind() and ended in the state `last`. To find the step between two checks, the
+/// scene runs once more and is checked after every step. If that takes more than a million steps, the result
+/// is the interval between the checks. If only `last` is not finite, the result may be empty; judge() and
+/// compare() then fail the state. `monitor` stays set on the backend.
 std::optional<Divergence> find_divergence(Backend& backend, SceneRunner& runner,
                                           const DivergenceMonitor& monitor, const State& last, int steps);
 

@@ -16,13 +16,13 @@ namespace voxspring {
 struct RoundingModel {
     Formulation formulation = Formulation::position;
     Precision precision = Precision::float32;
-    /// Relative error of the approximate roots and divisions that its options ask for.
+    /// Relative error of roots and divisions, if the backend's options ask for approximate ones; otherwise 0.
     double root_error = 0;
 
     friend bool operator==(const RoundingModel&, const RoundingModel&) = default;
 };
 RoundingModel rounding_model_of(const BackendSpec& spec);
-/// "increment/float32", followed by the error of its roots if there is one.
+/// "increment/float32", followed by the error of roots if it is not 0.
 std::string to_string(const RoundingModel& model);
 
 /// The largest distances between the reference and runs of it that are rounded as a model says
@@ -31,12 +31,12 @@ std::string to_string(const RoundingModel& model);
 struct Spread {
     double max = 0;  ///< largest distance of a particle
     double rms = 0;  ///< root mean square over all particles
-    /// The farthest that a particle of the reference ends from its start. `max` is compared with it.
+    /// The largest distance of a particle of the reference from its start; `max` is compared with this.
     double motion_max = 0;
     double motion_rms = 0;
     double mean = 0;         ///< distance of the mean positions (Comparison::mean)
     double motion_mean = 0;  ///< how far the reference's mean position ends from its start
-    std::array<double, Statistic::count> statistic{};  ///< differences of statistics(), for a chaotic scene
+    std::array<double, Statistic::count> statistic{};  ///< largest Statistic::difference; 0 unless chaotic
     int runs = 0;
 };
 
@@ -45,32 +45,32 @@ struct Spread {
 /// three runs would be a matter of luck, and further runs take little time.
 int random_runs(std::size_t particles);
 
-/// No bound exceeds this share of the motion. A larger bound would pass a backend that computes something
-/// else.
+/// No bound exceeds this share of the motion, since a larger bound would pass a backend that computes
+/// something else.
 constexpr double max_share_of_motion = 0.1;
-/// The gate in spreads. A spread is the largest of a few runs, and the error of correct arithmetic is about
-/// as large. docs/accuracy.md has the measurements.
+/// The gate in multiples of the spread. A spread is the largest error of a few runs, and a correct backend's
+/// error is about as large. docs/accuracy.md has the measurements.
 constexpr double gate_in_spreads = 4;
 /// A bound below this number of spreads cannot tell a wrong backend from rounding, and is not applied.
 constexpr double min_gate_in_spreads = 2;
-/// Lower limit of the bound on statistics of a chaotic scene, as a share of their size. A statistic is from
-/// one moment of one trajectory, and is noisy because such moments differ.
+/// Lower limit of the bound on a statistic of a chaotic scene, as a share of Statistic::size. A statistic is
+/// of one moment of one trajectory, and is noisy because moments differ.
 constexpr double min_statistics_share = 0.25;
-/// Upper limit of that bound: a backend that does nothing differs by 1.
+/// Upper limit of statistic_gate() as a share of Statistic::size. A backend that does nothing differs by 1.
 constexpr double max_statistics_share = 0.75;
 
 /// The bound on an error with the given spread and motion. `admitted`, a length, is the error that the
 /// options ask for, in addition to rounding; the cap at a share of the motion applies to the sum. Infinite if
 /// rounding alone carries the scene so far that no bound would be meaningful.
 double gate(double spread, double motion, double admitted);
-/// The bound on the error of the mean over all particles. Rounding errors cancel in it, so it shows a wrong
-/// gravity in a few steps of a large body, where each particle moves by less than a position resolves. It is
-/// at least a share of the motion, since a mean may be small by chance in the few runs of a spread.
+/// mean_gate() is at least this share of the motion: a mean may be small by chance in the runs of a spread.
 constexpr double min_share_of_mean = 0.02;
+/// The bound on the error of the mean over all particles. Rounding errors cancel in a mean, so it shows a
+/// wrong gravity in a few steps of a large body, where each particle moves by less than a position resolves.
 double mean_gate(double spread, double motion, double admitted);
 /// Whether rounding carries the scene so far that no displacement can be judged.
 bool is_chaotic(const Spread& spread);
-/// The bound on a statistic of a chaotic scene. Infinite if the statistic is as chaotic as the particles.
+/// The bound on a statistic of a chaotic scene. Infinite if no bound would be meaningful.
 double statistic_gate(double spread, double size);
 
 }  // namespace voxspring

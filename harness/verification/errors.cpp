@@ -75,7 +75,7 @@ double strained_share(const ReferenceSolution& solution, const BackendSpec& spec
     const Spread* const spread = spread_of(solution, rounding_model_of(spec));
     if (spread == nullptr || is_chaotic(*spread)) return 0;
     const double admitted = admitted_error(problem, spec, solution.steps);
-    // If rounding carries single particles too far, the first bound is infinite, and only the second one
+    // If rounding carries single particles too far, the bound on the maximum is infinite, and that on the rms
     // counts.
     const double bound = std::min(gate(spread->max, spread->motion_max, admitted),
                                   gate(spread->rms, spread->motion_rms, admitted));

@@ -32,10 +32,10 @@ struct ReferenceSolution {
     mutable std::optional<StateSummary> summary = {};
     mutable std::map<double, double> strained_shares = {};  ///< results of strained_share(), by its bound
 };
-/// The spread of the runs that are rounded as `model` says, or null if `solution` has none for this model.
+/// The spread of the rounding model `model`; null if `solution` has none for this model.
 const Spread* spread_of(const ReferenceSolution& solution, const RoundingModel& model);
 
-/// What judge() finds.
+/// The result of judge().
 struct JudgedState : Comparison {
     std::optional<Energy> energy;  ///< energy of the state, if judge() needed it
 };
@@ -46,12 +46,12 @@ struct JudgedState : Comparison {
 /// its statistics exceeds statistic_gate().
 JudgedState judge(const ReferenceSolution& solution, const State& state, const BackendSpec& spec);
 
-/// The least share of springs whose effect a run must show, so that it verifies a backend.
+/// The least strained_share() with which a run verifies a backend.
 constexpr double min_strained_share = 0.5;
-/// The share of the springs whose length has changed, at the end of the reference run, by more than the error
-/// that a backend may have. A backend without these springs would fail. That error is the smaller of the
-/// bounds on the largest error and on the root mean square error. A share of 0 means that no displacement is
-/// judged, 1 that there is no spring.
+/// The share of the springs whose length at the end of the reference run differs from the rest length by more
+/// than the error that a backend may have. A backend without these springs would fail. That error is the
+/// smaller of the bounds on the largest error and on the root mean square error. The result is 0 if no
+/// displacement is judged, and 1 if there are no springs.
 double strained_share(const ReferenceSolution& solution, const BackendSpec& spec);
 
 /// The accuracy that a row reports. Unknown values are absent. results/schema.json defines each field.
@@ -61,9 +61,9 @@ struct Errors {
     std::optional<double> total_relative_l2, total_max,
         total_uncertainty;                    ///< against the converged solution
     std::optional<std::string> total_reason;  ///< why the total errors are absent
-    std::optional<double> momentum, energy;
+    std::optional<double> momentum, energy;   ///< drift() from the reference
     bool chaotic = false;
-    std::optional<double> spread;  ///< rms spread of the row's rounding model, as a share of the motion
+    std::optional<double> spread;  ///< Spread::rms / motion_rms for the row's rounding model
 };
 Errors errors_of(const ReferenceSolution& solution, const State& state, const JudgedState& judged,
                  const BackendSpec& spec);

@@ -32,8 +32,8 @@ constexpr double max_plain_updates = 1e7;
 /// Limit of particles times steps of all refined runs together: about a minute on two cores. Beyond it no
 /// total error is computed.
 constexpr double max_refined_updates = 5e9;
-/// The number of first steps of a run on all cores that cpu_reference repeats. Later, two orders of summation
-/// may diverge.
+/// How many of the first steps of a run on all cores are checked against cpu_reference. Later steps may
+/// differ widely, because the two sum in different orders.
 constexpr int max_checked_steps = 100;
 
 /// Whether the scene is too large for the cache and for the check against cpu_reference.
@@ -66,7 +66,7 @@ std::optional<State> unpacked(const std::optional<std::string>& bytes, std::size
     return state;
 }
 
-/// Adds a list of the start's state. The hash is the same whether a list of zeros is left empty or not.
+/// Adds a list of the start's state. An empty list gives the same hash as a list of zeros.
 void add_start(Hash& hash, const std::vector<glm::dvec3>& list, std::size_t particles) {
     if (!list.empty()) return hash.add_numbers(list);
     hash.add_number(particles);
@@ -83,7 +83,7 @@ void add(Hash& hash, const Spring& spring) {
     hash.add_number(spring.rest_length);
 }
 
-/// Adds everything on which a trajectory depends.
+/// Adds everything on which a run of `steps` steps depends.
 void add(Hash& hash, const Scene& scene, int steps) {
     hash.add_number(steps);
     // The structured binding names all members, so that a new member does not compile until it is added here.
@@ -164,7 +164,7 @@ std::vector<std::string> hashes_of(const std::vector<RoundingModel>& models,
     return hashes;
 }
 
-/// How many of the runs of a scene in `counts` steps fit into max_refined_updates together.
+/// How many of the runs of a scene, of counts[0], counts[1]... steps, fit into max_refined_updates together.
 std::size_t affordable_runs(const Scene& scene, const std::vector<int>& counts) {
     double updates = 0;
     for (std::size_t k = 0; k < counts.size(); ++k) {
@@ -174,8 +174,8 @@ std::size_t affordable_runs(const Scene& scene, const std::vector<int>& counts) 
     return counts.size();
 }
 
-/// One step of Neville's scheme: extrapolates to dt = 0 from two values whose time steps have the given
-/// ratio.
+/// One step of Neville's scheme: extrapolates to dt = 0 from two results, whose time steps have the ratio
+/// `ratio`.
 std::vector<glm::dvec3> extrapolate(const std::vector<glm::dvec3>& coarse,
                                     const std::vector<glm::dvec3>& fine, double ratio) {
     std::vector<glm::dvec3> result(fine.size());
@@ -250,7 +250,7 @@ std::string References::name_of_backend(const Scene& scene, int steps) {
     return is_plain(scene, steps) ? reference_backend : parallel_reference_name;
 }
 
-/// Runs the scene from its start. The runner holds the edited problem, which the backend reads until its next
+/// Runs the scene from its start. `runner` holds the edited problem, which `backend` reads until the next
 /// upload.
 void References::play(SceneRunner& runner, int steps, Backend& backend) const {
     runner.rewind(backend);
@@ -287,8 +287,8 @@ void References::check_first_steps(const Scene& scene, int steps) const {
     const auto plain = BackendSpec::parse(reference).make();
     const auto parallel = make_perturbed_reference({});
     const State one = computed(scene, first, *plain), other = computed(scene, first, *parallel);
-    // Both backends compute in float64, and sum forces in different orders. In so few steps they differ by no
-    // more than this, relatively.
+    // Both backends compute in float64, and sum forces in different orders. In so few steps their relative
+    // difference is at most this.
     constexpr double agreement = 1e-9;
     const double apart = relative_difference(other.displacement, one.displacement);
     if (apart <= agreement) return;
@@ -417,11 +417,11 @@ Refined References::refined(const Scene& scene, const Span& span, std::vector<in
     while (counts.size() < asked + doublings && counts.back() <= std::numeric_limits<int>::max() / 2)
         counts.push_back(2 * counts.back());
 
-    // An estimate needs all runs that were asked for, and at least three. If these are not affordable, none
-    // is made.
+    // An estimate needs all runs that were asked for, and at least three runs. If these are not affordable,
+    // no run is made.
     std::size_t affordable = affordable_runs(scene, counts);
     if (affordable < std::min(counts.size(), std::max<std::size_t>(asked, 3))) affordable = 0;
-    std::vector<std::vector<glm::dvec3>> row;  // row of Neville's tableau, the run itself first
+    std::vector<std::vector<glm::dvec3>> row;  // row of Neville's tableau; first the run itself
     std::vector<glm::dvec3> finest_asked;
     for (std::size_t k = 0; k < counts.size(); ++k) {
         if (k == affordable) {
@@ -439,8 +439,8 @@ Refined References::refined(const Scene& scene, const Span& span, std::vector<in
         }
         std::swap(row, next);
         if (k + 1 < asked || row.size() < 3) continue;
-        // We compare with the row before: neighbours within a row are close whether or not it converges,
-        // since their difference is that to the row before divided by up to 4^5 - 1.
+        // We compare with the row before. Neighbours within a row are close even without convergence, since
+        // their difference is the difference from the row before divided by up to 4^5 - 1.
         const std::vector<glm::dvec3>& best = row.back();
         result.uncertainty = relative_difference(next.back(), best);
         result.finest = counts[k];

@@ -18,7 +18,7 @@
 
 namespace voxspring {
 
-/// Returns the scene with another time step and the same motion; `scene` itself if it has that step already.
+/// Returns the scene with another time step and the same motion; a copy of `scene` if it has that step.
 ///
 /// The motion is defined as follows. With g = lambda / (2 - lambda), the integrator is exactly the
 /// second-order central difference of x'' + (2 g / dt) x' = f with f = (force / m + gravity) / (1 - lambda /
@@ -27,14 +27,13 @@ namespace voxspring {
 ///     v(0) = (x(dt) - x(-dt)) / (2 dt) = ((1 - lambda / 2) (x(0) - x(-dt)) + a dt^2 / 2) / dt
 ///
 /// where a = force / m + gravity at the start. Refinement keeps three things: the rate 2 g / dt, f and v(0).
-/// Hence g grows with the step, lambda' = 2 g' / (1 + g'), the mass is divided and gravity multiplied by (1 -
-/// lambda' / 2) / (1 - lambda / 2), and x(0) - x(-dt') = dt' ((1 + g') v(0) - dt' f(0) / 2). Every run is
-/// then of second order, its error is a series in dt^2, and with its own step the scene is unchanged. A scene
-/// at rest has not moved in the step before its start. Its velocity is therefore half a step of acceleration,
-/// and the increments of refined starts are not zero.
+/// Hence g grows in proportion to the step, lambda' = 2 g' / (1 + g'), the mass is divided and gravity
+/// multiplied by (1 - lambda' / 2) / (1 - lambda / 2), and x(0) - x(-dt') = dt' ((1 + g') v(0) - dt' f(0) /
+/// 2). Every run is then of second order, its error is a series in dt^2, and with its own step the scene is
+/// unchanged. A scene at rest has not moved in the step before its start. Its velocity is therefore half a
+/// step of acceleration, and the increments of refined starts are not zero.
 ///
-/// This does not help for scenes with edits or a tool: a force that jumps between two steps reduces the order
-/// to one.
+/// For scenes with edits or a tool every run is only of first order, because a force jumps between two steps.
 Scene at_time_step(const Scene& scene, double time_step);
 
 /// A span of time, as a number of time steps of a given size.
@@ -54,16 +53,15 @@ struct Refined {
     std::string reason;      ///< why `displacement` is empty
 };
 
-/// Computes references, each only once: the latest ones are kept in memory, up to 1 GiB, and all are kept on
-/// disk.
+/// Computes references, each only once: the latest are kept in memory, up to 1 GiB, and all on disk.
 ///
 /// Short runs of small bodies use cpu_reference: one thread and a plain loop over a list of springs. It
-/// shares only the functions of spring.h with the backends under test. Other runs use perturbed_reference.h
-/// on all cores with SIMD. Its first steps are checked against cpu_reference on the same scene. It shares the
-/// filling of SIMD registers (simd/lanes-inl.h) with cpu_parallel, and only the functions of spring.h with
-/// other backends. Beyond four million particles the list of springs may not fit into memory: the check is
-/// left out, and nothing is cached, because reading would take longer than computing the few steps for which
-/// such scenes are timed.
+/// shares only the functions of spring.h with the backends under test. Other runs use PerturbedReference,
+/// without a perturbation, on all cores with SIMD. The first steps are checked against cpu_reference on the
+/// same scene. PerturbedReference shares the filling of SIMD registers (simd/lanes-inl.h) with cpu_parallel,
+/// and only the functions of spring.h with other backends. Beyond four million particles the list of springs
+/// may not fit into memory, so the check is left out. Nothing is kept then, because reading would take longer
+/// than computing the few steps for which such scenes are timed.
 class References {
 public:
     /// Called about ten times per second with the number of steps of a trajectory that are done. An exception
@@ -81,9 +79,9 @@ public:
     /// The displacement at the end of `span` in the limit dt = 0: the reference for total errors. It is
     /// Richardson's extrapolation, by a polynomial in dt^2 through runs of `counts` steps (ascending) and of
     /// repeatedly doubled numbers of steps. Let d be the relative difference between the extrapolations with
-    /// and without the finest run. The extrapolation has converged if d is less than both 0.01 and a
-    /// hundredth of the error of the run of counts.back() steps, or less than 1e-11. It gives up after four
-    /// doublings.
+    /// and without the finest run. The extrapolation has converged if d is at most 0.01 and at most a
+    /// hundredth of the error of the run of counts.back() steps, or if d is at most 1e-11. After four
+    /// doublings, or if further runs would take too long, it gives up; Refined::reason then says why.
     Refined refined(const Scene& scene, const Span& span, std::vector<int> counts);
 
     /// The spread of each rounding model: how far its rounding carries the scene in `steps` steps from
@@ -94,7 +92,7 @@ public:
         return spreads(scene, steps, reference, {model}).front();
     }
 
-    /// The number of trajectories computed so far; those found in memory or on disk do not count.
+    /// How many states after() and refined() have computed; those found in memory or on disk do not count.
     int computed() const { return computed_; }
 
     /// The backend that computes the reference for `steps` steps of the scene, and its name in result rows.
@@ -117,14 +115,13 @@ private:
     int computed_ = 0;
 };
 
-/// A hash of the scene. Two scenes that are equal in every number have the same hash, whatever their names.
+/// A hash of the scene, made by this executable. Scenes equal in every number have the same hash.
 std::string fingerprint_of(const Scene& scene);
 
-/// The plain, single-threaded reference.
+/// The name of the backend that is the plain, single-threaded reference.
 inline const std::string reference_backend = "cpu_reference";
 
-/// The relative L2 difference ||a - b|| / ||b|| of two lists of vectors; 0 if both vanish, infinite if only b
-/// does.
+/// The relative L2 difference ||a - b|| / ||b|| of two lists of vectors; 0 if a = b, else infinite if b = 0.
 double relative_difference(const std::vector<glm::dvec3>& a, const std::vector<glm::dvec3>& b);
 
 }  // namespace voxspring

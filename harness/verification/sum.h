@@ -7,13 +7,13 @@
 
 namespace voxspring {
 
-/// Sums over all i < count: add(part, i) adds element i to a partial sum. The order of summation does not
-/// depend on the number of threads.
+/// Sums over all i < count. add(part, i) adds element i to the partial sum `part`. The order of summation
+/// does not depend on the number of threads.
 template <class Sum, class Add>
 Sum sum_of(std::size_t count, Add add) {
     constexpr std::size_t chunk = 65536;
     std::vector<Sum> parts((count + chunk - 1) / chunk);
-    // For a single chunk it is not worth waking threads, which would then wait for each other.
+    // For a single chunk it is not worth waking the threads.
 #pragma omp parallel for if (parts.size() > 1)
     for (std::ptrdiff_t c = 0; c < std::ptrdiff_t(parts.size()); ++c) {
         const std::size_t begin = std::size_t(c) * chunk;

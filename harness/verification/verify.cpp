@@ -31,8 +31,8 @@ struct Largest {
 
 constexpr std::size_t no_index = std::numeric_limits<std::size_t>::max();
 
-/// Sums over the differences of particles from the reference. worst: the first particle with the largest
-/// difference. infinite: the first particle whose state is not finite.
+/// Sums over the differences of particles from the reference. `worst` is the first particle with the largest
+/// difference, `infinite` the first particle whose displacement is not finite.
 struct Apart {
     double squared_error = 0, squared_reference = 0;
     glm::dvec3 error{0};

@@ -12,7 +12,7 @@ namespace voxspring {
 /// The difference of a state from the reference, over all particles. Lengths are in the scene's unit of
 /// length.
 struct Comparison {
-    bool finite = false;  ///< whether every component of the state is finite; if not, the errors are infinite
+    bool finite = false;     ///< whether every displacement is finite; if not, the errors are infinite
     double relative_l2 = 0;  ///< ||u - u_ref|| / ||u_ref||, u the displacement; 0 if both vanish,
                              ///< infinite if only u_ref does
     double max = 0;          ///< largest |u_i - u_ref_i|
@@ -22,7 +22,7 @@ struct Comparison {
     double tolerance = 0;    ///< bound on `max`; infinite: `max` is not judged
     /// Bound on `rms`; infinite: `rms` is not judged.
     double tolerance_rms = std::numeric_limits<double>::infinity();
-    double tolerance_mean = std::numeric_limits<double>::infinity();  ///< likewise for `mean`
+    double tolerance_mean = std::numeric_limits<double>::infinity();  ///< bound on `mean`; infinite: none
     std::string reason;  ///< why the state failed; empty: it passed
     bool passed() const { return reason.empty(); }
 };
@@ -34,7 +34,7 @@ struct SpringLengths {
 };
 SpringLengths spring_lengths(const Problem& problem);
 
-/// The largest acceleration of a particle by gravity and loads together.
+/// An upper bound on the acceleration of any particle by gravity and loads.
 double forced_acceleration(const Problem& problem);
 
 /// Bound on the largest rounding error of any particle after the few `steps` of a test, computed without a
@@ -42,10 +42,10 @@ double forced_acceleration(const Problem& problem);
 /// spreads.
 ///
 /// Rounding errors of independent sign, of size d per step, drive a free mode as a doubly summed random walk,
-/// by d sqrt(n^3 / 3) / sqrt(3) in the mean. The tolerance is three times that, d n^1.5. n is `steps` plus
-/// two: a start consists of two states, each rounded to the backend's precision as a step would round it. Let
-/// u be half an ulp of 1, l the longest rest length, and U = max|displacement| + n max|increment|, which
-/// bounds how far any particle has been from rest. Then
+/// by d sqrt(n^3 / 3) / sqrt(3) in the mean. The tolerance is three times that, d n^1.5. n is `steps` + 2,
+/// since the two states that a start consists of are each rounded as a step would round them. Let u be half
+/// an ulp of 1, l the longest rest length, and U = max|displacement| + n max|increment|, which bounds how far
+/// any particle has been from rest. Then
 ///
 /// | formulation | d / u | |
 /// | --- | --- | --- |
@@ -85,11 +85,11 @@ double rounding_tolerance(const Problem& problem, const State& reference, Precis
 /// A hash that is the same for states with the same bits.
 std::string fingerprint_of(const State& state);
 
-/// Compares without a tolerance: first finiteness, then sizes, then every component. A reference without
-/// displacements is at rest.
+/// Compares displacements without a tolerance. Comparison::reason is set if one is not finite or if their
+/// number differs from the reference's. A reference without displacements is at rest.
 Comparison differences(const State& state, const State& reference);
 
-/// Sets comparison.reason, which is still empty, if one of its errors exceeds its tolerance.
+/// Sets comparison.reason if `max`, `rms` or `mean` exceeds its tolerance, and otherwise makes it empty.
 void judge(Comparison& comparison);
 
 /// Compares as differences() does, and judges the result by rounding_tolerance().
