@@ -29,7 +29,7 @@ from readme import facts, rows as results  # noqa: E402  # pylint: disable=wrong
 import result_files  # noqa: E402  # pylint: disable=wrong-import-position
 from result_files import distinct, groups, listed, threshold_of, tick_seconds  # noqa: E402  # pylint: disable=wrong-import-position
 
-# Who steps while a body is drawn, where that is not the name of its API.
+# How the table of drawing names an API that steps. Other APIs keep their names.
 DRAWN = {"CUDA": "CUDA, one launch per tick", "CPU": "the processor"}
 
 
@@ -39,7 +39,7 @@ def plain_rows(machine=results.GPU):
 
 
 def on_heart(machine=results.GPU):
-    """The rows of each backend on the heart."""
+    """A list of rows for each backend on the heart."""
     return list(groups((row for row in plain_rows(machine) if row["scene"] == "heart"), "backend").values())
 
 
@@ -49,7 +49,7 @@ def best_on_heart():
 
 
 def architecture():
-    """The rooms as a Mermaid graph. An arrow is an include; one that a path of others implies is left out."""
+    """The rooms (includes_test.ROOMS) as a Mermaid graph. An arrow is an include, left out if other arrows imply it."""
     arrows = {}
     for source, included in includes_test.includes_of(ROOT):
         here, there = includes_test.room_of(source), includes_test.room_of(included)
@@ -101,7 +101,7 @@ def from_due(rows):
 
 
 def handed_over(rows, backend):
-    """The rows of a backend whose steps were handed over one by one, and at once."""
+    """Two rows of a backend: its steps were handed over one by one, and at once."""
     return [next(row for row in rows if (row["backend"], row["handed_over"]) == (backend, way)) for way in ("one by one", "at once")]
 
 
@@ -115,8 +115,8 @@ def fastest_by_size():
 
 
 def undrawn_rows(rows):
-    """(row, the row of the same while the body is drawn, the share of the steps that drawing costs) of a study haptic without
-    edits, by scene and rate. The last two are None where that was not measured."""
+    """(row, the row of the same case while the body is drawn, the share of the steps that drawing costs) of a study haptic without
+    edits, by scene and rate. The last two are None if they were not measured."""
     plain = groups((row for row in rows if not row["edited"]), "scene", "hertz", "name").values()
     pairs = [{bool(row.get("drawn")): row for row in own} for own in plain]
     found = [(pair[False], pair.get(True)) for pair in pairs if False in pair]
@@ -125,11 +125,11 @@ def undrawn_rows(rows):
 
 
 def pauses(row, least):
-    """Pauses per second that are at least this long."""
+    """The number of pauses per second that last at least `least` seconds."""
     return sum(count for begin, count in row["pauses"] if begin > 0.99 * least) / row["waited_seconds"]
 
 
-# Rows in which so many steps fit tell a few percent.
+# A loss of a few percent shows only in a row in which at least this many steps fit into a tick.
 FINEST = 60
 
 
@@ -147,7 +147,8 @@ def drawn_rows():
 
 
 def claimed(machine):
-    """(row, number of tunings, its times in other studies of the machine's files over its own) of each backend on the heart."""
+    """(fastest row, number of tunings, its case's times in the machine's other studies over its own) of each backend on the
+    heart."""
     tried = on_heart(machine)
     studies = [result_files.study_of(path) for path in result_files.within(results.RESULTS / machine)]
     names = [{results.name_of(row): row["real_time"] for row in results.medians(study, machine)
@@ -180,7 +181,7 @@ def durations(machine):
         after, after_resumed = min(((other, again) for of, other, again in parts if of == commit and other > begin), default=(None, False))
         minutes = (after - begin).total_seconds() / 60 if after and not resumed and not after_resumed else None
         rows = len(one["verification"]) or sum(len(one.get(name, [])) for name in comparison.PLACES)
-        # A longer pause is one between two days of measuring.
+        # Half an hour or more is a pause between two days of measuring.
         minutes = minutes if minutes and minutes < 30 else None
         seconds = one["context"]["voxspring"].get("elapsed_seconds")
         yield study, rows, seconds / 60 if seconds else minutes
@@ -194,7 +195,7 @@ def machines_with_cards():
 
 
 def names_of_commits(machine):
-    """The card of a machine, its driver, and the commits of its results with their studies, unless there is one commit only."""
+    """The card of a machine, its driver, and the commits of its results. If there are several commits, each has its studies."""
     found = [(result_files.study_of(path), results.loaded(path)["context"]["voxspring"])
              for path in result_files.within(results.RESULTS / machine)]
     commits = groups(({"study": study, "commit": context["commit"][:8]} for study, context in found), "commit")
@@ -204,8 +205,8 @@ def names_of_commits(machine):
 
 
 def cards_of(one):
-    """What the table of several cards shows of a result of the study scaling: its ways by name, and by body and strategy (row of one rank,
-    cut, {way: row}), where the row of a way has the most ranks."""
+    """(ways, lines) for the table of several cards, from a result of the study scaling. There is a line for each body, strategy and
+    cut: (row of one rank, cut, {way: row of the most ranks})."""
     ways = [way for way in distinct(one["scaling"], "way") if way != "none"]
     lines = []
     for own in groups(one["scaling"], "family", "backend", "tuning").values():

@@ -297,7 +297,8 @@ public:
         });
     }
 
-    /// The address on the card of x, y, z and 0 of each particle in float32, and the card's number.
+    /// The address on the card of the displacements (x, y, z and 0 per particle, float32), and the number of
+    /// the card. Throws Unavailable if the backend has none there.
     std::pair<std::uintptr_t, int> on_card() {
         const nb::gil_scoped_release free;
         if (feed_ == nullptr || uploads_ != simulation().uploads()) {
@@ -320,8 +321,8 @@ private:
         return simulation().state();
     }
 
-    /// The initial number of steps between two checks for signals: they take a fraction of a second on the
-    /// slowest backend.
+    /// The initial number of steps between two checks for signals. These steps take a fraction of a second on
+    /// the slowest backend.
     int first_piece() const { return int(std::clamp(2'000'000 / double(body_.count() + 1), 1.0, 1e6)); }
 
     const Body body_;

@@ -76,8 +76,7 @@ def plain(scene, machine=CARD, **which):
 
 
 def best(several):
-    """(the fastest case, its time). Every other repetition, from the first on, chooses it; its time is the
-    median of the others."""
+    """(the fastest case, its time). Every other repetition, from the first on, chooses it; its time is the median of the others."""
     if len(several) == 1:
         return several[0], several[0].us
     chosen = min(several, key=lambda case: statistics.median(case.times[0::2]) if len(case.times) > 3 else case.us)
@@ -96,7 +95,7 @@ def named(study, scene, label, formulation="position", machine=CARD):
 
 
 def agrees(said, value):
-    """Whether a figure is the value, as rounded to the figure's own digits or to three significant ones."""
+    """Whether the figure `said` is `value`, rounded to as many digits as the figure has or to three significant ones."""
     if isinstance(value, str):
         return said == value
     text = said.replace(",", "")
@@ -118,8 +117,7 @@ def machine_of(words):
 
 
 def tables(page):
-    """Yields (its marker or else its heading, names of columns, [(line number, cells)], machine) for each table
-    of a page."""
+    """Yields for each table of a page: (its marker or else its heading, names of columns, [(line number, cells)], machine)."""
     def cells_of(one):
         return [cell.strip() for cell in one.strip().strip("|").split("|")]
 
@@ -137,8 +135,8 @@ def tables(page):
             yield marker or heading, [re.sub(r", (batches of )?\d+ steps", "", name) for name in header.values()], rows, machine_of(origin)
 
 
-# --- Tables: what the figures of a row are. An audit makes of the row's cells, the header and the machine {the name of a column, or its
-# number: the value}, or a list of (words after that name, part of the cell, value) where a cell has several figures.
+# --- Tables. An audit takes the cells of a row, the header and the machine. It returns {name or number of a column: value}. If a
+# cell has several figures, its value is a list of (words after the name of the column, part of the cell, value).
 
 def each(value_of, first=2):
     """Makes an audit of all cells from column `first` on, except dashes: value_of(first cell of the row, name
@@ -147,7 +145,7 @@ def each(value_of, first=2):
 
 
 def with_second(cell, value, words, second):
-    """The two figures of a cell, the second one in parentheses. `words` says what that one is."""
+    """The two figures of a cell, of which the second is in parentheses and is told by `words`."""
     return [("", cell, value), (words, cell[cell.rindex("("):], second)]
 
 
@@ -204,7 +202,7 @@ def fastest(cells, header, machine):
 
 
 def across_cards(cells, header, _):
-    """A dataset, and the fastest strategy and its time on each card."""
+    """Audits the row of a dataset: its fastest strategy and the time of that on each card."""
     scene, formulation, *precision = cells[0].split(" ")
     values, times = {}, []
     for at, column in enumerate(header):
@@ -366,8 +364,7 @@ def gates(cells, header, _):
     return dict(enumerate(values, 3))
 
 
-# The audits of tables, by the table's marker, by the name of its last column, or by (heading, name of its first
-# column).
+# The audits of tables, by the table's marker, by the name of its last column, or by (heading, name of its first column).
 AUDITED = {"heart": heart, "claims": claimed, "float64": float64, "gates": gates, "launches": launches, "sizes": each(sizes),
            "ticks": ticks, "empty_steps": each(empty_steps, 0), "last over first": across_cards, "of the target": targets,
            ("Table 1", "time per step"): of_steps("table1"), ("Figure 7", "time per step"): of_steps("figure7"),
@@ -399,8 +396,7 @@ def edit(backend):
                key=lambda case: case["edits"])["edit_seconds_median"] * 1e6
 
 
-# Patterns of the words around a figure, each with a function that computes the figure. A blank stands for any
-# white space.
+# Patterns of the words around a figure, each with a function that computes the figure. A blank stands for any white space.
 SENTENCES = {
     r"reaches ([\d.]+) times the arithmetic of a fragment shader": lambda: (lambda of: of["compute_shader_float32_operations_per_second"] /
         of["float32_operations_per_second"])(limits_of("table1")["OpenGL"]),

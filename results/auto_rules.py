@@ -5,9 +5,9 @@ Usage: auto_rules.py [--check]
 
 For each API, for formulations by increments and for others, for bodies that fill less than half of their lattice and for others,
 and for ranges of particle counts around the bodies of `fastest` and `figure8`: its backends in the order of their times there, each
-with the tuning that was fastest. The first one that a device has and that takes the scene is chosen; of a scene that is edited the
-first one whose edits do not cost it its place: `edited` says how many steps there have to be between two of them. --check writes
-nothing and exits with 1 if the file is not what the results say.
+with the tuning that was fastest. The first one that a device has and that takes the scene is chosen. If the scene is edited, a
+backend that `edited` lists is passed over unless two edits are at least that many steps apart. --check writes nothing and exits
+with 1 if the file is not what the results say.
 """
 
 import itertools
@@ -25,8 +25,7 @@ LAST = {"CPU": ["cpu_explicit", "cpu_reference"]}
 OCCUPANCIES = ((0, 0.5), (0.5, None))
 # Formulations by increments, in which a spring takes about twice as many instructions (by_increments() in C++).
 BY_INCREMENTS = ("increment", "compensated")
-# The datasets that count. Other bodies lack springs of their lattice, and some of the fastest backends refuse
-# them.
+# The datasets that count. Other bodies lack springs of their lattice, and some of the fastest backends refuse them.
 DATASETS = ("box", "heart")
 
 
@@ -110,15 +109,15 @@ def rules():
 
 
 def min_steps_between_edits():
-    """For a CUDA backend: the least number of steps between edits from which on it is at most 10% slower than
-    the backend that is the fastest with the most frequent edits. Only backends that are slower by more with the
-    most frequent edits, and not with the rarest."""
+    """{CUDA backend: the least number of steps between edits from which on it keeps up}. A backend keeps up if it takes at most 10%
+    longer than the backend that is the fastest with the most frequent edits. Only backends are listed that do not keep up with the
+    most frequent edits, but do with the rarest."""
     import pandas  # pylint: disable=import-outside-toplevel
     times = pandas.DataFrame([{"interval": row["steps"] / row["edits"], "backend": row["backend"], "time": row["real_time"]}
                               for row in rows.medians("edits") if row["family"] == "CUDA"])
     times = times.pivot_table(index="interval", columns="backend", values="time", aggfunc="last")
     keeps_up = times.le(1.1 * times[times.iloc[0].idxmin()], axis="index")
-    # `keeps` is true where the backend does not keep up: the result is the interval after the last such one.
+    # `keeps` is true where the backend does not keep up. The result is the interval after the last of these.
     return {backend: times.index[keeps.to_numpy().nonzero()[0][-1] + 1]
             for backend, keeps in (~keeps_up).items() if keeps.iloc[0] and not keeps.iloc[-1]}
 

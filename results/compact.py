@@ -3,8 +3,8 @@
 
 Usage: compact.py RESULT.json...
 
-The compressed file holds every byte of the other, which goes once it has been read back. The same result gives the
-same bytes. `zcat RESULT.json.gz` prints it again; every script here and `voxspring advise --results` read either.
+The compressed file holds every byte of the other, which is removed once the compressed one has been read back. The same result
+gives the same bytes. `zcat RESULT.json.gz` prints it again; every script here and `voxspring advise --results` read either.
 """
 
 import argparse

@@ -17,14 +17,15 @@ It is said, and rows are judged relative to it.
 With a threshold t, a row is slower if it stands out from the shift by more than its margin and takes 1 + t times as long or more. Margins
 are those of Benjamini and Hochberg (1995) at 5% over all rows of a file. Of a file in which nothing changed, that is the chance that any
 row is called slower or faster. A lone row among m has to pass 5%/m, rows that change together less. To reach margin and threshold a row is
-excused a shift of t/2 at most, so that a shift makes no unchanged row a changed one and hides no changed one. A run is slower as a whole
-if its shift is t or more, of times by the host's clock 30%, or if more rows are slower than t than are faster, by a sign test: half of the
-rows are too many for any to stand out. Faster likewise. A row is the same if its 95% interval relative to the shift is within the
-threshold, or if it changed by less than that. The rest is too noisy to tell.
+excused a shift of t/2 at most, so that a shift makes no unchanged row a changed one and hides no changed one. A run is slower as a
+whole if its shift is t or more (30% for times by the host's clock), or if more rows are slower by t than faster, by a sign test: if
+half of the rows change, none of them stands out. It is faster as a whole if its shift is as large the other way. A row is the same
+if its 95% interval relative to the shift is within the threshold, or if it changed by less than that. The rest is too noisy to
+tell.
 
-Of a row that its run marked (`noisy`), and of a backend that adds in any order, only a change beyond 30% is one; so it is where fewer than
-4 rows show what runs differ by. By the host's clock or without repetitions as well, only one beyond three times the time is one.
-results/README.md says how often the rule is wrong.
+A change counts only beyond 30% for a row that its run marked (`noisy`), for a backend that adds in any order, and for a kind of
+which fewer than 4 rows show what runs differ by. In such a kind, times by the host's clock or without repetitions have to change by
+a factor of 3. results/README.md says how often the rule is wrong.
 
 A counter, which a result's context describes, has no statistics: it is better or worse if it changed by more than the threshold in
 the direction that its result says. Errors are of one state and have no statistics: one grew if it is more than the error factor times
@@ -69,23 +70,21 @@ CONFIDENCE = 0.95
 # The shift of a run is a factor that all of its times share. It is estimated from at least SHIFT_ROWS rows, and
 # the noise between runs from at least NOISE_ROWS rows.
 SHIFT_ROWS, NOISE_ROWS = 8, 4
-# Degrees of freedom of Student's t for the noise between runs. With at most FEW_ROWS rows the scale of the
-# noise is uncertain, too: then they are half of the rows less one, which by simulation keeps false alarms below
-# FALSE_ALARMS.
+# Degrees of freedom of Student's t for the noise between runs. With at most FEW_ROWS rows the scale of the noise is uncertain, too:
+# then they are half of (rows - 1), which by simulation keeps false alarms below FALSE_ALARMS.
 TAILS, FEW_ROWS = 4, 5
-# Margins, as logarithms of a ratio, for noise that was not measured. UNKNOWN_NOISE is for rows that their run
-# marked (harness/device/noise.h marks a row that moved by more than a third of it) and for rows of a kind that
-# has fewer than NOISE_ROWS. Such a kind has SINGLE_NOISE if the host's clock took its times or rows have no
-# repetitions, such as a start: a processor's row took 2.6 times as long in one of four studies of an hour. The
-# noise between runs is never taken to be larger than SINGLE_NOISE.
+# Margins, as logarithms of a ratio, for noise that was not measured. UNKNOWN_NOISE is for rows that their run marked
+# (harness/device/noise.h marks a row whose repetitions differ by more than a third of that) and for rows of a kind that has fewer
+# than NOISE_ROWS. Such a kind has SINGLE_NOISE if the host's clock took its times or rows have no repetitions, such as a start: a
+# processor's row took 2.6 times as long in one of four studies of an hour. The noise between runs is never taken to be larger than
+# SINGLE_NOISE.
 UNKNOWN_NOISE, SINGLE_NOISE = math.log(1.3), math.log(3)
 # Metrics in these units are judged as times are if less of them is better. The others, per joule, are inverses
 # of such metrics and are not judged again.
 TIMED_UNITS = ("s", "J", "1/J")
 # Nothing can be told of a row whose margin, the logarithm of a ratio, is larger than this.
 UNTELLABLE = 20
-# A change counts as having reached a threshold if its logarithm falls short by no more than this rounding
-# error.
+# A change counts as having reached a threshold if its logarithm falls short by no more than this rounding error.
 ROUNDING = 1e-9
 # The least shift of a run, the logarithm of a ratio, that is worth a sentence.
 SAID_SHIFT = 0.002
@@ -127,7 +126,7 @@ class Row:
     errors: dict = dataclasses.field(default_factory=dict)
     floors: dict = dataclasses.field(default_factory=dict)
     by_chance: dict = dataclasses.field(default_factory=dict)  # how large an error could be by chance in another run of the same program
-    # Name: values of the repetitions. Only counters of which more or less is better.
+    # {name: values of the repetitions}, only for counters of which more or less is better.
     counters: dict = dataclasses.field(default_factory=dict)
     chaotic: bool = False
     # In a comparison across devices: the file does not say which share of its device's limit the row reaches.
@@ -143,8 +142,7 @@ def identity_of(row):
 
 
 class Result:
-    """A result file: `rows` by (identity, place), and `unmeasured`, the reasons of failed and skipped cases by
-    identity."""
+    """A result file: `rows` by (identity, place), and `unmeasured`, the reasons of failed and skipped cases by identity."""
 
     def __init__(self, path, across):
         self.path = path
@@ -244,8 +242,7 @@ class Result:
             known[0].counters.setdefault(counter, []).extend(values)
 
     def card(self, backend):
-        """(identity, name) of the device to which the noise of a backend belongs: the same one whatever an API
-        calls the device."""
+        """(identity, name) of the device to which the noise of a backend belongs: the same one whatever an API calls the device."""
         name, card = self.device(backend)
         return (card, self.context.get("gpu") or name) if card else (name, name)
 
@@ -272,7 +269,7 @@ def same_tuning(identity, row, others):
 
 
 def rename(old, new):
-    """Gives rows of `old` the tuning that `new` has for them."""
+    """Gives rows of `old` the tuning that `new` has for them. Returns for how many contenders."""
     identities = [{identity: rows[0] for (identity, _), rows in result.rows.items()} for result in (old, new)]
     lone = [{i: row for i, row in mine.items() if i not in other} for mine, other in (identities, identities[::-1])]
     names = {identity: same_tuning(identity, row, lone[1]) for identity, row in lone[0].items()}
@@ -288,8 +285,7 @@ def quartiles(times):
 
 @functools.cache
 def weights(count):
-    """The probability of each of `count` repetitions, in ascending order, to be the median of a bootstrap
-    resample."""
+    """The probability of each of `count` repetitions, in ascending order, to be the median of a bootstrap resample."""
     import numpy  # pylint: disable=import-outside-toplevel  # so that --help of diff.py and report.py needs no packages
     import scipy.special  # pylint: disable=import-outside-toplevel
     return numpy.diff(scipy.special.betainc((count + 1) / 2, (count + 1) / 2, numpy.arange(count + 1) / count))
@@ -332,14 +328,13 @@ def noise_between(values, errors):
     return high
 
 
-# A row that has times in both files, and what their noise depends on. device: (identity, name). by_host:
-# whether the host's clock took the times. unknown: whether its run marked the row, or its backend adds in any
-# order.
+# A row that has times in both files, and what their noise depends on. device: (identity, name). by_host: whether the host's clock
+# took the times. unknown: whether its run marked the row, or its backend adds in any order.
 Timed = collections.namedtuple("Timed", "row device api kind by_host unknown")
 
 
 def judge_times(timed, threshold):
-    """Completes the times of rows with verdicts; returns the verdict of each and the shifts of the run."""
+    """Adds shift, interval and least change to the times of rows. Returns the verdict of each row, and the shifts of the run."""
     import numpy  # pylint: disable=import-outside-toplevel
     import scipy.special  # pylint: disable=import-outside-toplevel
     times, counts = [one.row["time"] for one in timed], [one.row["repetitions"] for one in timed]
@@ -415,8 +410,7 @@ def judge_times(timed, threshold):
 
 @functools.cache
 def is_clearly_slower(times, other, marked):
-    """Whether `other` takes longer than `times` (two rows of one run) by more than the threshold and than
-    repetitions vary by."""
+    """Whether `other` takes longer than `times` (two rows of one run) by more than the threshold and than repetitions vary by."""
     import scipy.special  # pylint: disable=import-outside-toplevel
     if min(len(times), len(other)) < 3:
         return False
@@ -440,8 +434,7 @@ def grown(old, new, factor):
 
 
 def moved(counters, less_is_better, threshold):
-    """[names of the counters that became worse, names of those that became better], with their old and new
-    values."""
+    """[names of the counters that became worse, names of those that became better], with their old and new values."""
     words = ([], [])
     for name, (before, after) in sorted(counters.items()):
         if max(before, after) > (1 + threshold) * min(before, after):
@@ -527,8 +520,7 @@ def judge_state(a, b, row, differ, options):
 
 
 def check_devices(old, new, options):
-    """Refuses files without a common backend, and results of two devices unless options.across_devices asks for
-    them."""
+    """Refuses files without a common backend, and results of two devices unless options.across_devices asks for them."""
     backends = [result.backends_of_rows for result in (old, new)]
     tried = [of | {identity[1] for identity in result.unmeasured["failed"]} for of, result in zip(backends, (old, new))]
     if not tried[0] & tried[1]:

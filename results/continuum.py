@@ -118,7 +118,7 @@ class Solid:
 
 
 def deflection(name, law, load, fine):
-    """The mean displacement of the end along its pattern, weighted by it."""
+    """The mean displacement of the end along the pattern of its load, weighted by the pattern."""
     case = CASES[name]
     mesh = mesh_of(case, fine)
     solid = Solid(mesh)

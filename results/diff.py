@@ -106,8 +106,7 @@ def times_line(row):
 
 
 def terminal(found, shown):
-    """Prints the rows. Each has its name, its times and its notes on separate lines, so that none of them is
-    cut."""
+    """Prints the rows. Each has its name, its times and its notes on separate lines, so that none of them is cut."""
     on_terminal = sys.stdout.isatty()
     width = max(shutil.get_terminal_size((WIDTH, 0)).columns, LEAST_WIDTH) if on_terminal else WIDTH
     coloured = on_terminal and "NO_COLOR" not in os.environ
@@ -135,7 +134,7 @@ def terminal(found, shown):
 
 
 def series(path):
-    """(name, unit, the number and the quartiles of its times) of each case of a result. Services take times in nanoseconds."""
+    """Yields (name, unit, number of times, their quartiles) for each case of a result. Services take times in nanoseconds."""
     names = collections.Counter()
     for (identity, place), rows in comparison.Result(path, False).rows.items():
         where = place_of({"place": {key: json.loads(value) for key, value in place}})

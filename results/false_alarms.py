@@ -14,7 +14,7 @@ twenty-one pairs:
 --resample makes such pairs of single results, of studies that share rows and were measured by one commit on one card. Either side of a
 pair has repetitions drawn from those of the file, with replacement. The second side takes another time by what really differed: a row by
 the ratio of a row of its backend (of its API, where its backend shares few rows) in two of the files, and an API as a whole by the drift,
-a standard deviation. So the rows' noise is measured, and the pairs are not.
+a standard deviation. So the noise of rows is measured, but the pairs are simulated.
 
 Exit code: 0 there is no false alarm, or pairs were resampled; 1 there are some; 2 bad input.
 """
@@ -76,7 +76,8 @@ def api_of(result, backend):
 
 
 def differences(results):
-    """By backend and by API: how far unchanged rows of two studies lie from the shift of their API, as logarithms of ratios."""
+    """{("backend" or "API", name): how far unchanged rows of two studies lie from the shift of their API, as logarithms of
+    ratios}."""
     found = collections.defaultdict(list)
     for old, new in itertools.combinations(results, 2):
         for row in comparison.pair(old, new, comparison.Rule())[0]:
@@ -88,7 +89,8 @@ def differences(results):
 
 
 def resampled(result, generator, away=None, drift=0):
-    """Another run of a result's rows that have repetitions."""
+    """A simulated further run of the rows that have repetitions: their times are drawn from these. With `away`, which differences()
+    made, rows and APIs also take other times, as between real runs."""
     drifts = collections.defaultdict(lambda: generator.gauss(0, drift))
     other = copy.copy(result)
     other.rows = {}

@@ -81,8 +81,7 @@ class Tables:
 
 
 def render(text, names, page):
-    """The page that a template makes. Raises Stale, which names the line and the sentence of everything that is
-    wrong."""
+    """The page that a template makes. Raises Stale, which names the line and the sentence of everything that is wrong."""
     wrong, made, line = [], [], 1
     # A blank line ends a paragraph; no expression contains one.
     for paragraph in re.split(r"(\n{2,})", text):

@@ -7,11 +7,11 @@ FOLDER (results/<machine>) gets STUDY.json.gz of each study. A file that this pr
 stays, so that a second call goes on where the first was cut short: within a study, too. --check measures nothing: it says which
 files are stale, and why.
 
-The machine is the GPU if CUDA has one, several of them, or else the processor; its studies are in the table below. Where there
-are several, only `scaling` is measured unless others are named, which take the first card; CUDA_VISIBLE_DEVICES=0 leaves one.
-More than two cards step only the largest bodies of `scaling`.
+The machine is the GPU, or the GPUs, that CUDA has, otherwise the processor; its studies are in the table below. With several GPUs
+only `scaling` is measured, unless others are named: these take the first GPU. CUDA_VISIBLE_DEVICES=0 leaves one GPU.
+More than two GPUs step only the largest bodies of `scaling`.
 `peers` is measured where it is named, by the command of the Python package: remake.py --program env/bin/voxspring
-results/<machine> peers. It refuses a program that was built from a tree with changes, since no commit has what it would
+results/<machine> peers. A program that was built from a tree with changes is refused, since no commit has what it would
 measure.
 
 A study that ends before its result is whole ends the run, and keeps its journal.
@@ -35,7 +35,7 @@ HERE = pathlib.Path(__file__).resolve().parent
 # Headline tables first, so that a run that is cut short has them. haptic plays in real time, for some four minutes.
 GPU_STUDIES = ("table1", "fastest", "figure8", "figure7", "as_paper", "edits", "skips", "formulations", "tuning", "pareto", "stability",
                "stress", "overhead", "energy", "haptic")
-# On several cards: what these change, which is how steps are divided between them.
+# The studies on several cards: only those whose steps are divided between the cards.
 MULTI_GPU_STUDIES = ("scaling",)
 # More than two cards are for the largest bodies: smaller ones hardly pay on two.
 SCENES_ON_MANY_GPUS = ["--scene", "box@256", "--scene", "box@512"]

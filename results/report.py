@@ -6,10 +6,10 @@ Usage: report.py [RESULTS...] [-o report.html] [--pictures FOLDER [--program VOX
 
 RESULTS are results of `voxspring study` (RESULT.json, or compressed RESULT.json.gz), or folders, which are searched for such
 files; the folder of this script unless some are named. Several files of one study on one machine add its history. --pictures
-shows the datasets: VOXSPRING draws them into FOLDER, where they stay until it is newer; without it those that are there are
-shown. --figures writes every chart of the page into FOLDER as an SVG file as well. The page needs no network. It is written in
-one go, and its path printed: after any error, which names file, key and value and exits with 2, the old one is as it was. It
-takes Python 3.11 and the packages in requirements.txt, which `./run report` installs in the source tree.
+shows the datasets: VOXSPRING draws the pictures that FOLDER lacks or that are older than the program; without --program those
+in FOLDER are shown. --figures writes every chart of the page into FOLDER as an SVG file as well. The page needs no network. It is
+written in one go, and its path is printed. An error names file, key and value, exits with 2 and leaves the old page as it was.
+report.py takes Python 3.11 and the packages in requirements.txt, which `./run report` installs in the source tree.
 """
 
 import argparse

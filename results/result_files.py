@@ -15,7 +15,7 @@ SUFFIXES = (".json", ".json.gz")
 GZIP = b"\x1f\x8b"
 
 
-# Tables write the spread of repetitions beside a median if it is at least this share of it.
+# Tables write the spread of repetitions beside their median if it is at least this share of the median.
 MIN_SPREAD = 0.03
 
 
@@ -24,7 +24,7 @@ class BadInput(Exception):
 
 
 def refuse(script, reason):
-    """Ends a script for bad input."""
+    """Prints the reason why input cannot be used, and exits with 2."""
     print(f"{pathlib.Path(script).name}: {reason}", file=sys.stderr)
     sys.exit(2)
 
@@ -39,8 +39,7 @@ def shown(value, longest=60):
 
 
 def load(path):
-    """Reads a result from a file of any name. Refuses it unless it is a JSON object of a version that is
-    supported."""
+    """Reads a result from a file of any name. Refuses it unless it is a JSON object of a version that is supported."""
     expected = "expected a result that `voxspring study` wrote"
     try:
         data = path.read_bytes()
@@ -86,8 +85,7 @@ def unlike(row, key, value):
 
 
 def contradictions(result):
-    """Yields (place, value, expected) for each contradiction within a result, which a faulty program wrote or
-    somebody edited."""
+    """Yields (place, value, expected) for each contradiction within a result, which a faulty program wrote or somebody edited."""
     rows = {name: [row for row in content if isinstance(row, dict)] for name, content in result.items() if isinstance(content, list)}
     verdicts = {str(row.get("name")): row for row in rows.get("verification", [])}
     for index, row in enumerate(rows.get("verification", [])):
@@ -178,8 +176,7 @@ def check(path, data, schema, name="", at=""):
 
 
 def name_of(row):
-    """The name of a row's case: scene/backend/formulation/precision, then the tuning that is not at its
-    default."""
+    """The name of a row's case: scene/backend/formulation/precision, then the tuning that is not at its default."""
     return row["name"].split("/iterations:")[0]
 
 
@@ -239,9 +236,8 @@ LEAST_SPREAD = 0.01
 
 
 def as_known(value, *spreads, decimals=2):
-    """A ratio with the digits that its spreads justify: 92 for 91.79 with a spread of 4%. The unit of the last
-    digit is at most twice the root of the sum of the squared spreads. The same rule as ratio_text() in
-    harness/results/print.h."""
+    """A ratio with the digits that its spreads justify: 92 for 91.79 with a spread of 4%. The unit of the last digit is at most
+    twice the root of the sum of the squared spreads. The same rule as ratio_text() in harness/results/print.h."""
     uncertain = 2 * max(math.hypot(*(spread or 0 for spread in spreads)), LEAST_SPREAD) * abs(value)
     place = max(math.floor(math.log10(uncertain)), -decimals) if uncertain else -decimals
     return f"{round(value, -place):.{max(0, -place)}f}"
@@ -297,9 +293,9 @@ def listed(parts):
 
 
 def medians(benchmarks, verification):
-    """The median rows of `benchmarks`, in their order, with four more keys. times: those of the repetitions,
-    or the median if there are none. bound: the bound on its error. partly: how many repetitions were verified;
-    empty if all were. threshold: both, as tables show them."""
+    """The median rows of `benchmarks`, in their order, with four more keys. times: those of the repetitions, or the median if there
+    are none. bound: the bound on the row's error. partly: how many repetitions were verified; empty if all were. threshold: bound
+    and partly, as tables show them."""
     times = groups((row for row in benchmarks if row.get("run_type") == "iteration"), "run_name", "steps")
     verdicts = {row["name"]: row for row in verification}
 

@@ -1,4 +1,4 @@
-// BadInput: what a user wrote cannot be used. It is the one exception that becomes exit code 2.
+// BadInput: what a user wrote cannot be used. The program then exits with code 2.
 #pragma once
 
 #include <filesystem>
@@ -8,12 +8,12 @@
 
 namespace voxspring {
 
-/// Stands for a value that is missing.
+/// Tells the constructor of BadInput that the key is missing.
 struct Missing {};
 inline constexpr Missing missing;
 
-/// `FILE: KEY: VALUE is not accepted; expected ACCEPTED`, or `FILE: KEY is missing; expected ACCEPTED`.
-/// Always one line of printable characters: control characters are escaped and long values are cut.
+/// Says `FILE: KEY: VALUE is not accepted; expected ACCEPTED`, or `FILE: KEY is missing; expected ACCEPTED`.
+/// The message is one line of printable characters: control characters are escaped and long values are cut.
 class BadInput : public std::runtime_error {
 public:
     /// `file` is the file or argument that was read, `key` the place in it (empty: all of it), `value` the
@@ -28,7 +28,8 @@ class TooLarge : public BadInput {
     using BadInput::BadInput;
 };
 
-/// Throws BadInput unless `file` is a regular file. A pipe or a device might never end.
+/// Throws BadInput, which says that `accepted` was expected, unless `file` is a regular file. A pipe or a
+/// device might never end.
 void require_regular_file(const std::filesystem::path& file, std::string_view accepted);
 
 }  // namespace voxspring

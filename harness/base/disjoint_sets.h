@@ -9,7 +9,8 @@
 
 namespace voxspring {
 
-/// A set is named by its smallest index. At first each index is alone.
+/// Sets of the indices below `count`. A set is named by its smallest index. At first each index is a set by
+/// itself.
 class DisjointSets {
 public:
     explicit DisjointSets(std::size_t count) : parent_(count) {

@@ -5,9 +5,8 @@
 
 namespace voxspring {
 
-/// The hash of the executable's file. It changes with the compiler, the flags and every line of code, while
-/// one commit may be built in two ways, and a tree may differ from its commit. The file is read once per
-/// process.
+/// The hash of the executable's file. Unlike the commit's hash, it also changes with the compiler, the flags
+/// and code that is not committed. The file is read once per process.
 const std::string& fingerprint_of_executable();
 
 }  // namespace voxspring

@@ -17,12 +17,13 @@
 namespace voxspring {
 namespace {
 
-// The temporary file that is being written. A signal's handler removes it, and may not touch a std::string.
+// The path of the temporary file that is being written. It is an array because the signal handler that
+// removes the file must not use a std::string.
 char unfinished_file[PATH_MAX];
 volatile std::sig_atomic_t unfinished_file_is_known = 0;
 
 /// While this object lives, remove_unfinished_file() removes the file at `path`. The destructor leaves the
-/// file alone. A path of PATH_MAX bytes or more is not removed.
+/// file alone. A file whose path has PATH_MAX bytes or more is not removed.
 class Unfinished {
 public:
     explicit Unfinished(const std::string& path) {
@@ -36,7 +37,8 @@ public:
     ~Unfinished() { unfinished_file_is_known = 0; }
 };
 
-/// A name that no file has. The process's number is in it, so no other process picks the same name.
+/// A path that no file has: `path` and a suffix. The suffix has the ID of this process, so that no other
+/// process picks the same path.
 std::string unused_name_beside(const std::filesystem::path& path) {
     std::error_code error;
     const std::string stem = path.string() + "." + std::to_string(getpid()) + "-";
@@ -46,7 +48,7 @@ std::string unused_name_beside(const std::filesystem::path& path) {
     return stem + std::to_string(number);
 }
 
-/// Whether `path` is written in place: a pipe or a device cannot be replaced by a file.
+/// Whether `path` is a pipe or a device. These are written in place, because a file cannot replace them.
 bool is_pipe_or_device(const std::filesystem::path& path) {
     struct stat status {};
     return stat(path.c_str(), &status) == 0 && !S_ISREG(status.st_mode) && !S_ISDIR(status.st_mode);
@@ -100,10 +102,10 @@ void write_atomically(const std::filesystem::path& asked, const std::string& tex
     }
     const std::filesystem::path path = behind_links(asked);
     const std::string temporary = unused_name_beside(path);
-    // Registered before the file exists: a signal may come right after it does.
+    // Registered before the file exists, since a signal may come as soon as the file is created.
     const Unfinished unfinished(temporary);
-    // The mode is that of any file that the user writes. The kernel applies the umask: to read it here we
-    // would have to change it for all threads.
+    // The kernel takes the umask off 0666, as for any new file. We could not read the umask without changing
+    // it for all threads.
     const int file = open(temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
     if (file < 0) fail("cannot write");
     const bool done = write_all(file, text) && fsync(file) == 0;

@@ -8,8 +8,8 @@
 namespace voxspring {
 
 /// Replaces `path` by `text` in one step: a reader sees the old file or the new one. If `path` is a symbolic
-/// link, the file behind it is replaced. A pipe or a device is written in place. Throws std::system_error,
-/// leaving `path` as it was.
+/// link, the file behind it is replaced. A pipe or a device is written in place. If writing fails, throws
+/// std::system_error and leaves a file at `path` as it was.
 void write_atomically(const std::filesystem::path& path, const std::string& text);
 
 /// Removes the temporary file of a write_atomically() that is under way: for the handler of a signal that
@@ -22,8 +22,8 @@ bool write_all(int file, std::string_view text);
 /// as the file system can ensure it.
 void sync_folder_of(const std::filesystem::path& file);
 
-/// Throws BadInput unless `path` ends in `extension`, is no folder and lies in a folder where a file can be
-/// created. `option` is the name of the argument in the message.
+/// Throws BadInput unless `path` ends in `extension` and can be written: a pipe, a device, or a file (no
+/// folder) in a folder where files can be created. `option` is the name of the argument in the message.
 void check_writable(const std::filesystem::path& path, const std::string& option,
                     const std::string& extension);
 

@@ -46,11 +46,12 @@ json parsed(std::string_view text, const std::string& file) {
     try {
         return json::parse(text, check);
     } catch (const json::parse_error& error) {
-        // The parser's own column is 0 behind a line's end.
+        // Line and column are counted here: the parser's column is 0 just after the end of a line.
         const std::string_view read = text.substr(0, std::min(error.byte, text.size()));
         const auto line = 1 + std::count(read.begin(), read.end(), '\n');
         const auto column = std::max<std::size_t>(read.size() - (read.rfind('\n') + 1), 1);
-        // "[...] parse error at line 3, column 7: syntax error while parsing ... - WHAT; expected ..."
+        // The message is "[...] parse error at line 3, column 7: syntax error while parsing ... - WHAT;
+        // expected ..."
         const std::string message = error.what();
         const auto expected = message.find("; expected "), dash = message.find(" - ");
         const auto what = dash == std::string::npos ? message.find(": ") + 2 : dash + 3;
@@ -95,8 +96,8 @@ double JsonValue::number(double low, double high) const {
 std::int64_t JsonValue::integer(std::int64_t low, std::int64_t high) const {
     const std::string accepted = "a whole number from " + std::to_string(low) + " to " + std::to_string(high);
     if (!is_number()) refuse(accepted);
-    // The comparison is exact: the bounds are within +-(2^53 - 1), and no integer beyond them rounds to one
-    // of them.
+    // The comparison is exact: `low` and `high` are within +-(2^53 - 1), and no integer beyond a bound is
+    // rounded to that bound.
     const auto number = value_->get<double>();
     if (!(number >= double(low) && number <= double(high)) || std::floor(number) != number) refuse(accepted);
     return static_cast<std::int64_t>(number);

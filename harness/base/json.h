@@ -20,7 +20,8 @@ namespace voxspring {
 
 class JsonObject;
 
-/// One value of a document. Keeps the document alive.
+/// One value of a JSON document, and a share in the ownership of that document. number() to object() throw
+/// BadInput if the value is not of the kind that they return.
 class JsonValue {
 public:
     bool is_number() const;
@@ -33,7 +34,7 @@ public:
     double number() const;
     /// A number within [low, high].
     double number(double low, double high) const;
-    /// A whole number within [low, high]; 3.0 is one. The bounds are within +-(2^53 - 1).
+    /// A whole number within [low, high]; 3.0 counts as whole. Both bounds are within +-(2^53 - 1).
     std::int64_t integer(std::int64_t low, std::int64_t high) const;
     bool boolean() const;
     /// A string that is not empty.
@@ -48,7 +49,7 @@ public:
 
     [[noreturn]] void refuse(std::string_view accepted) const;
 
-    /// The value's place in the document; empty for the root.
+    /// The place of the value in the document, such as "dataset.dims[1]"; empty for the root.
     const std::string& path() const { return path_; }
     const std::string& file() const;
     /// The value as compact JSON.
@@ -71,13 +72,15 @@ class JsonObject {
 public:
     explicit JsonObject(JsonValue value);
 
-    /// The value of `key`, if it is there.
+    /// The value of `key`; nullopt if the object has no such key.
     std::optional<JsonValue> find(const std::string& key);
-    /// The value of `key`; refuses an object without it, saying that `accepted` was expected.
+    /// The value of `key`. If the object has no such key, throws BadInput, which says that `accepted` was
+    /// expected.
     JsonValue require(const std::string& key, std::string_view accepted = "a value");
-    /// All keys and values. All of them then count as accepted.
+    /// All keys and values. From then on finish() accepts every key.
     std::vector<std::pair<std::string, JsonValue>> items();
-    /// Refuses the first key that was never asked for, and names the keys that were.
+    /// Throws BadInput if a key was never asked for. The message names this key and the keys that were asked
+    /// for.
     void finish() const;
 
     bool contains(const std::string& key) const;
@@ -95,8 +98,9 @@ private:
 /// Repeated keys in an object, nesting beyond 32 levels and numbers that overflow a double are refused.
 JsonObject parse_json(std::string_view text, const std::string& file);
 
-/// `value` as JSON text, in one line or with `indent` blanks per level. Bytes that are not UTF-8, which names
-/// of files or devices may have, become U+FFFD, since nlohmann::json::dump() would throw for them.
+/// `value` as JSON text: in one line if `indent` is -1, otherwise with `indent` blanks per level. Bytes that
+/// are not UTF-8, which names of files or devices may have, become U+FFFD: nlohmann::json::dump() alone would
+/// throw for them.
 std::string json_text(const nlohmann::json& value, int indent = -1);
 
 /// `text` with U+FFFD in place of bytes that are not UTF-8, as in json_text().
@@ -108,10 +112,12 @@ inline constexpr int scene_schema_version = 1;
 inline constexpr int study_schema_version = 1;
 inline constexpr int result_schema_version = 1;
 
-/// Refuses a document whose `schema_version` is beyond `newest`. A document without the key has version 1.
+/// Throws BadInput unless `schema_version` is a whole number from 1 to `newest`. A document without it has
+/// version 1.
 void check_schema_version(JsonObject& document, int newest);
 
-/// The object in a file of at most 16 MiB, which may be compressed by gzip.
+/// Reads a JSON object from a file, which may be compressed by gzip. The text has at most 16 MiB. Throws
+/// BadInput.
 JsonObject read_json(const std::filesystem::path& file);
 
 }  // namespace voxspring

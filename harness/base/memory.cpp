@@ -9,15 +9,15 @@
 namespace voxspring {
 namespace {
 
-/// The limit in `file`; no_memory_limit if there is no such file or it says "max".
+/// The limit in `file`, in bytes; no_memory_limit if there is no such file or it says "max".
 std::uint64_t limit_in(const std::filesystem::path& file) {
     std::ifstream stream(file);
     std::uint64_t bytes = 0;
     return stream >> bytes ? bytes : no_memory_limit;
 }
 
-/// The smallest limit of `group` and of the groups above it, in the hierarchy mounted at `root`. A container
-/// may see its group as the root, whatever the group is called outside.
+/// The smallest limit, in bytes, that the files `name` of `group`, of the groups above it and of `root` give.
+/// `root` is where the control groups are mounted; a container may see its group there.
 std::uint64_t min_limit(const std::filesystem::path& root, std::filesystem::path group,
                         const std::string& name) {
     std::uint64_t limit = limit_in(root / name);
@@ -36,7 +36,7 @@ bool has_word(const std::string& list, const std::string& word) {
 std::uint64_t cgroup_memory_limit(const std::filesystem::path& groups, const std::filesystem::path& root) {
     std::uint64_t limit = no_memory_limit;
     std::ifstream stream(groups);
-    // A line is NUMBER:CONTROLLERS:GROUP. Version 2 has the number 0 and no controllers.
+    // A line is NUMBER:CONTROLLERS:GROUP. Version 2 of control groups has the number 0 and no controllers.
     for (std::string line; std::getline(stream, line);) {
         const auto first = line.find(':');
         const auto second = line.find(':', first + 1);

@@ -47,7 +47,7 @@ void Ticker::start(Seconds first, Seconds between) {
     if (thread_.joinable()) return;
     between_ = between;
     next_ = Clock::now() + first;
-    // The ticker's thread blocks all signals: they go to the thread that works, and end its waits.
+    // The ticker's thread blocks all signals: they go to the thread that works, whose waits they interrupt.
     sigset_t all, before;
     sigfillset(&all);
     pthread_sigmask(SIG_SETMASK, &all, &before);

@@ -17,7 +17,7 @@ namespace voxspring {
 /// A duration as text: "3 h 20 min", "12 min", "45 s".
 std::string duration_text(double seconds);
 
-/// Calls a function periodically from a separate thread, which takes no signals.
+/// Calls a function periodically from a separate thread, which receives no signals.
 class Ticker {
 public:
     using Seconds = std::chrono::duration<double>;
@@ -26,11 +26,11 @@ public:
     Ticker& operator=(const Ticker&) = delete;
     ~Ticker() = default;
 
-    /// The first call is made after `first`, each further one `between` later. Does nothing if it runs
-    /// already.
+    /// The first call is made after `first`, each further one `between` later. Does nothing if the thread
+    /// already runs.
     void start(Seconds first, Seconds between);
     void stop() { thread_ = {}; }
-    /// Postpones the next call as if a call had been made now. The caller holds the mutex.
+    /// Postpones the next call as if a call had been made now. The caller holds mutex().
     void postpone() { next_ = std::chrono::steady_clock::now() + between_; }
     /// The mutex, which is held while the function is called.
     std::mutex& mutex() { return mutex_; }
@@ -59,8 +59,8 @@ public:
 
     /// Task `what` begins now; how long it takes is unknown.
     void begin(const std::string& what);
-    /// `fraction` of the current task is done, from 0 to 1. The time left is estimated from the time taken so
-    /// far.
+    /// `fraction` of the current task is done, from 0 to 1; `detail` is shown behind its name. The time left
+    /// is estimated from the time taken so far.
     void done(double fraction, const std::string& detail);
     /// No task is under way any more: removes the line from a terminal.
     void end();
@@ -77,8 +77,9 @@ private:
     Ticker ticker_{[this] { write(); }};  ///< declared last, so destroyed first: it uses all other members
 };
 
-/// Progress of a study. Unless it writes to a terminal it also writes one line per scene. The time left is a
-/// guess: it assumes that the remaining work is as fast as the finished work, although backends differ.
+/// Progress of a study. If standard error is no terminal, a line is also written for each finished scene. The
+/// time left is a guess: it assumes that the remaining work is as fast as the finished work, although
+/// backends differ.
 class Progress {
 public:
     struct Scene {
@@ -95,10 +96,10 @@ public:
     ~Progress();
 
     void begin(const std::string& scene);
-    /// The scene is at `what`, and `done` of `total` is finished. Work finished before the first call was
-    /// done by an earlier run, and does not count for the speed of this one.
+    /// The current scene is at task `what`, and `done` of `total` is finished. What the first call reports as
+    /// finished was done by an earlier run, and does not count for the speed of this run.
     void show(const std::string& what, int done, int total);
-    /// Only `cases` cases can run in scene number `scene`, counted from 0.
+    /// Corrects the number of cases of scene number `scene`, counted from 0: only `cases` cases can run.
     void expect(std::size_t scene, int cases);
     /// The scene is finished and has given `rows` rows.
     void end(int rows);

@@ -23,7 +23,8 @@ double relative_spread(const std::vector<double>& values);
 /// value.
 double standard_deviation(const std::vector<double>& values);
 
-/// The value that `fraction` of the values do not exceed. `sorted` is ascending and not empty.
+/// The smallest value that at least the share `fraction` of the values does not exceed. `sorted` is ascending
+/// and not empty.
 double percentile(const std::vector<double>& sorted, double fraction);
 
 /// The bins that are not empty, ascending: where each begins, in seconds, and how many values lie in it.

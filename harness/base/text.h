@@ -22,7 +22,7 @@ std::string si(double value, const std::string& unit);
 /// "1.25": `value` with `digits` digits after the point.
 std::string fixed_text(double value, int digits);
 
-/// "1.2e-05".
+/// `value` with two significant digits, like "1.2e-05".
 std::string error_text(double value);
 
 /// `word`, quoted for a shell if necessary.

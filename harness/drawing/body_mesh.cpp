@@ -27,8 +27,8 @@ std::size_t around(glm::ivec3 offset) {
     return std::size_t(index);
 }
 
-/// Eight voxels share a corner of a voxel. This is the offset from that voxel to the n-th of them. Along each
-/// axis it is 0, or 1 for one voxel further towards the corner.
+/// The offset from a voxel to the n-th of the eight voxels that share one of its corners, in steps towards
+/// that corner: 0 or 1 along each axis. Voxel 0 is the voxel itself.
 glm::ivec3 place_of(unsigned n) { return {n & 1, n >> 1 & 1, n >> 2}; }
 
 /// The vertex of "surface nets" in a cube of eight voxel centres, where bit n of `inside` tells whether voxel
@@ -179,7 +179,7 @@ private:
     std::unordered_map<std::uint64_t, std::uint32_t> by_place_;
 };
 
-/// Fills mesh.particles, and replaces the particles that vertices follow by indices into it.
+/// Fills mesh.particles, and lets vertices follow indices into that list instead of particles.
 void number_particles(BodyMesh& mesh) {
     for (const BodyMesh::Vertex& vertex : mesh.vertices)
         mesh.particles.insert(mesh.particles.end(), vertex.follows.begin(),

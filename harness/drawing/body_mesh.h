@@ -16,11 +16,11 @@ namespace voxspring {
 /// active voxels whose spring is cut. Faces share their vertices. At rest a vertex lies at the mean of the
 /// points where the edges between the voxel centres around it cross the surface ("surface nets"), so that
 /// slopes have no stairs. In motion the mean displacement of the particles that the vertex follows is added.
-/// These are the up to eight particles around it that springs connect, so that a cut opens.
+/// A vertex follows those of the up to eight particles around it that springs connect, so that a cut opens.
 struct BodyMesh {
     struct Vertex {
         glm::vec3 rest{0};
-        std::uint32_t count = 0;                 ///< number of particles that it follows, at least 1
+        std::uint32_t count = 0;                 ///< number of particles that the vertex follows, at least 1
         std::array<std::uint32_t, 8> follows{};  ///< indices into `particles`
     };
 
@@ -39,8 +39,8 @@ inline constexpr std::size_t max_faces = std::size_t(1) << 24;
 /// the surface has more than max_faces faces.
 BodyMesh mesh_of(const Problem& problem);
 
-/// A surface of triangles in which vertex n follows particle n. A face of it has its last
-/// corner twice. Throws std::runtime_error if it has more than max_faces.
+/// Makes a surface of triangles in which vertex n follows particle n. A triangle is a face whose last two
+/// corners are equal. Throws std::runtime_error if there are more than max_faces triangles.
 BodyMesh mesh_of(const std::vector<glm::dvec3>& rest,
                  const std::vector<std::array<std::uint32_t, 3>>& triangles);
 

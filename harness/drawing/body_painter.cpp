@@ -17,7 +17,7 @@ namespace {
 // The layout that shaders/mesh_vertices.comp reads.
 static_assert(sizeof(BodyMesh::Vertex) == 12 * sizeof(float));
 
-/// An empty texture with a number of samples per pixel; 0: a plain one.
+/// An empty texture with `samples` samples per pixel. If that is 0, the texture is not a multisample one.
 gl::Texture picture_texture(const gl::Context& context, GLenum format, glm::ivec2 size, int samples) {
     GLuint name = 0;
     glCreateTextures(samples > 0 ? GL_TEXTURE_2D_MULTISAMPLE : GL_TEXTURE_2D, 1, &name);

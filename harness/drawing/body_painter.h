@@ -88,7 +88,7 @@ private:
     View view_{.size = {0, 0}};  ///< the view of the picture
     gl::Texture colour_, depth_, resolved_colour_;
     gl::Framebuffer target_;
-    gl::Framebuffer resolved_;  ///< the means of samples, if there are any
+    gl::Framebuffer resolved_;  ///< has the mean of the samples of each pixel; unused without samples
 };
 
 }  // namespace voxspring

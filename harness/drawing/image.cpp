@@ -14,7 +14,7 @@ void append_big_endian(std::string& bytes, std::size_t number) {
     for (const int shift : {24, 16, 8, 0}) bytes += char(number >> shift & 255);
 }
 
-/// A chunk that holds a keyword and its text.
+/// A chunk of a PNG file that holds a keyword and its text.
 std::string text_chunk(const std::string& keyword, const std::string& text) {
     const std::string content = "tEXt" + keyword + '\0' + text;
     std::string chunk;

@@ -72,7 +72,8 @@ void write(Image& image, std::string_view text, int left, int top, int dot) {
     }
 }
 
-/// "0.25", "1e-5": without the padding that printf adds to exponents.
+/// `value` with `digits` significant digits, like "0.25" or "1e-5". The exponent is not padded, as printf
+/// does.
 std::string short_text(double value, int digits) {
     std::string text = fmt::format("{:.{}g}", value, digits);
     const std::size_t e = text.find('e');
@@ -138,7 +139,7 @@ void draw_legend(Image& image, const Scale& scale) {
     constexpr int most_letters = 40;
     const int dot =
         std::max(1, std::min(int(height * 0.18 / letter_height), (right - left) / (most_letters * advance)));
-    const int share = image.height - int(height);  // uppermost row of pixels of the legend
+    const int share = image.height - int(height);  // the legend's uppermost row of pixels
     const int above =
         std::min(top - (letter_height + 1) * dot, std::max(share, top - (letter_height + 3) * dot));
 

@@ -17,9 +17,8 @@ enum class Colouring : std::uint8_t {
     error,         ///< distance from the float64 reference after the same steps
 };
 
-/// "displacement" or "error".
 std::string to_string(Colouring colouring);
-/// The colouring with that name; nullopt for any other text.
+/// The colouring called "displacement" or "error"; nullopt for any other text.
 std::optional<Colouring> colouring_called(const std::string& text);
 
 /// Maps a colouring's values to 0 to 1: displacements linearly from 0, errors by their logarithm over at most
@@ -49,10 +48,10 @@ private:
     double max_, largest_;
 };
 
-/// Evenly spaced knots of a piecewise linear colour map on 0 to 1. The maps are matplotlib's viridis for
-/// displacements and plasma for errors (Smith, van der Walt and Firing, CC0), at every 17th of their 256
-/// entries. Both are perceptually uniform and readable with every kind of colour vision. Interpolation stays
-/// within 7/255 of the full tables.
+/// The number of evenly spaced knots of each colour map, which is linear between them. The maps are
+/// matplotlib's viridis for displacements and plasma for errors (Smith, van der Walt and Firing, CC0), at
+/// every 17th of their 256 entries. Both are perceptually uniform and readable with every kind of colour
+/// vision. Interpolation stays within 7/255 of the full tables.
 inline constexpr int colour_knots = 16;
 const std::array<Colour, colour_knots>& colours_of(Colouring colouring);
 

@@ -15,7 +15,7 @@
 namespace voxspring {
 namespace {
 
-/// Like mesh_of(), but throws Unavailable if the body has no surface, which is no failure of a thread.
+/// Like mesh_of(), but throws Unavailable if the body has no surface, since that is no failure of drawing.
 BodyMesh mesh_or_absent(const Problem& problem) {
     try {
         return mesh_of(problem);

@@ -52,8 +52,8 @@ public:
     /// To be called after the backend has been given `edit`, which must outlive this drawing. The drawing
     /// thread then rebuilds the mesh.
     void follow(const SpringEdit& edit);
-    /// Connects the backend to the present mesh if that is new. It takes longer than a tick may and belongs
-    /// between two ticks. Until it is called nothing is handed over. Throws DeviceError.
+    /// Connects the backend to the latest mesh. Until this is called, nothing is handed over for a new mesh.
+    /// It takes longer than a tick may, so call it between two ticks. Throws DeviceError.
     void follow_mesh();
 
     /// The number of finished pictures.

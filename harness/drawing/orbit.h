@@ -45,7 +45,7 @@ public:
     Ray through(glm::dvec2 pixel, glm::ivec2 size) const;
     /// The distance of a place from the eye along the viewing direction.
     double distance_to(const glm::dvec3& place) const;
-    /// The unit vector from the point that it looks at towards the eye.
+    /// The unit vector from the point that the camera looks at towards the eye.
     glm::dvec3 backward() const;
 
 private:

@@ -27,7 +27,7 @@ struct ArrayBytes {
 inline std::string numpy_type(const ArrayBytes& array) {
     return (array.width == 1 ? '|' : '<') + (array.kind + std::to_string(array.width));
 }
-/// The shape of rows of numbers as numpy writes it: "(3, 2)", or "(3,)" of one number per row.
+/// The shape of rows of numbers as numpy writes it: "(3, 2)", or "(3,)" if a row is one number.
 inline std::string numpy_shape(std::size_t rows, std::size_t columns) {
     return "(" + std::to_string(rows) + "," + (columns > 1 ? " " + std::to_string(columns) : "") + ")";
 }

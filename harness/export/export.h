@@ -33,13 +33,13 @@ std::string list_formats();
 /// Parses the size of a picture or a window, "640x480". Throws BadInput, which names --size.
 glm::ivec2 parse_size(const std::string& text);
 
-/// The largest number of pictures in the series `frames` if `every` is absent.
+/// The largest number of pictures in the series `frames` of a run without `every`.
 inline constexpr int max_frames = 50;
 
 /// The export options of `voxspring run`.
 struct ExportOptions {
     std::vector<std::filesystem::path> out;
-    std::optional<int> every;                     ///< steps between the files of a series
+    std::optional<int> every;                     ///< steps between the files of a series; absent: no series
     std::optional<std::filesystem::path> frames;  ///< folder of a series of pictures, created if missing
     /// What the colours of pictures show, a Colouring; absent: displacement.
     std::optional<std::string> colour;
@@ -61,9 +61,9 @@ struct ExportOptions {
 /// write() will get to look_at().
 class Exports {
 public:
-    /// Throws BadInput if an ending is not in writers(), a folder is not writable, `every` is given without a
-    /// path, two series would share a .pvd file, or options of pictures are given without a picture. Throws
-    /// Unavailable if there is no OpenGL to draw pictures with.
+    /// Throws BadInput if an ending is not in writers(), a folder is not writable, `every` is given without
+    /// `out`, `frames` or `tool_force`, two series would share a .pvd file, or options of pictures are given
+    /// without a picture. Throws Unavailable if there is no OpenGL to draw pictures with.
     Exports(const ExportOptions& options, int steps);
     ~Exports();
     Exports(const Exports&) = delete;

@@ -152,7 +152,7 @@ public:
         check(file_ ? ZIP_OK : ZIP_ERRNO);
     }
 
-    /// `shape` as numpy writes it: "(3,)".
+    /// Adds an array of this shape, as numpy writes it: "(3,)".
     void array(const std::string& name, const std::string& shape, const ArrayBytes& array) {
         std::string header =
             fmt::format("{{'descr': '{}', 'fortran_order': False, 'shape': {}, }}", numpy_type(array), shape);

@@ -61,9 +61,9 @@ std::string npz(const Snapshot& snapshot);
 
 /// Binary STL, float32.
 std::string stl(const Snapshot& snapshot);
-/// Text. Numbers read back as the same bits.
+/// OBJ, as text. Numbers read back as the same bits.
 std::string obj(const Snapshot& snapshot);
-/// Binary little-endian, float64.
+/// PLY, binary little-endian, float64.
 std::string ply(const Snapshot& snapshot);
 /// VTK UnstructuredGrid. Its cells are tetrahedra if the body was made of a mesh of tetrahedra, otherwise
 /// triangles. Point data: displacement (float64, 3). Field data: TimeValue and step.

@@ -36,9 +36,9 @@ public:
     /// OpenGL, and DeviceError.
     Pictures(Colouring colouring, glm::ivec2 size);
 
-    /// Snapshots must be of one scene, which must outlive the last of them, and come in the order of their
-    /// steps. An earlier step than the last starts the float64 run anew. Throws std::runtime_error if
-    /// the body has no surface, and DeviceError.
+    /// Extends the camera and the scale to a snapshot. All snapshots must be of one scene, which outlives
+    /// them, and come in the order of their steps: an earlier step starts the float64 run anew. Throws
+    /// DeviceError, and std::runtime_error if the body has no surface.
     void look_at(const Snapshot& snapshot);
     /// A PNG file of a snapshot. Its text chunk "voxspring" has JSON with the scene, particles, steps,
     /// backend, coloured_by, the snapshot's largest value of that quantity, and the device that drew it.

@@ -153,8 +153,8 @@ void check_scene(NpzReader& file, const Scene& scene) {
                     "the time step of the scene " + scene.name + ", " + std::to_string(problem.time_step));
 }
 
-/// The lattice direction from `first` to `second`, or null if they are not neighbours in the order of lattice
-/// springs.
+/// The lattice direction from `first` to `second`; null if no lattice spring can lead from `first` to
+/// `second`.
 const Direction* direction_between(const Problem& problem, std::uint32_t first, std::uint32_t second) {
     const Lattice& lattice = problem.lattice;
     if (first >= second || second >= lattice.voxel.size()) return nullptr;
@@ -230,7 +230,7 @@ bool before(const Spring& a, const Spring& b) {
            std::tie(b.first, b.second, b.stiffness, b.rest_length);
 }
 
-/// The part of each edit that still applies to `problem` as the edits before it left it.
+/// The part of each edit that still applies to `problem` after the edits before it have been made.
 std::vector<ScheduledEdit> still_applying(Problem problem, const std::vector<ScheduledEdit>& edits) {
     SpringEditor editor(problem);
     std::vector<ScheduledEdit> made;

@@ -14,11 +14,11 @@
 
 namespace voxspring {
 
-/// ` name="1"`
+/// An attribute as XML: ` name="1"`.
 inline std::string attribute(const std::string& name, std::size_t value) {
     return fmt::format(" {}=\"{}\"", name, value);
 }
-/// ` name="1 0 0.5"`
+/// An attribute of several numbers as XML: ` name="1 0 0.5"`.
 inline std::string attribute(const std::string& name, const std::vector<double>& numbers) {
     return fmt::format(" {}=\"{:.17g}\"", name, fmt::join(numbers, " "));
 }

@@ -24,7 +24,7 @@ using Motion = Eigen::Vector4d;
 /// The particles in the box around a place.
 struct Box {
     std::array<std::uint32_t, cells> particle;
-    std::array<glm::dvec3, cells> offset;  ///< from that position to the particle, in voxels
+    std::array<glm::dvec3, cells> offset;  ///< from the place to the particle, in voxels
     int nearest = -1;                      ///< cell of the nearest particle; -1: the box is empty
 
     int cell_of(std::uint32_t i) const {
@@ -36,8 +36,8 @@ struct Box {
 /// For each cell of a box, whether springs connect its particle to a certain other particle of the box.
 using Connected = std::array<bool, cells>;
 
-/// Fits an affine motion to the motion of the particles in the cells `of`, by weighted least squares. Its
-/// value at the centre of the box is a weighted sum of their motions. Returns these weights, whose sum is 1.
+/// A weight for the motion of each particle in the cells `of`. The weighted sum of their motions is the
+/// motion at the centre of the box by the affine motion that fits them best (weighted least squares).
 std::array<double, cells> weights(const Box& box, const Connected& of) {
     std::array<double, cells> weight{};
     double sum = 0;
@@ -65,9 +65,9 @@ std::array<double, cells> weights(const Box& box, const Connected& of) {
     for (std::size_t n = 0; n < cells; ++n) {
         if (weight[n] > 0) spread += weight[n] * (offset(n) - centre) * (offset(n) - centre).transpose();
     }
-    // Along a direction in which the particles have no extent there is no gradient.
+    // The gradient is 0 along directions in which the particles have no extent.
     const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> axes(spread / sum);
-    // In voxels squared; a further layer of particles, 1 voxel away, adds more than this.
+    // The largest extent that counts as none, in voxels squared. A second layer of particles adds more.
     constexpr double none = 1e-6;
     Eigen::Vector3d slope = Eigen::Vector3d::Zero();
     for (int k = 0; k < 3; ++k) {
@@ -200,8 +200,8 @@ private:
         return box;
     }
 
-    /// The cells that springs within the box connect to `first`: the present springs, or those that the
-    /// lattice has without cuts.
+    /// The cells that springs within the box connect to the cell `first`. If `present`, the springs that
+    /// exist now; otherwise those that existed before any cut.
     Connected connected_to(const Box& box, int first, bool present) const {
         Connected reached{};
         std::array<int, cells> waiting{};
@@ -261,7 +261,7 @@ private:
     }
 
     /// Separates the mesh at cuts: where two sides of a cut share a vertex, makes the triangles or tetrahedra
-    /// of one side use a copy of it. Appends the copies to `items` and `out.rest`.
+    /// of one side use a copy of that vertex. Appends the copies to `items` and `out.rest`.
     template <class Cell>
     void part(std::vector<Cell>& all, const std::vector<std::uint8_t>& is_cut, std::vector<Item>& items,
               CarriedMesh& out) {
@@ -279,7 +279,8 @@ private:
         }
     }
 
-    /// Vertex `v`, or the copy of it that goes with the particle `guide`.
+    /// The vertex that stands for `v` in a cell that follows the particle `guide`: `v`, or its copy across a
+    /// cut.
     std::uint32_t vertex_beside(std::uint32_t v, std::uint32_t guide, std::vector<Item>& items,
                                 CarriedMesh& out) {
         const Box box = box_at(source_.mesh.points[v]);
@@ -288,7 +289,7 @@ private:
             !connected_to(box, box.nearest, false)[std::size_t(cell)])
             return v;
         const Connected side = connected_to(box, cell, true);
-        // A side is named by its first particle.
+        // A side of a cut is named by its first particle.
         const auto first = std::size_t(std::find(side.begin(), side.end(), true) - side.begin());
         const std::uint64_t name = std::uint64_t(v) << 32U | box.particle[first];
         const auto [copy, is_new] = copies_.try_emplace(name, std::uint32_t(out.rest.size()));

@@ -15,7 +15,7 @@
 
 namespace voxspring {
 
-/// A mesh as the body carries it.
+/// A mesh, deformed with its body.
 struct CarriedMesh {
     /// Where the vertices are at rest: first those of the mesh in their order, then copies at cuts.
     std::vector<glm::dvec3> rest{};
@@ -23,7 +23,7 @@ struct CarriedMesh {
     std::vector<double> value{};             ///< one per vertex; empty if no values were given
     std::vector<Triangle> triangles{};       ///< the mesh's triangles in order, some with copies as corners
     std::vector<Tetrahedron> tetrahedra{};
-    std::size_t copies = 0;  ///< vertices behind those of the mesh
+    std::size_t copies = 0;  ///< number of copied vertices
 };
 
 /// Deforms a mesh with the body that was made of it. `problem` is that body; edits may have cut its springs.

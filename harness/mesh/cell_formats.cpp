@@ -1,4 +1,4 @@
-// Readers of cells: VTK's legacy files and Gmsh's. Of a cell with nodes on its edges the corners are kept.
+// Readers of cells: VTK's legacy files and Gmsh's. Nodes that are not corners are left out.
 #include <fmt/format.h>
 
 #include <array>
@@ -12,7 +12,7 @@
 namespace voxspring {
 namespace {
 
-/// Cells of a kind that is neither triangle, polygon nor tetrahedron, counted for a note.
+/// Adds a note if `others`, the number of cells other than triangles, polygons and tetrahedra, is not 0.
 void note_others(Mesh& mesh, std::size_t others) {
     if (others > 0)
         mesh.notes.push_back(
@@ -110,7 +110,7 @@ private:
         }
     }
 
-    /// The type at the end of a line, behind which data begins.
+    /// Reads the type at the end of a line. The data begins on the next line.
     std::string_view begin_data() {
         const std::string_view type = bytes_.word();
         bytes_.line();
@@ -159,7 +159,8 @@ private:
                           "CELL_TYPES for CELLS");
         for (std::size_t n = 0; n < cells_.size(); ++n) {
             const std::vector<std::uint32_t>& cell = cells_[n];
-            // VTK's numbers: triangle 5, polygon 7, quadrangle 9, tetrahedron 10; quadratic 22, 23, 24.
+            // VTK's numbers: triangle 5, polygon 7, quadrangle 9, tetrahedron 10; quadratic triangle 22,
+            // quadrangle 23, tetrahedron 24.
             const std::int64_t type = types_[n];
             const std::size_t corners = type == 5 || type == 22                               ? 3
                                         : type == 9 || type == 23 || type == 10 || type == 24 ? 4
@@ -187,7 +188,7 @@ private:
 
 // --- Gmsh ---------------------------------------------------------------------------------------------
 
-/// Versions 2 and 4.1, as text and binary.
+/// Reads Gmsh's versions 2 and 4.1, as text and binary.
 class GmshReader {
 public:
     explicit GmshReader(MeshBytes& bytes) : bytes_(bytes) {}
@@ -273,7 +274,7 @@ private:
         }
     }
 
-    /// The nodes of an element of this type.
+    /// The number of nodes of an element of this type.
     int nodes_of(std::int32_t type) const {
         static const std::map<int, int> nodes = {{1, 2},   {2, 3},   {3, 4},   {4, 4},   {5, 8},   {6, 6},
                                                  {7, 5},   {8, 3},   {9, 6},   {10, 9},  {11, 10}, {12, 27},
@@ -309,7 +310,8 @@ private:
         const std::uint64_t count = text_count();
         const auto node = [&] { return std::uint64_t(small()); };
         for (std::uint64_t n = 0; n < count;) {
-            // As text each element has these numbers, otherwise each block of elements.
+            // In a text file each element has a type and tags. In a binary file they come once for several
+            // elements.
             std::uint64_t block = 1;
             if (layout_ == NumberLayout::text) (void)small();
             const std::int32_t type = small();

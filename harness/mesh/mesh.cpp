@@ -56,7 +56,7 @@ void check(const Mesh& mesh) {
     check_indices(mesh, mesh.tetrahedra, "tetrahedron");
 }
 
-/// The faces of the tetrahedra that no two of them share, counter-clockwise from outside.
+/// The faces that belong to only one tetrahedron, counter-clockwise from outside.
 std::vector<Triangle> boundary_of(const Mesh& mesh) {
     struct Face {
         Triangle key, corners;
@@ -142,7 +142,7 @@ Mesh read_mesh(const std::filesystem::path& path) {
     require_regular_file(path, "a mesh");
     std::ifstream stream(path, std::ios::binary);
     if (!stream) throw BadInput(file, "", "an unreadable file", "a file that can be read");
-    // What is made of a file takes up to 16 times its bytes.
+    // The data made from a file takes up to 16 times the bytes of the file.
     const std::uint64_t size = std::filesystem::file_size(path), most = memory_limit() / 16;
     if (size > most)
         throw TooLarge(file, "size", fmt::format("{} bytes", size),

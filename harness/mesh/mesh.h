@@ -2,7 +2,7 @@
 //
 // Files are not trusted: no memory is allocated because of a number that a file states, every index is
 // checked and every coordinate is finite. The order of the vertices is that of the file, so that the deformed
-// mesh replaces the one that came in.
+// mesh can replace the original one.
 #pragma once
 
 #include <array>
@@ -33,14 +33,14 @@ struct Mesh {
 
 /// Reads a mesh; its format follows from its name. Throws BadInput.
 Mesh read_mesh(const std::filesystem::path& file);
-/// Reads a mesh from the bytes of a file, whose name messages state.
+/// Reads a mesh from the bytes of `file`, whose name gives the format and appears in messages.
 Mesh parse_mesh(std::string_view bytes, const std::string& file);
 /// Whether read_mesh() accepts a file with this name.
 bool is_mesh_name(const std::string& name);
-/// The endings of such names, for messages: ".stl, .obj, ... or .msh".
+/// The endings of the names that is_mesh_name() accepts, for messages: ".stl, .obj, ... or .msh".
 std::string mesh_endings();
 
-/// For each point the first point at the same place.
+/// For each point the index of the first point at the same place.
 std::vector<std::uint32_t> welded(const std::vector<glm::dvec3>& points);
 
 }  // namespace voxspring

@@ -50,7 +50,7 @@ public:
         return value;
     }
 
-    /// Whether all of `text` is a number.
+    /// Whether all of `text` is a number. If so, sets `value` to it.
     template <class Number>
     static bool parse(std::string_view text, Number& value) {
         if (text.starts_with('+')) text.remove_prefix(1);
@@ -66,7 +66,7 @@ private:
     std::size_t at_ = 0;
 };
 
-/// Adds the triangles of a polygon, a fan around its first corner. Fewer than three corners are nothing.
+/// Adds the triangles of a polygon, a fan around its first corner. Fewer than three corners add nothing.
 template <class Corners>
 void add_polygon(Mesh& mesh, const Corners& corners) {
     for (std::size_t n = 2; n < corners.size(); ++n)
@@ -80,7 +80,7 @@ Mesh read_ply(MeshBytes& bytes);
 Mesh read_vtk(MeshBytes& bytes);
 Mesh read_gmsh(MeshBytes& bytes);
 
-/// Returns `index` as a vertex index. If it is negative or too large: an index that no mesh has.
+/// Returns `index` as a vertex index. A negative or too large one becomes an index that no mesh has.
 inline std::uint32_t vertex_index(std::int64_t index) {
     constexpr std::int64_t none = 0xFFFFFFFF;
     return std::uint32_t(index < 0 || index > none ? none : index);

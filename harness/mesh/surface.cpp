@@ -54,9 +54,9 @@ struct Piece {
     std::vector<std::uint32_t> triangles;
     double area = 0;
     glm::dvec3 area_vector{0}, centre{0};
-    double volume = 0;  ///< signed, as seen from its centre
-    /// Whether the piece encloses a volume, rather than being a nearly flat patch. The ratio of the two areas
-    /// is 0 for a closed piece, 1/2 for a half sphere and 1 for a flat patch.
+    double volume = 0;  ///< positive if the triangles face outwards
+    /// Whether the piece encloses a volume, rather than being a nearly flat patch. The length of area_vector,
+    /// over area, is 0 for a closed piece, 1/2 for a half sphere and 1 for a flat patch.
     bool is_shell() const { return glm::length(area_vector) < 0.75 * area; }
 };
 
@@ -92,7 +92,7 @@ private:
     void find_pieces() {
         struct Neighbours {
             std::array<std::uint32_t, 3> triangle;
-            std::array<bool, 3> is_turned;  ///< both triangles run along the edge in the same direction
+            std::array<bool, 3> is_turned;  ///< whether both triangles run along the edge in one direction
             std::uint32_t count = 0;
         };
         std::vector<Neighbours> neighbours(triangles_.size());
@@ -175,7 +175,8 @@ private:
         }
         const WindingTree tree = tree_of(others);
         for (const Piece* shell : inverted) {
-            // A cavity lies within another shell, and stays.
+            // An inverted shell within another shell is a cavity, and stays. Any other inverted shell is
+            // turned.
             if (tree.at(corners(shell->triangles.front())[0]) < 0.5) turn(*shell);
         }
     }
@@ -219,8 +220,8 @@ private:
     std::vector<Piece> pieces_;
 };
 
-/// Closes the surface: adds a fan of triangles over each connected set of edges whose triangles do not
-/// cancel, which means that more of them pass the edge in one direction than in the other.
+/// Closes the surface: adds a fan of triangles over each connected set of unbalanced edges, which more
+/// triangles pass in one direction than in the other.
 void add_caps(Surface& surface) {
     DisjointSets sets(surface.points.size());
     std::vector<Triangle> open;  // triangles of the caps, at first without their third point
@@ -235,7 +236,8 @@ void add_caps(Surface& surface) {
         for (; net > 0; --net) open.push_back({edge[0].to, edge[0].from, 0});
         for (; net < 0; ++net) open.push_back({edge[0].from, edge[0].to, 0});
     });
-    std::map<std::uint32_t, std::pair<std::uint32_t, double>> apex;  // point and number of edges, by set
+    // By set of edges: the point of the cap, and the number of ends of edges that were added up in it.
+    std::map<std::uint32_t, std::pair<std::uint32_t, double>> apex;
     for (const Triangle& edge : open) {
         const auto [found, is_new] = apex.try_emplace(sets.of(edge[0]), surface.points.size(), 0.0);
         if (is_new) surface.points.emplace_back(0);

@@ -21,7 +21,7 @@ struct MeshFacts {
     std::size_t flat = 0;                ///< triangles without an area
     std::size_t turned = 0;              ///< triangles that were turned over, see Surface
     glm::dvec3 low{0}, high{0};          ///< the box around the triangles
-    double volume = 0;                   ///< by the divergence theorem, holes closed by fans
+    double volume = 0;                   ///< inside the surface, with holes closed by caps
 };
 
 /// A closed surface: the triangles of a mesh, and caps. A cap is a fan of triangles that closes a hole. With

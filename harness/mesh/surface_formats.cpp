@@ -123,7 +123,7 @@ Mesh read_stl(MeshBytes& bytes) {
     const std::size_t size = bytes.left();
     MeshBytes ahead = bytes;
     std::vector<glm::dvec3> corners;
-    // The header of a binary file may begin like a text, so that its length decides.
+    // A binary file may also begin with "solid", so that the length of the file decides.
     const bool is_text = ahead.word() == "solid";
     std::optional<std::uint32_t> count;
     if (size >= header + 4) {
@@ -176,7 +176,7 @@ Mesh read_obj(MeshBytes& bytes) {
             for (std::string_view word; !(word = line.word()).empty();) {
                 std::int64_t index = 0;
                 number(word.substr(0, word.find('/')), index);
-                // Negative numbers count from the latest vertex.
+                // Negative numbers count back from the latest vertex, which is -1.
                 corners.push_back(
                     vertex_index(index < 0 ? std::int64_t(mesh.points.size()) + index : index - 1));
             }

@@ -18,8 +18,8 @@
 namespace voxspring {
 namespace {
 
-/// Sampling density: lines along x per voxel, along each of y and z, so 16 in all. Near holes it is also the
-/// number of sample points on each line within a voxel.
+/// The number of lines along x per voxel in each of y and z, which makes 16 lines per voxel. Near holes it is
+/// also the number of sample points on each line within a voxel.
 constexpr int per_axis = 4;
 
 /// Limits on the number of crossings between triangles and lines: in all, which take some minutes, and for
@@ -62,7 +62,7 @@ public:
     /// Whether shares() would take too much time or memory.
     bool is_too_folded() const { return is_too_folded_; }
 
-    /// The share inside of each voxel of the slice z: x fastest.
+    /// The share of each voxel of slice z that lies inside the surface, x fastest.
     std::vector<float> shares(int z) const {
         std::vector<float> share(std::size_t(dims_.x) * std::size_t(dims_.y));
         std::vector<const Crossed*> near;
@@ -104,8 +104,8 @@ private:
         return WindingTree(std::move(caps));
     }
 
-    /// Keeps a triangle that lines may cross. `per_line` holds, for each z of lines, an upper bound on the
-    /// number of crossings as a difference to the previous z; the triangle's crossings are added.
+    /// Keeps a triangle that lines may cross. `per_line` has an upper bound on the number of crossings for
+    /// each z of lines, less that for the z before. Adds the crossings of the triangle to it.
     void add(const Triangle& corners, std::vector<double>& per_line) {
         glm::dvec3 least = points_[corners[0]], most = least;
         for (const std::uint32_t c : corners) {
@@ -113,7 +113,7 @@ private:
             most = glm::max(most, points_[c]);
         }
         const auto line = [](double z) { return std::int32_t(std::ceil(z * per_axis - 0.5)); };
-        // One more at each end: rounding must not lose a line. cross() is exact.
+        // One line more at each end, in case rounding would lose one. cross() then decides exactly.
         const std::int32_t first = std::max(0, line(least.z) - 1);
         const std::int32_t last = std::min(dims_.z * per_axis - 1, line(most.z) + 1);
         if (first > last) return;
@@ -146,7 +146,8 @@ private:
             std::uint32_t from = triangle.corners[k], to = triangle.corners[(k + 1) % 3];
             const bool is_upward = points_[to].z > z;
             if ((points_[from].z > z) == is_upward) continue;
-            // Both triangles at an edge compute the same bits, so that no line slips through between them.
+            // In this order both triangles at an edge compute the same bits, so that no line slips through
+            // between them.
             if (from > to) std::swap(from, to);
             const glm::dvec3 &a = points_[from], &b = points_[to];
             const double along = (z - a.z) / (b.z - a.z);
@@ -216,7 +217,7 @@ private:
 
 std::string text_of(const glm::dvec3& v) { return fmt::format("{:.4g} x {:.4g} x {:.4g}", v.x, v.y, v.z); }
 
-/// What the user of a mesh may not expect of it.
+/// Notes on properties of a mesh that its user may not expect.
 std::vector<std::string> notes_on(const MeshFacts& facts) {
     std::vector<std::string> notes;
     if (facts.holes > 0)
@@ -251,7 +252,7 @@ Voxelised voxelise(Mesh mesh, std::optional<double> chosen_pitch, double fill,
     const MeshFacts& facts = surface.facts;
     const double pitch = chosen_pitch.value_or(default_pitch(facts));
     const glm::dvec3 extent = facts.high - facts.low;
-    // Some voxels across the thinnest side, unless the mesh is flat.
+    // Four voxels fit across the thinnest side with this pitch. It is 0 if the mesh is flat.
     const double thinnest = std::min({extent.x, extent.y, extent.z}) / 4;
     const std::string suggestion = fmt::format(
         "about {:.2g}: the mesh is {} in its file's unit of length",
@@ -295,7 +296,7 @@ Voxelised voxelise(Mesh mesh, std::optional<double> chosen_pitch, double fill,
     const double volume = voxel * std::accumulate(inside.begin(), inside.end(), 0.0);
     const double body_volume = voxel * std::accumulate(active.begin(), active.end(), 0.0);
     if (!(body_volume > 0)) {
-        constexpr double flat = 1e-9;  // of the box around it
+        constexpr double flat = 1e-9;  // fraction of the volume of the box around the mesh
         if (!(facts.volume > flat * extent.x * extent.y * extent.z))
             throw BadInput(mesh.file, "",
                            fmt::format("a mesh of {} triangles that enclose nothing", facts.triangles),

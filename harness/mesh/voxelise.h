@@ -13,7 +13,7 @@
 
 namespace voxspring {
 
-/// Voxels along the longest side of a mesh whose pitch nobody chose.
+/// The number of voxels along the longest side of a mesh if nobody chose its pitch.
 inline constexpr int default_voxels = 64;
 
 /// A voxel belongs to the body if at least this fraction of it lies inside.
@@ -38,7 +38,7 @@ struct Voxelised {
     std::vector<std::string> notes;  ///< for the user, like Scene::notes; those of the mesh's file come first
 };
 
-/// The pitch of a mesh that nobody chose: default_voxels along the longest side, in two significant digits.
+/// The pitch if nobody chose one: default_voxels along the longest side, in two significant digits.
 double default_pitch(const MeshFacts& facts);
 
 /// Makes voxels of edge `pitch`. A voxel is active if at least the fraction `fill` of it, in (0, 1], has a

@@ -21,15 +21,15 @@ class WindingTree {
 public:
     explicit WindingTree(std::vector<Corners> triangles);
 
-    /// Off by less than 0.02 (mesh_test.cpp). 0 if there are no triangles.
+    /// The winding number of all triangles around `point`, off by less than 0.02 (mesh_test.cpp).
     double at(const glm::dvec3& point) const;
 
 private:
     struct Node {
         glm::dvec3 centre{0};                ///< mean of the triangles' centroids, weighted by area
-        double reach = 0;                    ///< largest distance of a corner from it
+        double reach = 0;                    ///< largest distance of a corner from the centre
         glm::dvec3 area{0};                  ///< sum of area vectors
-        std::uint32_t first = 0, count = 0;  ///< range in triangles_; an inner node has all below it
+        std::uint32_t first = 0, count = 0;  ///< range in triangles_, including those of all nodes below
         std::uint32_t right = 0;             ///< the second child, the first is the next node; 0: a leaf
     };
     void build(std::uint32_t first, std::uint32_t count);

@@ -33,7 +33,7 @@ struct Counter {
 class Counters {
 public:
     void add(std::string name, std::optional<double> value, Unit unit, Better better);
-    /// Null if there is no counter of this name.
+    /// The counter of this name; null if there is none.
     const Counter* find(const std::string& name) const;
     /// The value of a counter. Throws std::out_of_range if there is none, or if it is not known.
     double at(const std::string& name) const;

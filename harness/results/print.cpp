@@ -75,7 +75,7 @@ void print_edits(const std::vector<Row>& rows, std::ostream& out, TableWidth wid
                  [](const Row& row) { return row.edits.has_value(); });
     if (edited.empty()) return;
     out << "\n";
-    for (Row& row : edited) row.counters = {};  // they are in the first table
+    for (Row& row : edited) row.counters = {};  // counters are in the first table already
     print_rows<Row>(
         edited,
         {{{"edits", 2}, [](const Row& row) { return std::to_string(row.edits->edits); }},
@@ -100,7 +100,7 @@ void print_shortened(const std::vector<Row>& rows, int repetitions, std::ostream
                        cases.text());
 }
 
-/// The medians of a result, by scene in the order of the study, fastest first within one.
+/// The rows of medians, by scene in the order of the study. In each scene the fastest is the first.
 std::vector<std::vector<Row>> medians_by_scene(const std::vector<Row>& rows_of_result) {
     std::vector<std::vector<Row>> scenes;
     std::map<std::string, std::size_t> places;
@@ -216,7 +216,7 @@ void print_noise(const std::vector<Row>& rows, std::ostream& out) {
     std::map<std::string, CasesByScene> by_kind;
     for (const Row& row : rows) {
         for (const std::string& reason : row.noisy) {
-            // A reason without its figure.
+            // The reason without the figure in parentheses at its end.
             const std::string kind = reason.substr(0, reason.find(" ("));
             by_kind[kind].add(row.identity.scene, row.label() + reason.substr(kind.size()));
         }

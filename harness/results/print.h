@@ -35,7 +35,8 @@ void print_cells(const std::vector<T>& rows, const std::vector<ColumnOf<T>>& col
     print_columns(headings, table, width, out);
 }
 
-/// The names of the rows' counters, in the order of their first appearance, and a row's cell for one.
+/// The names of the rows' counters, in the order of their first appearance, and the text of one of them in a
+/// row.
 std::vector<std::string> counter_names(const std::vector<const Row*>& rows);
 std::string counter_cell(const Row& row, const std::string& name);
 
@@ -105,8 +106,8 @@ std::string names_in_short(const std::vector<std::string>& names);
 
 /// Prints one row per case that passed, fastest first within a scene: time per step (median over the
 /// repetitions), particle and spring updates per second, errors, time as a multiple of the fastest, and the
-/// fraction of its limit that it reached. Then follow the scenes where float64 is chaotic, the limits of the
-/// devices, and what was skipped or failed, with the reasons.
+/// fraction of its limit that it reached. Then follow notes on the rows, the chaotic scenes, edits, the
+/// limits of the devices, and what was skipped or failed, with the reasons.
 void print_table(const Result& result, std::ostream& out, TableWidth width = 0);
 
 }  // namespace voxspring

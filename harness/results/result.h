@@ -42,24 +42,25 @@ public:
     /// A result without rows, which has the lists that every result has.
     Result();
 
-    /// What the file has as `context`: Google Benchmark's, with `voxspring`.
+    /// The file's `context`: Google Benchmark's, and in it our `voxspring`.
     nlohmann::json context = nlohmann::json::object();
     nlohmann::json& own_context() { return context["voxspring"]; }
     const nlohmann::json& own_context() const { return context.at("voxspring"); }
 
-    /// The rows of a list, which begins empty. A list has rows of one type: std::bad_cast otherwise.
+    /// The rows of a list, which is made if there is none. Throws std::bad_cast if its rows are not of type
+    /// T.
     template <class T = Row>
     std::vector<T>& rows(const std::string& list) {
         std::unique_ptr<List>& found = lists_[list];
         if (!found) found = std::make_unique<ListOf<T>>();
         return dynamic_cast<ListOf<T>&>(*found).rows;
     }
-    /// Throws std::out_of_range if there is no such list.
+    /// Throws std::out_of_range if there is no such list, std::bad_cast if its rows are not of type T.
     template <class T = Row>
     const std::vector<T>& rows(const std::string& list) const {
         return dynamic_cast<const ListOf<T>&>(*lists_.at(list)).rows;
     }
-    /// Reads a row that arrives as JSON, from a case's process or from a file.
+    /// Adds a row that arrives as JSON, from a case's process or from a file.
     void add(const std::string& list, const nlohmann::json& row);
     const std::map<std::string, std::unique_ptr<List>>& lists() const { return lists_; }
 
@@ -67,7 +68,7 @@ private:
     std::map<std::string, std::unique_ptr<List>> lists_;
 };
 
-/// The file's JSON (results/schema.json). What the rows' counters are is said once, in the context.
+/// The file's JSON (results/schema.json). Units and directions of counters are in the context.
 void to_json(nlohmann::json& json, const Result& result);
 
 /// `context.voxspring`: the build (commit, whether the tree was clean, compilers, their flags) and the

@@ -34,7 +34,7 @@ void common_fields(Self& row, Fields& fields) {
     fields.optional("pattern", row.pattern);
 }
 
-/// Calls `visit(part, key)` for every part that may be absent. The key tells whether the part is there.
+/// Calls `visit(part, key)` for every part that may be absent. In JSON a part is present if its key is.
 void each_part(auto& row, const auto& visit) {
     visit(row.workpiece, "particles");
     visit(row.errors, "error_relative_l2");

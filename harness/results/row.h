@@ -47,7 +47,7 @@ struct BenchmarkPart {
     std::string run_name;
     std::string run_type = "iteration";  ///< or "aggregate"
     int repetitions = 0;
-    std::optional<int> repetition_index;        ///< of an iteration
+    std::optional<int> repetition_index;        ///< only in a row of an iteration
     std::optional<std::string> aggregate_name;  ///< "mean", "median", "stddev", "cv"
     std::optional<std::string> aggregate_unit;
     int iterations = 0;
@@ -87,8 +87,8 @@ struct BenchmarkPart {
 struct LimitPart {
     std::optional<double> seconds = {};
     std::optional<std::string> limited_by = {};
-    std::optional<double> fraction = {};  ///< only of a row that is a time
-    /// StepWork of a step; empty if steps leave out parts of the body.
+    std::optional<double> fraction = {};  ///< only in a row that is a time
+    /// What a step moves and computes, see StepWork; empty if steps leave out parts of the body.
     std::optional<std::uint64_t> bytes = {}, written_bytes = {}, footprint_bytes = {}, operations = {};
 
     static void fields(auto& part, auto& of) {
@@ -157,7 +157,8 @@ struct ReferencePart {
 
 /// The errors of a run from a start in which every spring is strained.
 struct StrainedPart {
-    double share = 0;  ///< of the springs, strained at the end by more than the smaller tolerance
+    double share =
+        0;  ///< share of the springs that are strained, at the end, by more than the smaller tolerance
     std::optional<double> error_max = {}, error_rms = {}, error_mean = {};
     std::optional<double> tolerance = {}, tolerance_rms = {}, tolerance_mean = {};
     std::optional<double> motion_max = {}, motion_rms = {};
@@ -187,7 +188,7 @@ struct VerdictPart {
     std::optional<double> error_mean = {}, tolerance_mean = {};
     /// Fraction of the springs that the run from the scene's own start strains.
     std::optional<double> strained_share = {};
-    /// A further run, from a strained start; only if that fraction is too small.
+    /// A further run, from a strained start; only if strained_share is too small.
     std::optional<StrainedPart> strained_start = {};
 
     /// Whether the state passed, and enough springs were strained that wrong springs would have failed.
@@ -217,7 +218,7 @@ struct VerdictPart {
     }
 };
 
-/// A row of any list. It has the parts that its list asks for.
+/// A row of any list. Parts that its list does not have are absent.
 struct Row {
     Identity identity;
     std::optional<Workpiece> workpiece = {};
@@ -230,13 +231,13 @@ struct Row {
     std::optional<ReferencePart> reference = {};
     std::optional<VerdictPart> verdict = {};
     Counters counters = {};               ///< metrics that need no member
-    std::vector<std::string> noisy = {};  ///< why its time is not to be trusted
+    std::vector<std::string> noisy = {};  ///< reasons not to trust the time
     /// Range of the card's clock, which is read after each repetition.
     std::optional<unsigned> min_card_mhz = {}, max_card_mhz = {};
-    std::optional<std::string> reason = {};   ///< why it was skipped, failed or chosen
-    std::optional<std::string> pattern = {};  ///< of a choice: the pattern that asked for it
+    std::optional<std::string> reason = {};   ///< why the case was skipped, failed or chosen
+    std::optional<std::string> pattern = {};  ///< in a choice: the pattern of backends that asked for it
 
-    /// Median time of a step. The row must have a benchmark.
+    /// The time per step, in seconds. The row must have a benchmark.
     double step_seconds() const { return 1e-6 * benchmark.value().real_microseconds; }
     /// The backend and its options: "gl_fragment_implicit increment float32 mask=none".
     std::string label() const;
@@ -251,7 +252,7 @@ struct Row {
 };
 
 nlohmann::json to_json(const Row& row);
-/// A part whose first key is missing is absent. Other missing keys have their defaults.
+/// Reads a row. A part whose first key is missing is absent. Other missing keys leave the defaults.
 Row row_from_json(const nlohmann::json& json);
 std::vector<Row> rows_from_json(const nlohmann::json& list);
 

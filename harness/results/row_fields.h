@@ -18,7 +18,7 @@
 
 namespace voxspring {
 
-/// Writes the fields that a function visits.
+/// Writes the fields that a function `fields` lists.
 class RowWriter {
 public:
     explicit RowWriter(nlohmann::json& json) : json_(json) {}
@@ -53,7 +53,7 @@ public:
                 {{"name", one.name}, {"unit", to_string(one.unit)}, {"better", to_string(one.better)}});
         }
     }
-    /// The fields that `visit` visits are those of an object.
+    /// The key is an object with the fields that `visit` lists.
     template <class Visit>
     void object(const char* key, const Visit& visit) {
         RowWriter inner(json_[key]);
@@ -70,7 +70,7 @@ private:
     nlohmann::json& json_;
 };
 
-/// Reads the fields that a function visits. A key that is missing or null leaves its value unchanged.
+/// Reads the fields that a function `fields` lists. A key that is missing or null leaves its value unchanged.
 class RowReader {
 public:
     explicit RowReader(const nlohmann::json& json) : json_(json) {}

@@ -84,8 +84,7 @@ bool tells_apart(const Rows& rows, std::size_t c, std::size_t width) {
     });
 }
 
-/// Whether all columns fit with names that are readable: each has twice its least length, and no two are
-/// alike.
+/// Whether all columns fit with readable names: each may have 2 * min_name characters, and no two get alike.
 bool serves(Laid laid, const std::vector<Column>& columns, const Rows& rows, std::size_t width) {
     Laid least = laid;
     for (const std::size_t c : least.columns) {
@@ -98,7 +97,8 @@ bool serves(Laid laid, const std::vector<Column>& columns, const Rows& rows, std
     });
 }
 
-/// Readable names take precedence over expendable figures, and distinct names take precedence over the width.
+/// Drops columns and shortens names until the table fits. Readable names take precedence over expendable
+/// figures, and distinct names over the width.
 void fit_into(Laid& laid, const std::vector<Column>& columns, const Rows& rows, std::size_t width) {
     while (!serves(laid, columns, rows, width) && drop_one(laid, columns)) {
     }

@@ -58,7 +58,7 @@ private:
     Pointer before_;
     std::optional<Grip> grip_;
     std::optional<glm::dvec2> cut_from_;  ///< pixel up to which the stroke has cut so far
-    double cut_distance_ = 0;      ///< distance of the surface from the eye there; 0: no surface met yet
+    double cut_distance_ = 0;      ///< distance from the eye to the surface at that pixel; 0: none met yet
     std::size_t cut_springs_ = 0;  ///< number of springs that the stroke has cut
     std::optional<glm::dvec3> stitch_from_;
 };

@@ -44,7 +44,8 @@ constexpr double stepping_share = 0.6;
 constexpr int max_steps_per_frame = 10'000;
 /// The number of equal moves by which the hand goes from its position in one frame to that in the next.
 constexpr int moves_per_frame = 8;
-/// Intervals between updates of the colours' range, and between states kept for going on after a failure.
+/// Intervals in seconds: between updates of the colours' range, and between states kept in case of a failure.
+/// States of more than `large` particles are kept less often.
 constexpr double range_seconds = 0.5, keep_seconds = 1, keep_seconds_of_large = 20;
 constexpr std::size_t large = 1'000'000;
 /// A mesh with more vertices is not moved with its body: this many take some milliseconds per frame.

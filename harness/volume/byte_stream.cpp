@@ -13,12 +13,14 @@
 
 namespace voxspring {
 
-/// The decoder of one member of a compressed file, by zlib or bzip2.
+/// Decodes one member of a compressed file by zlib or bzip2. A file of gzip or bzip2 may have several
+/// members.
 class ByteStream::Decoder {
 public:
-    /// `encoding` is not raw.
+    /// `encoding` must not be raw.
     explicit Decoder(Encoding encoding) : is_bzip2_(encoding == Encoding::bzip2) {
-        // 16: a gzip header and its checksum are expected; 32: either a gzip or a zlib header.
+        // zlib wants MAX_WBITS plus 16 for data with a gzip header, plus 32 for data with a gzip or a zlib
+        // header.
         const int bits = (encoding == Encoding::gzip ? 16 : 32) + MAX_WBITS;
         if (is_bzip2_ ? BZ2_bzDecompressInit(&bzip2_, 0, 0) != BZ_OK : inflateInit2(&zlib_, bits) != Z_OK)
             throw std::bad_alloc();
@@ -33,8 +35,8 @@ public:
     Decoder(const Decoder&) = delete;
     Decoder& operator=(const Decoder&) = delete;
 
-    /// Decodes as much as fits from `from` to `to`, and shortens both by what it consumed and produced.
-    /// Returns true at the end of the member. Throws a string that says what is wrong with the data.
+    /// Decodes as much as fits from `from` to `to`, and removes what was consumed and filled from the front
+    /// of both. Returns true at the end of the member. Throws a string that says what is wrong with the data.
     bool decode(std::span<char>& from, std::span<std::byte>& to) {
         const int status = is_bzip2_
                                ? advance(bzip2_, from, to, BZ2_bzDecompress)
@@ -47,8 +49,8 @@ public:
     }
 
 private:
-    /// zlib's and bzip2's streams have the same fields. A large span is passed to them in parts, because they
-    /// count in 32 bits.
+    /// Calls `step` once on `z`, a stream of zlib or bzip2, which have the same fields. They count in 32
+    /// bits, so at most 1 GiB is decoded per call.
     template <class Z, class Step>
     static int advance(Z& z, std::span<char>& from, std::span<std::byte>& to, const Step& step) {
         const std::size_t room = std::min(to.size(), std::size_t{1} << 30);
@@ -80,14 +82,16 @@ std::size_t ByteStream::read_raw(std::span<std::byte> bytes) {
     return std::size_t(stream_.gcount());
 }
 
-/// Moves what is still to be decoded to the front of the buffer, and fills the rest.
+/// Moves the bytes still to be decoded to the front of the buffer, and fills the rest of the buffer from the
+/// file.
 void ByteStream::refill() {
     std::copy(encoded_.begin(), encoded_.end(), buffer_.begin());
     const auto room = std::span(buffer_).subspan(encoded_.size());
     encoded_ = std::span(buffer_).first(encoded_.size() + read_raw(std::as_writable_bytes(room)));
 }
 
-/// Returns whether another member begins here. If not, skips the remaining bytes, which are no data.
+/// Returns whether another member begins here. If not, skips the remaining bytes, which are no data, and
+/// counts them as ignored.
 bool ByteStream::next_member() {
     if (at_end_) return false;
     // The bytes with which a member begins; none for zlib's format, which has a single member.
@@ -142,7 +146,7 @@ std::uint64_t ByteStream::skip(std::uint64_t count) {
 
 namespace {
 
-/// Receives data piece by piece and appends the bytes that are kept.
+/// Receives data piece by piece and keeps the bytes that `kept` selects. `count` is the number of all bytes.
 class Keeper {
 public:
     Keeper(const KeptBytes& kept, std::uint64_t count)
@@ -173,7 +177,7 @@ private:
     std::uint64_t at_ = 0;  ///< position within the current period
 };
 
-/// Passes the rest of `stream` to `keeper`. Throws BadInput unless it is exactly `count` bytes.
+/// Passes the rest of `stream` to `keeper`. Throws BadInput unless the rest has exactly `count` bytes.
 void read_rest(ByteStream& stream, const std::string& file, std::uint64_t count, Keeper& keeper,
                std::string_view key, const std::string& accepted) {
     constexpr std::size_t piece = std::size_t{1} << 16;
@@ -190,7 +194,8 @@ void read_rest(ByteStream& stream, const std::string& file, std::uint64_t count,
         throw BadInput(file, key, "more than " + std::to_string(count) + " bytes of data", accepted);
 }
 
-/// The number of decoded bytes that come before the last `count` ones, which are the data.
+/// The number of decoded bytes before the data, which is the last `count` bytes. Throws BadInput if there are
+/// fewer.
 std::uint64_t before_last(std::istream& stream, Encoding encoding, const std::string& file,
                           std::uint64_t count, std::string_view key, const std::string& accepted) {
     const auto first = stream.tellg();

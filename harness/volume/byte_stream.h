@@ -18,7 +18,7 @@ namespace voxspring {
 
 enum class Encoding : std::uint8_t { raw, gzip, zlib, bzip2 };  ///< data called zlib may also be gzip
 
-/// Reads a stream from its current place to its end. Messages name `file`.
+/// Reads a stream from its current place to its end, and decodes it. Messages name `file`.
 class ByteStream {
 public:
     ByteStream(std::istream& stream, Encoding encoding, std::string file);
@@ -66,7 +66,7 @@ struct DataPlace {
     /// start of another file.
     std::optional<std::int64_t> begin{};
     std::string bytes_key{"byte skip"};  ///< key in the header that gives skipped_bytes
-    /// Decoded bytes to skip; at_end: the data is at the end of the decoded bytes.
+    /// The number of decoded bytes to skip. at_end: all but the last ones, which are the data.
     std::int64_t skipped_bytes = 0;
     static constexpr std::int64_t at_end = -1;
 };
@@ -76,10 +76,10 @@ struct KeptBytes {
     std::uint64_t period = 1, first = 0, length = 1;
 };
 
-/// Returns the selected bytes of the `count` bytes at `place`, where there must be exactly `count`. The
-/// position of `behind_header` is behind the header of `file`. Allocates memory in proportion to what was
-/// really read. Throws BadInput that names `key` and `count_means`, which explains why the header requires
-/// `count` bytes. Adds notes on ignored data to `notes`.
+/// Returns the bytes that `kept` selects of the `count` bytes at `place`. There must be exactly `count`
+/// bytes: otherwise throws BadInput, which names `key` and `count_means`, the reason why the header requires
+/// them. `behind_header` is the stream of `file` and stands behind its header. Memory is allocated in
+/// proportion to what was really read. Adds notes on ignored data to `notes`.
 std::vector<std::byte> read_data(std::istream& behind_header, const std::string& file, const DataPlace& place,
                                  std::uint64_t count, const KeptBytes& kept, std::string_view key,
                                  const std::string& count_means, std::vector<std::string>& notes);

@@ -38,7 +38,7 @@ struct AxisClaim {
     std::int64_t size = 0;
     AxisKind kind = AxisKind::unknown;
     std::string name{};                           ///< name in messages: "dim[4]", "axis 4 (time)"
-    std::optional<double> distance{};             ///< distance between voxels: of any sign, 0 or NaN
+    std::optional<double> distance{};             ///< distance between voxels: may be negative, 0 or NaN
     std::string distance_key{}, distance_text{};  ///< the header's field for `distance`, and its text
     std::optional<glm::dvec3> direction{};        ///< a vector of any length
     std::string unit{};
@@ -50,8 +50,8 @@ struct VolumeClaims {
     std::string sizes_key{};                ///< the header's key for sizes, in messages
     std::string kinds_key{}, kinds_text{};  ///< the header's field for the kinds of axes, and its text
     std::string directions_key{};           ///< the header's field for directions
-    /// Whether lengths of directions are distances too (NRRD's space directions, NIfTI's sform). The sign of
-    /// a distance then does not affect directions.
+    /// Whether lengths of directions are distances too (NRRD's space directions, NIfTI's sform). Then a
+    /// negative distance does not reverse the direction of its axis.
     bool directions_have_lengths = false;
     std::string space{};  ///< sides towards which coordinates grow, as in Placement::space
     std::optional<glm::dvec3> origin{};
@@ -69,13 +69,14 @@ struct VolumeClaims {
 /// its folder. Throw BadInput.
 VolumeClaims read_nrrd(std::istream& stream, const std::string& file);
 VolumeClaims read_metaimage(std::istream& stream, const std::string& file);
-/// If the header is one of a pair, `image` is the file with the voxels; empty: found by the header's name.
+/// If the header is one of a pair, the voxels are in `image`. If `image` is empty, that file is found by the
+/// header's name.
 VolumeClaims read_nifti(std::istream& stream, const std::string& file,
                         const std::filesystem::path& image = {});
 
-/// The partner of a file of a pair: x.img for x.hdr, and so on. A partner that is compressed in the same way
-/// is preferred. One that is compressed differently is taken only if it has no such partner itself. An ending
-/// in capitals is tried first if that of `file` is in capitals. The result is empty if there is no partner.
+/// The partner of a file of a NIfTI pair: x.img for x.hdr, and so on; empty if there is none. A partner that
+/// is compressed like `file` comes first. Without one, x.hdr gets x.img.gz, unless there is an x.hdr.gz, the
+/// better partner of that image. An ending in capitals is tried first if that of `file` is in capitals.
 std::filesystem::path partner_of(const std::filesystem::path& file);
 
 /// A volume without its data, and which scalars of the file belong to it.
@@ -87,7 +88,7 @@ struct DecidedVolume {
     std::uint64_t period = 1, first = 0, length = 1;
 };
 
-/// Applies the rules of docs/volumes.md, which are the same for all formats. Throws BadInput.
+/// Applies the rules of docs/volumes.md, the same for all formats, to the claims. Throws BadInput.
 DecidedVolume decide(const VolumeClaims& claims, const VolumeChoice& choice, const SceneSizeLimits& limits);
 
 /// Interprets the claims and reads the voxels. The position of `stream` is behind the header. Throws

@@ -46,7 +46,7 @@ using GridSides = glm::vec<3, std::int64_t>;
 std::uint64_t checked_voxel_count(GridSides dims, const SceneSizeLimits& limits, std::string_view file,
                                   std::string_view key);
 
-/// "60 x 51 x 46".
+/// The sides as text: "60 x 51 x 46".
 std::string to_string(GridSides dims);
 
 /// A box with all voxels active and spacing 1.

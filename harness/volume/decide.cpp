@@ -24,8 +24,8 @@ constexpr const char* axis_names = "xyz";
 /// length of an edge spring is then wrong by less than 0.5%, which is the accuracy of a direction that a
 /// header gives with two digits.
 constexpr double right_angle_tolerance = 0.5;
-/// Deviations from this number of degrees on are reported. Smaller ones are within the accuracy of four
-/// digits.
+/// A deviation from a right angle is reported if it exceeds this number of degrees. Smaller ones are within
+/// the accuracy of directions with four digits.
 constexpr double said_angle = 0.05;
 
 constexpr const char* or_spacing = "; --spacing or \"spacing\" in a scene takes its place";
@@ -72,7 +72,7 @@ public:
     bool contains(std::size_t axis) const {
         return std::find(axes_.begin(), axes_.end(), axis) != axes_.end();
     }
-    /// The name of an axis of size 1 that was left out before x; empty: none.
+    /// The name of the axis of size 1 that was left out right before x; empty if none was.
     const std::string& left_out() const { return left_out_; }
 
 private:
@@ -267,8 +267,8 @@ private:
         volume().facts.placement = placement;
     }
 
-    /// Adds a note if the header's two fields for the distance between voxels differ. `length`: the second
-    /// one.
+    /// Adds a note if the header's distance between voxels differs from `length`, the length of the axis's
+    /// direction.
     void check_length(int axis, double length) {
         constexpr double said = 1e-3;  // the accuracy of a header with four digits
         const double distance = volume().spacing[axis];

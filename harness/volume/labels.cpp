@@ -46,7 +46,7 @@ VoxelGrid inactive_grid(const Volume& volume) {
 bool is_integer(ScalarType type) { return type != ScalarType::float32 && type != ScalarType::float64; }
 
 /// Converts values to labels. In a file with scaled integers a label is stored as the nearest multiple of the
-/// slope, and slope and intercept are rounded to 24 bits: so a value may be off its label.
+/// slope, and slope and intercept are rounded to 24 bits: so a value may differ from its label.
 class Rounding {
 public:
     explicit Rounding(const Volume& volume)
@@ -54,7 +54,7 @@ public:
           intercept_(std::abs(volume.intercept)),
           step_(scaled_ && is_integer(volume.type) ? std::abs(volume.slope) / 2 : 0) {}
 
-    /// How far slope and intercept may have moved a value when they were rounded to 24 bits.
+    /// The largest error of `value` that comes from rounding slope and intercept to 24 bits.
     double error(double value) const {
         return scaled_ ? std::ldexp(std::abs(value) + 2 * intercept_, -23) : 0;
     }
@@ -121,7 +121,7 @@ std::string names_of(const std::vector<Label>& labels) {
     return fmt::format("{}", fmt::join(names, ", "));
 }
 
-/// `present`: names of the labels that voxels carry, separated by commas.
+/// Throws BadInput because no voxel carries `label`. `present` has the names of the labels that voxels carry.
 [[noreturn]] void refuse_absent(const Volume& volume, const std::string& label, const std::string& present) {
     throw BadInput(volume.file, "labels", label, "labels that some voxel carries: " + present);
 }
@@ -131,7 +131,7 @@ std::string names_of(const std::vector<Label>& labels) {
 std::string first_labels(const Volume& volume) {
     constexpr std::size_t listed = 10;
     Rounding rounding(volume);
-    std::set<std::int64_t> lowest;  // one more than `listed`, to know whether there are more
+    std::set<std::int64_t> lowest;  // holds one more than `listed`, to know whether there are more
     double latest = 0;
     for_each_value(volume, 0, [&](std::size_t, double value) {
         if (value == latest) return;
@@ -176,7 +176,8 @@ LabelledGrid with_numbers(const Volume& volume, const std::optional<std::vector<
         if (value != latest) {
             latest = value;
             latest_material = 0;
-            // Only values that may be one of the labels are passed to label().
+            // Only values that may be one of the labels are passed to label(), which records how far they are
+            // off.
             const auto found = material.find(std::abs(value) <= double(max_label) ? std::llround(value) : 0);
             if (found != material.end() && rounding.label(value)) latest_material = found->second;
         }
@@ -241,7 +242,7 @@ LabelledGrid with_segments(const Volume& volume, const std::optional<std::vector
     std::iota(chosen.begin(), chosen.end(), std::size_t{0});
     if (words) chosen = chosen_segments(volume, all, *words);
     check_count(volume, chosen.size());
-    std::vector<std::uint8_t> rank(segments.size());  // position among the chosen segments, from 1 on
+    std::vector<std::uint8_t> rank(segments.size());  // place among chosen segments, from 1; 0: not chosen
     for (std::size_t c = 0; c < chosen.size(); ++c) rank[chosen[c]] = std::uint8_t(c + 1);
 
     std::vector<bool> shared(volume.voxel_count());

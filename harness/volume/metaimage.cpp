@@ -34,7 +34,7 @@ bool flag(const TextHeader& header, const std::string& name, bool otherwise = fa
         "True or False");
 }
 
-/// Reads the header, and leaves `stream` at the data.
+/// Reads the header, leaves `stream` behind it, and sets `place` to where the data is.
 TextHeader read_header(std::istream& stream, const std::string& file, DataPlace& place) {
     TextHeader header(file);
     HeaderLines lines(stream, file);
@@ -108,7 +108,8 @@ std::string first_of(const TextHeader& header, const std::vector<std::string>& n
     return found == names.end() ? std::string() : *found;
 }
 
-/// The direction of an axis in the space LPS, from the letter of the side from which it comes.
+/// The direction, in the space LPS, of an axis that begins at the side with this letter; nullopt for other
+/// letters.
 std::optional<glm::dvec3> direction_from(char letter) {
     static const std::map<char, glm::dvec3> directions = {{'R', {1, 0, 0}}, {'L', {-1, 0, 0}},
                                                           {'A', {0, 1, 0}}, {'P', {0, -1, 0}},
@@ -117,8 +118,8 @@ std::optional<glm::dvec3> direction_from(char letter) {
     return found == directions.end() ? std::nullopt : std::optional(found->second);
 }
 
-/// Sets the directions of the axes. The header's matrix has a row for each axis of the file, in LPS, as ITK
-/// reads it. Without a matrix the field AnatomicalOrientation is used.
+/// Sets the directions of the axes and the origin. The header's matrix has a row for each axis of the file,
+/// in LPS, as ITK reads it. Without a matrix the field AnatomicalOrientation gives the directions.
 void place_axes(const TextHeader& header, VolumeClaims& claims) {
     const std::size_t count = claims.axes.size();
     claims.directions_key = first_of(header, {"TransformMatrix", "Rotation", "Orientation"});

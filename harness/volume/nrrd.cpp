@@ -126,7 +126,8 @@ std::optional<std::vector<MaybeVector>> vectors_of(const std::string& text) {
     return vectors;
 }
 
-/// Sets the kind of `axis` from the file's text for it. Domains and axes of unknown kind may be of space.
+/// Sets the kind of `axis` from the file's text for it. A domain or an axis without a kind stays unknown: it
+/// may be spatial.
 void apply_kind(AxisClaim& axis, const std::string& kind) {
     if (kind == "domain" || kind == "???" || kind == "none") return;
     axis.kind = kind == "space" ? AxisKind::space : AxisKind::other;
@@ -145,7 +146,8 @@ std::vector<std::string> quoted_texts(const std::string& text) {
     return list;
 }
 
-/// Reads the directions of axes. An axis with a direction is one of space, any other axis is not.
+/// Reads the directions of axes. An axis with a direction is spatial, unless its kind says otherwise. An axis
+/// without a direction is not spatial.
 void read_directions(const TextHeader& header, std::vector<AxisClaim>& axes) {
     const std::string& text = header.require(directions_key);
     const auto directions = vectors_of(text);

@@ -14,14 +14,15 @@
 namespace voxspring {
 namespace {
 
-/// The old voxels that a new voxel overlaps along one axis. share: how much of the new voxel each one covers.
+/// The old voxels that a new voxel overlaps along one axis. Old voxel first + i covers share[i] of the new
+/// one.
 struct Overlap {
     int first = 0;
     std::vector<double> share;
 };
 
-/// The overlaps of `count` new voxels along one axis. The old grid reaches from 0 to `old_count`, in old
-/// voxels, and a new voxel has the length `ratio`.
+/// The overlaps of `count` new voxels along one axis. A new voxel is `ratio` old voxels long. Both grids have
+/// the same middle, and the old one reaches from 0 to `old_count`.
 std::vector<Overlap> overlaps(int count, int old_count, double ratio) {
     std::vector<Overlap> all(static_cast<std::size_t>(count));
     const double begin = (old_count - count * ratio) / 2;
@@ -116,7 +117,7 @@ glm::dvec3 resample(LabelledGrid& labelled, double pitch, double fill, const std
             labelled.notes.push_back("label " + labelled.labels[m].name + " fills no voxel any more");
     }
     labelled.grid = std::move(grid);
-    // Follows from both grids having the same middle.
+    // The offset between the centres of both first voxels, since both grids have the same middle.
     return (extent - glm::dvec3(labelled.grid.dims - 1) * pitch - old.spacing) / 2.0;
 }
 

@@ -9,7 +9,7 @@
 
 namespace voxspring {
 
-/// Replaces the grid by one of cubes of edge `pitch`, whose middle is that of the old grid. A new voxel is
+/// Replaces the grid of `labelled` by a grid of cubes of edge `pitch` with the same middle. A new voxel is
 /// active if at least the share `fill` of it, in (0, 1], lies in active voxels of the old grid. Its label is
 /// the one that fills most of it; if two fill the same share, the smaller one. Adds a note. Returns the
 /// offset from the centre of the old voxel (0, 0, 0) to that of the new one. Throws BadInput, which names

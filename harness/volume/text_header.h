@@ -20,7 +20,7 @@ namespace voxspring {
 std::string trimmed(std::string_view text);
 std::string lower_case(std::string text);
 std::string upper_case(std::string text);
-/// The parts of `text` between blanks.
+/// The words of `text`, which white space separates.
 std::vector<std::string> words(const std::string& text);
 
 /// The format whose `ending` the file's name has, in any case; null if there is none.
@@ -66,7 +66,7 @@ private:
     std::size_t read_ = 0;
 };
 
-/// `count` numbers between blanks; nullopt if `text` is anything else.
+/// The numbers in `text`, between blanks; nullopt unless they are exactly `count` numbers and nothing else.
 std::optional<std::vector<double>> numbers_of(const std::string& text, std::size_t count);
 
 /// The fields of a header by name. Case and blanks in names do not matter. Members throw BadInput, which
@@ -77,13 +77,14 @@ public:
 
     const std::string& file() const { return file_; }
     void add(const std::string& name, const std::string& value);
-    /// The value of the field, or null.
+    /// The value of the field; null if there is no such field.
     const std::string* find(const std::string& name) const;
     const std::string& require(const std::string& name) const;
     [[noreturn]] void refuse(const std::string& name, std::string_view accepted) const;
     /// The field as a whole number of at least `min`; 0 if there is no such field.
     std::int64_t whole_number(const std::string& name, std::int64_t min) const;
-    /// The value that `choices` has for `word`, the text of the field.
+    /// The value that `choices` has for `word`, the text of the field. Throws BadInput if `choices` has no
+    /// such word.
     template <class Value>
     Value choose(const std::string& name, const std::string& word,
                  const std::map<std::string, Value>& choices, std::string_view accepted) const {
@@ -92,11 +93,13 @@ public:
         return found->second;
     }
 
-    /// The axes: their number, from 3 to `max`, is in the field `count`, and their sizes are in `sizes`.
+    /// The axes. Their number, from 3 to `max`, is in the field `count`, and their sizes are in the field
+    /// `sizes`.
     std::vector<AxisClaim> axes(const std::string& count, int max, const std::string& sizes) const;
-    /// Sets the distance between voxels of each axis from the field, if there is one.
+    /// Sets the distance between voxels of each axis from the field, if there is one. Text that is no number
+    /// gives NaN.
     void set_distances(const std::string& name, std::vector<AxisClaim>& axes) const;
-    /// Whether the field says that names of data files stand below the header.
+    /// Whether the value of the field is LIST: names of data files then stand below the header.
     bool is_list(const std::string& name) const;
     /// Sets the files with the data: the one that the field names or, if it is LIST, `listed`.
     void set_files(const std::string& name, const std::vector<std::string>& listed,

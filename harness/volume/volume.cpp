@@ -138,7 +138,7 @@ std::filesystem::path partner_of(const std::filesystem::path& file) {
         return {};
     };
     if (auto alike = found(!is_header, gzipped); !alike.empty()) return alike;
-    // The partner may be compressed differently, unless it has another partner that is compressed as it is.
+    // x.hdr gets x.img.gz only if there is no x.hdr.gz, the better partner of that image.
     return found(is_header, !gzipped).empty() ? found(!is_header, !gzipped) : std::filesystem::path{};
 }
 

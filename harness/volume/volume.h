@@ -56,8 +56,8 @@ struct Placement {
 
 /// The side that is nearest to the direction of the grid's `axis`, and the angle between them in degrees.
 std::pair<AnatomicalSide, double> nearest_side(const Placement& placement, int axis);
-/// The axis of the grid that is nearest to the direction of `side`, whether its upper end points there, and
-/// the angle between them in degrees.
+/// The axis of a grid that is nearest to the direction of an anatomical side, whether the upper end of that
+/// axis points to the side, and the angle between axis and direction in degrees.
 struct GridSide {
     int axis = 0;
     bool upper = false;
@@ -65,7 +65,7 @@ struct GridSide {
 };
 GridSide nearest_grid_side(const Placement& placement, AnatomicalSide side);
 
-/// The user's choices that replace what the file says or that the file leaves open.
+/// The user's choices. Each replaces what the file says, or decides what the file leaves open.
 struct VolumeChoice {
     std::optional<glm::dvec3> spacing{};
     std::optional<std::int64_t> frame{};  ///< index of the value to use of several values per voxel
@@ -115,16 +115,17 @@ inline Volume read_volume(const std::filesystem::path& file, const SceneSizeLimi
 }
 /// Whether read_volume() accepts a file with this name.
 bool is_volume_name(const std::string& name);
-/// The endings of such names, for messages: ".nii, .nii.gz, ... or .mhd".
+/// The endings of the names that is_volume_name() accepts, for messages: ".nii, .nii.gz, ... or .mhd".
 std::string volume_endings();
 
-/// The label that the voxels of one material share.
+/// A label of a volume. The voxels that have it are of one material.
 struct Label {
     std::string name;                ///< name of a segment, or the digits of a whole number
-    std::vector<std::string> words;  ///< names that a scene may use for it; `name` is among them
+    std::vector<std::string> words;  ///< names by which a scene may refer to the label; `name` is among them
 };
 
-/// A grid with labels: material m has labels[m].
+/// A grid of voxels and its labels. A voxel with grid.label[v] = n belongs to labels[n - 1], or is inactive
+/// if n is 0.
 struct LabelledGrid {
     VoxelGrid grid;
     std::vector<Label> labels;

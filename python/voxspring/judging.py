@@ -30,7 +30,7 @@ class Wrong(RuntimeError):
 class Arrays:
     """What judge() needs to know about a library of arrays.
 
-    to: makes an array of the library, which shares no memory with it, from one of numpy.
+    to: makes an array of the library from one of numpy; the two share no memory.
     host: makes an array of numpy from one of the library.
     wait: returns when what was computed so far is finished. It gets the two arrays that the kernel returned.
     timed: calls a function that enqueues work, and returns its result and the seconds between two marks of the device's
@@ -48,7 +48,7 @@ class Arrays:
 
 def _between(event: Callable[[], Any], record: Callable[[Any], Any], seconds: Callable[[Any, Any], float],
              run: Callable[[], Any]) -> tuple[Any, float]:
-    """Calls `run` between two events of a card."""
+    """Calls `run` between two events of a card. Returns its result and the seconds between the events."""
     begin, end = event(), event()
     record(begin)
     result = run()
@@ -161,8 +161,7 @@ class Judge:
         self._start_velocity = body.start_velocity
 
     def _run(self, start: numpy.ndarray, velocity: numpy.ndarray, timed: bool) -> tuple[numpy.ndarray, numpy.ndarray]:
-        """The displacements and increments, in float64, after a batch that begins at `start` with
-        `velocity`."""
+        """The displacements and increments, in float64, after a batch that begins at `start` with `velocity`."""
         arrays = self._arrays
         x, v = arrays.to(start.astype(self._type)), arrays.to(velocity.astype(self._type))
         arrays.wait(x, v)
@@ -228,7 +227,7 @@ class Judge:
 
 
 def _lines_of(step: Step) -> int | None:
-    """Lines of code of the function, without blank lines and comments; None where its source is not known."""
+    """The number of lines of code of the function, without blank lines and comments; None if its source is not known."""
     try:
         source = inspect.getsource(inspect.unwrap(step))
     except (OSError, TypeError):
@@ -237,8 +236,7 @@ def _lines_of(step: Step) -> int | None:
 
 
 def count_lines(source: str) -> int:
-    """The number of lines that are not blank, not a comment and not part of a text in triple quotes that begins
-    a line."""
+    """The number of lines that are not blank, not a comment and not part of a text in triple quotes that begins a line."""
     lines, in_text = 0, False
     for line in map(str.strip, source.splitlines()):
         quotes = line.count('"""')

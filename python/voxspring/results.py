@@ -50,7 +50,7 @@ class Result:
         return self.json["failed"]
 
     def frame(self, rows: str | None = None) -> Any:
-        """A pandas frame of `rows`, or of a list of the file ("benchmarks", "verification", "failed"). Needs pandas."""
+        """A pandas frame of the file's list `rows`, such as "verification"; without it, of the property `rows`. Needs pandas."""
         import pandas
 
         return pandas.DataFrame(self.rows if rows is None else self.json[rows])

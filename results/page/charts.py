@@ -60,7 +60,7 @@ def variables(names):
 
 
 def scale(values):
-    """A logarithmic scale where the values span more than a decade."""
+    """A logarithmic scale if the values are positive and span more than a decade, otherwise a linear one."""
     positive = [value for value in values if value is not None]
     wide = positive and min(positive) > 0 and max(positive) > 10 * min(positive)
     return {"type": "log", "nice": False} if wide else {"type": "linear", "nice": True}
@@ -101,7 +101,7 @@ def columns(keys, named=None):
 def near_each_other(ends, x, shown):
     """Groups `ends`, the last rows of lines, whose labels would overlap: within a group each end is near the
     next one along `x`. `shown`: all values along `x`."""
-    reach = 0.25  # of the width of a chart; a label takes up to a third, but two seldom meet beyond this
+    reach = 0.25  # fraction of the width of a chart: a label takes up to a third, but two labels this far apart seldom meet
     forth = numpy.log if scale(shown)["type"] == "log" else numpy.asarray
     ends = sorted(ends, key=lambda row: row[x])
     apart = numpy.diff(forth([row[x] for row in ends])) > reach * numpy.ptp(forth(shown))
@@ -181,8 +181,7 @@ class Chart:
 
 
 def complete(about, families, told, rows, below, alternative):
-    """The chart of a panel. It is as wide as the panel, and shows only the rows that the reader's filters let
-    through."""
+    """The chart of a panel. It is as wide as the panel, and shows only the rows that the reader's filters let through."""
     chosen = {"filter": "indexof(shown, datum.backend) >= 0 && (scene == '' || datum.scene == scene)"}
     return {"$schema": LANGUAGE, "data": {"name": "rows"}, "transform": [chosen], "width": "container",
             "height": about.get("height") or about["step"][1], "autosize": {"type": "fit-x", "contains": "padding"},

@@ -39,7 +39,7 @@ def amount(quantity, value):
 
 
 def by_size(entries):
-    """Which backends win which sizes of a dataset as a headline and as a sentence, or nothing where no such order shows."""
+    """Which backends win which sizes of a dataset, as (headline, sentence); None if ladder() finds no such order."""
     found = figures.ladder(entries)
     if not found:
         return None
@@ -139,8 +139,8 @@ def answer(own, entries, runs):
 
 def page(results, pictures, left_out):
     """The whole page as text. pictures: by dataset. left_out: (datasets without a picture, reason)."""
-    # The model of machine with the most datasets comes first everywhere, and of models with as many the one whose memory is the fastest.
-    # So does the machine of a model.
+    # Models of machines, and machines of a model, come in this order: those with the most datasets first and, of those with as
+    # many, the one with the fastest memory.
     of_names = {}
     for result in results:
         for name in {result.model, result.machine}:

@@ -13,8 +13,7 @@ ATTRIBUTE, DIGITS = re.compile(r'="[^"]*"'), re.compile(r"(\d\.\d\d)\d+")
 
 
 def with_legends(spec, rows):
-    """The chart with legends for its colours, shapes and dashes. They list only the values that occur in its
-    rows."""
+    """The chart with legends for its colours, shapes and dashes. They list only the values that occur in its rows."""
     if isinstance(spec, list):
         return [with_legends(one, rows) for one in spec]
     if not isinstance(spec, dict):
@@ -36,7 +35,7 @@ def svg(figure, panel):
     spec["config"] = charts.CONFIG | {"background": "white", "aria": False, "font": "DejaVu Sans, sans-serif"}
     if panel.step:
         spec["height"] = panel.step[1] * len({row[panel.step[0]] for row in rows})
-    # The dark scheme comes last in the style.
+    # The light scheme: it stands before the first @media of the style.
     colours = dict(re.findall(r"(--[\w-]+): (#\w+);", text_of("page.css").partition("@media")[0]))
     spec = re.sub(r"var\((--[\w-]+)\)", lambda name: colours[name[1]], json.dumps(spec))
     return ATTRIBUTE.sub(lambda found: DIGITS.sub(r"\1", found[0]), vl_convert.vegalite_to_svg(spec))

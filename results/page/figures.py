@@ -100,7 +100,7 @@ class Outcome:
 
     best: dict
     group: list  # every strategy that was measured there
-    equals: list  # backends that repetitions do not tell from the fastest, each at its best
+    equals: list  # rows of backends that repetitions do not tell from the fastest, each at its best
     absent: list  # backends that win smaller and larger datasets, and neither were measured here nor refuse this one
 
     @property
@@ -190,12 +190,11 @@ class Figure:
         self.name, self.rows, self.page, self.below, self.about = name, rows, page, below, ABOUT["figures"][name]
         self.columns, self.legend = charts.columns(self.about["columns"], self.about.get("named")), self.about.get("legend", "backend")
         self.columns += page.counters(rows, {key for key, *_ in self.columns} | IN_COLUMNS)
-        # The caption names the results of the figure: those with the list `having`, or of the study of that
-        # name.
+        # The caption names the results of the figure: those with the list `having`, or of the study of that name.
         having = self.about.get("having", "benchmarks")
         self.results = [one for one in page.results if (one.lists[having] if having in one.lists else one.study == having)]
         groups_told = groups(rows, *by.split(" ")) if by else {(listed(distinct(rows, "machine")),): rows}
-        # (machine, line, more words or "")
+        # For each group of rows: (machine, line, more words or "").
         self.findings = [(machine, *tell(self, own)) for (machine, *_), own in groups_told.items()]
         keys = self.about["by"].split(" ")
         self.panels = [self.panel(dict(zip(keys, values)), group) for values, group in groups(rows, *keys).items()]
@@ -226,9 +225,8 @@ MADE_BY = {}
 
 
 def figure_of(name, rows, below=None, by="machine"):
-    """Registers how a figure of figures.vegalite is made. The decorated function is called with the rows of
-    each machine, or of each combination of the keys `by`. It returns what was found there: a line, and more
-    words or an empty text."""
+    """Registers how a figure of figures.vegalite is made. The decorated function is called with the rows of each machine, or of
+    each combination of the keys `by`. It returns what was found there: a line, and more words or an empty text."""
     def register(tell):
         MADE_BY[name] = (rows, tell, by, below)
         return tell
@@ -264,8 +262,7 @@ def latest_runs(page):
 
 
 def as_lines(name, rows_of, line, x, y, *keys):
-    """Returns a function of the Page: the rows, with names at the ends of their lines. Each combination of the
-    keys is a chart."""
+    """Returns a function of the Page: the rows, with names at the ends of their lines. Each combination of the keys is a chart."""
     return lambda page: [row for own in groups(rows_of(page), "machine", *keys).values()
                          for row in charts.with_end_labels(own, line, x, y, ABOUT["figures"][name]["height"])]
 
@@ -306,7 +303,7 @@ def figure8(_, group):
 
 
 def fastest_within(rows, target):
-    """The row that reaches an error soonest, or None."""
+    """The row that soonest reaches an error of at most `target`; None if there is none."""
     return min((row for row in rows if row["total"] <= target), key=lambda row: row["seconds"], default=None)
 
 
@@ -375,8 +372,7 @@ def roofline(_, group):
 # the smallest and the largest dataset have one.
 INTENSITY_SCENES = ("box@32", "box@256")
 ROOF_DASHES = {"memory": [1, 0], "memory, half written": [4, 4], "cache": [1, 3]}
-# Strategies that move no bytes have no number of operations per byte: they are drawn at this multiple of the
-# roofs' right end.
+# Strategies that move no bytes have no number of operations per byte: they are drawn at this multiple of the roofs' right end.
 ON_CHIP = 1.9
 
 
@@ -401,8 +397,7 @@ def intensities(page):
 
 
 def roofs_below(rows):
-    """The roofs with their names and, beyond their right end, a strip for strategies on the chip, where the
-    axis has no meaning."""
+    """The roofs with their names and, beyond their right end, a strip for strategies on the chip, where the axis has no meaning."""
     edge, (start, end) = rows[0]["edge"], rows[0]["domain"]
     layers = []
     if end > edge:
@@ -639,8 +634,7 @@ RULE = comparison.Rule()
 
 
 def judged(first, last):
-    """({(dataset, strategy): the row of diff.py for two files}, shifts of whole runs, why diff.py refuses the
-    files or "")."""
+    """({(dataset, strategy): the row of diff.py for two files}, shifts of whole runs, why diff.py refuses the files or "")."""
     try:
         found = comparison.document(first.path, last.path, RULE)
     except reading.BadInput as error:
@@ -709,8 +703,7 @@ def latest_suites(results):
 
 def gates(page):
     def share(row):
-        """How much of a gate a measurement uses up: at most 1 if it passes. At least MIN_SHARE, since the axis
-        is logarithmic."""
+        """How much of a gate a measurement uses up: at most 1 if it passes. At least MIN_SHARE, since the axis is logarithmic."""
         numbers = [row.get(key) for key in (("measured", "gate") if row["gate_is"] == "at most" else ("gate", "measured"))]
         return max(numbers[0] / numbers[1], MIN_SHARE) if all(numbers) else None
 

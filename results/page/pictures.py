@@ -28,7 +28,7 @@ MAX_STEPS = 2000
 # The size of a dataset that is drawn is the largest one up to this number of particles, for which UPDATES
 # allows some hundred steps. If all sizes are larger, it is the smallest one.
 FAMILIAR = 100_000
-# Larger bodies are not drawn.
+# Bodies of more particles are not drawn.
 MAX_PARTICLES = 4_000_000
 SECONDS = 120
 ANOTHER_SIZE = "as those shown, in another size"
@@ -38,7 +38,7 @@ NAME = re.compile(r"\w+(@\w+)?")
 
 @dataclass
 class Wanted:
-    """What a dataset is to be drawn with."""
+    """How a dataset is to be drawn."""
 
     scene: str
     particles: int
@@ -64,8 +64,7 @@ Picture = collections.namedtuple("Picture", "about data width height")
 
 
 def choose(results):
-    """What to draw of the timed datasets, the heart first and the others by name, and (scenes, reason) of what
-    is left out."""
+    """What to draw of the timed datasets, the heart first and the others by name, and (scenes, reason) of what is left out."""
     runs = [{**run, "microseconds": run["seconds"] / run["steps"] * 1e6} for run in reading.pareto(results)
             if run["particles"]]
     best = {scene: min(own, key=lambda row: row["microseconds"])
@@ -113,8 +112,7 @@ def read(path):
 
 
 def draw(program, path, wanted, coloured_by):
-    """Draws a picture, unless a file is there that is younger than the program. Returns why it could not, or an
-    empty text."""
+    """Draws a picture, unless a file is there that is younger than the program. Returns why it could not, or an empty text."""
     try:
         if path.exists() and path.stat().st_mtime > program.stat().st_mtime:
             return ""

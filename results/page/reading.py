@@ -56,7 +56,7 @@ class Result:
         return self.commit[:7]
 
     def origin(self):
-        """Where and when, for the caption of a figure."""
+        """The machine, its driver, the commit and the date, for the caption of a figure."""
         driver = f", driver {self.driver}" if self.driver else ""
         return f"{self.machine}{driver}, commit {self.commit}, {self.date[:10]}"
 
@@ -146,8 +146,7 @@ def read_all(paths):
 
 
 def significant(value, digits=5):
-    """A number rounded to the digits that anybody reads, which keeps the page small; any other value
-    unchanged."""
+    """A number with the digits that anybody reads, which keeps the page small; None if it is not finite. Other values stay."""
     if isinstance(value, float):
         return float(f"{value:.{digits}g}") if math.isfinite(value) else None
     return value
@@ -166,8 +165,8 @@ def short_contender(name):
 
 
 def moved_and_computed(row):
-    """What a step moves and computes; nothing where the file does not say. A step that moves nothing, whose state stays on the
-    chip, has a rate of operations and no operations per byte."""
+    """What a step moves and computes; None if the file does not say. A step that moves nothing, since its state stays on the chip,
+    has a rate of operations and no operations per byte."""
     moved, footprint, operations = (row.get(f"step_{what}") or 0 for what in ("bytes", "footprint_bytes", "operations"))
     on_chip = row.get("step_bytes") == 0 and operations > 0
     if not on_chip and min(moved, footprint, operations) <= 0:
@@ -177,7 +176,7 @@ def moved_and_computed(row):
 
 
 def rows_of(results, name):
-    """The rows of a list, with what tells them apart on the page; `compared` is what a file calls the family of a scene."""
+    """The rows of a list, with what tells them apart on the page. `compared` is the field `family` of a row in the file."""
     return [row | {"machine": result.machine, "study": result.study, "commit": result.short_commit, "date": result.date,
                    "compared": row.get("family"), "family": result.family(row["backend"]), "contender": contender(row),
                    "noisy": "; ".join(row.get("noisy", [])), "throttled": "; ".join(row.get("throttled", []))}
@@ -303,7 +302,7 @@ def scaling_forecast(results):
     return found
 
 
-# As in harness/base/histogram.h.
+# As in harness/base/statistics.h.
 HISTOGRAM_BEGIN, BINS_A_DECADE = 1e-7, 20
 
 
@@ -327,7 +326,7 @@ def haptic(results):
 
 
 def truth(results):
-    """A row for each lattice that has an error; one of exactly zero has no place on a logarithmic axis."""
+    """A row for each lattice whose error is not exactly zero, which a logarithmic axis cannot show."""
     return [row | {"rounding": row.get("rounding_error"), "order": row.get("order"), "claimed_order": row.get("claimed_order")}
             for row in rows_of(results, "truth") if row["model_error"] > 0]
 

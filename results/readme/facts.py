@@ -23,19 +23,18 @@ SPARSE = 0.5
 KINDS = ("small sparse", "small full", "large sparse", "large full")
 # Two times that differ by less than this share are called the same.
 ALIKE = 0.03
-# Time is linear in size while the time per particle is within this share of that of the largest box.
+# Time is linear in size as long as the time per particle is within this share of that of the largest box.
 LINEAR = 0.2
 # The verdict calls edits free if they slow steps down by at most this share.
 CHEAP = 0.05
-# If compute shaders reach more than this multiple of the arithmetic of fragment shaders, the latter say nothing
-# about OpenGL.
+# If compute shaders reach more than this multiple of the arithmetic of fragment shaders, the latter say nothing about OpenGL.
 HELD_BACK = 4
 NOT_DECIDABLE = "not decidable on this card"
 NOT_MEASURED = "not measured yet"
 
 
 def row(study, scene, case, formulation="position", precision="float32", machine=GPU, rows=None):
-    """The median row of a case, or its row in another list of the study."""
+    """The median row of a case. If `rows` are given, the row among them that has the name of the case. Raises Missing."""
     backend, *tuning = case.split()
     name = "/".join([scene, backend, formulation, precision, *tuning])
     found = by_name(result(study, machine)) if rows is None else {one["name"]: one for one in rows}
@@ -67,8 +66,7 @@ def whole_percent(value):
 
 
 def each(function, *values):
-    """The results of a function for each value of a list, or for each combination of the values of several
-    lists."""
+    """The results of a function for each value of a list, or for each combination of the values of several lists."""
     return [function(*one) for one in itertools.product(*values)]
 
 
@@ -82,8 +80,8 @@ def span(values, written=figure):
 
 
 def verdict(ratios):
-    """Whether a preference of the paper holds: whether what it prefers is faster on all datasets. `ratios`: its
-    time over the other's."""
+    """Whether a preference of the paper holds: whether what it prefers is faster on all datasets. `ratios` are the times of that
+    over those of the other."""
     ratios = list(ratios)
     if not ratios:
         raise Missing("there is no row to judge by")
@@ -111,8 +109,7 @@ def rows_above_limit():
 
 
 def repetitions_above_limit():
-    """The number of single repetitions that are faster than their limit, the number of all, and the rows of the
-    former."""
+    """The number of single repetitions that are faster than their limit, the number of all, and the rows of the former."""
     repetitions = [one for study in tables.results_of() for one in study["benchmarks"] if one["run_type"] == "iteration"]
     above = above_limit(repetitions)
     names = listed(sorted({f"{contender(one)} on {one['scene']}" for one in above}))
@@ -208,8 +205,7 @@ def vertical(case):
 
 
 def opengl_verdict():
-    """The verdict on the paper's statement that CUDA is faster than OpenGL's fragment shaders with either
-    addressing."""
+    """The verdict on the paper's statement that CUDA is faster than OpenGL's fragment shaders with either addressing."""
     if fragment_share() > HELD_BACK:
         return NOT_DECIDABLE
     return verdict(ratio("table1", scene, cuda, gl) for scene in ("box@32", "heart") for cuda, gl in
@@ -222,8 +218,7 @@ FETCHES = {"cuda_implicit_cached": "texture", "cuda_implicit_shared": "shared me
 
 
 def fastest_first(times):
-    """(time, strategy) pairs as `texture (2.4), shared memory (2.9)`: how each strategy fetches a neighbour,
-    fastest first."""
+    """(time, strategy) pairs as `texture (2.4), shared memory (2.9)`: how each strategy fetches a neighbour, fastest first."""
     return ", ".join(f"{FETCHES[way]} ({three_digits(time)})" for time, way in sorted(times))
 
 
@@ -288,8 +283,7 @@ def linear_from(cases=papers_cuda, rows=None):
 
 
 def linear_verdict(cases=papers_cuda, rows=None):
-    """The verdict on the paper's statement, made of its lists alone, that times are linear beyond 50,000
-    particles."""
+    """The verdict on the paper's statement about strategies with lists: that times are linear beyond 50,000 particles."""
     size = linear_from(cases, rows)
     if size <= 50_000:
         return "holds"
@@ -389,7 +383,7 @@ def increments_gain(scene):
 
 
 def front(machine=GPU):
-    """The runs on the fronts of a machine's card, or of its processor if it has none."""
+    """The runs on the Pareto fronts of a machine's card, or of its processor if it has none."""
     found = result("pareto", machine)
     on_front = [one | about_backend(found, one) for one in found["pareto"] if one.get("on_front")]
     return [one for one in on_front if one["family"] == "CUDA"] or on_front
@@ -436,8 +430,7 @@ def stress_verdict(machine=GPU):
 
 
 def worst_small_start():
-    """The largest relative difference between a measured stability limit and theory, over starts of small
-    amplitude."""
+    """The largest relative difference between a measured stability limit and theory, over starts of small amplitude."""
     rows = [one for one in result("stability")["stability"] if (one["start"]["amplitude"] or one["start"]["stretch"]) <= 0.001]
     return max(abs(one["ratio"] - 1) for one in rows)
 

@@ -9,7 +9,7 @@ from result_files import name_of
 
 RESULTS = pathlib.Path(__file__).resolve().parent.parent
 GPU, CPU = "nvidia-h200", "amd-epyc"
-# The strategies that the paper compares, as harness/study/fastest.cpp has them (a test holds the two together).
+# The strategies that the paper compares, as harness/study/fastest.cpp has them (a test compares both).
 PAPER = ("gl_fragment_implicit", "gl_fragment_explicit", "cuda_implicit_device", "cuda_implicit_shared",
          "cuda_implicit_cached", "cuda_explicit_device", "cuda_explicit_cached", "cuda_explicit_cached_grid")
 
@@ -52,8 +52,7 @@ def about_backend(one, row):
 
 
 def medians_of(one):
-    """The median row of each case of a result, with the relative spread of its times and what the result says
-    of its backend."""
+    """The median row of each case of a result, with the relative spread of its times and what the result says of its backend."""
     return [row | {"spread": result_files.spread_of(row["times"])} | about_backend(one, row)
             for row in result_files.medians(one["benchmarks"], one.get("verification", []))]
 
@@ -72,8 +71,7 @@ def tuning_of(row):
 
 
 def contender(row):
-    """A row's strategy, such as `cuda_implicit_cached fetch=l1`: backend, precision unless float32, tuning not
-    at its default."""
+    """A row's strategy, such as `cuda_implicit_cached fetch=l1`: backend, precision unless float32, tuning not at its default."""
     _, backend, _, precision, *tuning = name_of(row).split("/")
     return " ".join([f"`{backend}`"] + [precision] * (precision != "float32") + tuning)
 
@@ -88,14 +86,13 @@ def alike(rows, row):
     return [other for other in rows if all(other[key] == row[key] for key in ("scene", "formulation", "precision"))]
 
 
-# With fewer repetitions they are not divided: all of them choose the row and are reported, as in
+# The least number of repetitions that are divided. Fewer of them all choose the row and are all reported, as in
 # harness/study/fastest.cpp.
 FEWEST_TO_DIVIDE = 4
 
 
 def divided(row):
-    """(median of every other repetition from the first on, by which a row is chosen; median of the others,
-    which is its time)."""
+    """(median of every other repetition from the first on, by which a row is chosen; median of the others, which is its time)."""
     times = row.get("times", ())
     if len(times) < FEWEST_TO_DIVIDE:
         return row["real_time"], row["real_time"]
@@ -103,8 +100,7 @@ def divided(row):
 
 
 def held_out(row):
-    """A row with the time of the repetitions by which it is not chosen, and with the rates and share of its
-    limit for that time."""
+    """A row with the time of the repetitions by which it is not chosen, and with the rates and share of its limit for that time."""
     time = divided(row)[1]
     rates = {key: row[key] * row["real_time"] / time
              for key in ("particle_updates_per_second", "spring_updates_per_second", "fraction_of_limit") if row.get(key)}
@@ -145,7 +141,7 @@ def percent(value):
 
 
 def as_known(value, *rows, decimals=2):
-    """A ratio of times of some rows, or a share of one, with as many digits as it deserves."""
+    """`value`, a ratio or a share that times of `rows` give, with as many digits as their spreads justify."""
     return result_files.as_known(value, *(row.get("spread") for row in rows), decimals=decimals)
 
 
@@ -183,7 +179,7 @@ def marked(row, text):
 
 
 def spread_text(row):
-    """` ± 6 %` where the repetitions of a row differ by so much, else nothing."""
+    """` ± 6 %`, the spread of a row, if it is more than MIN_SPREAD; otherwise empty."""
     return f" ± {percent(row['spread'])}" if (row.get("spread") or 0) > result_files.MIN_SPREAD else ""
 
 

@@ -37,15 +37,13 @@ def fastest_first(rows):
 
 
 def headings(rows, *texts):
-    """`texts` for each scene, as formats: {key} is the value in the scene's first row, and {edge} is 32 for
-    box@32."""
+    """`texts` for each scene, as formats: {key} is the value in the scene's first row, and {edge} is 32 for box@32."""
     firsts = [own[0] | {"edge": own[0]["scene"][4:]} for own in groups(rows, "scene").values()]
     return [text.format_map(row) for row in firsts for text in texts]
 
 
 def thresholds(rows):
-    """The thresholds by which the errors of rows were judged, and the rows of which not all repetitions were
-    judged."""
+    """The thresholds by which the errors of rows were judged, and the rows of which not all repetitions were judged."""
     scenes = {}
     for (scene, formulation, precision), own in groups(rows, "scene", "formulation", "precision").items():
         name = formulation + f" {precision}" * (precision != "float32")
@@ -79,8 +77,7 @@ def slow_down(row):
 
 
 def tunings():
-    """(row with the default tuning or None, row with the best one, number of tunings tried) of each strategy
-    and scene."""
+    """(row with the default tuning or None, row with the best one, number of tunings tried) of each strategy and scene."""
     for _, rows in sorted(groups(medians("tuning"), "backend", "scene").items()):
         default = next((row for row in rows if not tuning_of(row)), None)
         if default and len(rows) > 1:
@@ -91,8 +88,7 @@ def tunings():
 
 
 def multiples():
-    """(case, its row of `position`, its row or None for each of FORMULATIONS) of cases that tune at most the
-    fetch path."""
+    """(case, its row of `position`, its row or None for each of FORMULATIONS) of cases that tune at most the fetch path."""
     rows = [row for row in medians("formulations") if all(part.startswith("fetch=") for part in tuning_of(row))]
     for (scene, count, name), group in groups(rows, "scene", "steps", contender).items():
         known = {row["formulation"]: row for row in group}
@@ -101,8 +97,7 @@ def multiples():
 
 
 def worst_measurements():
-    """(measurement, (largest error, gate or None) for each of FORMULATIONS), from the parts of the stress suite
-    about rounding."""
+    """(measurement, (largest error, gate or None) for each of FORMULATIONS), from the parts of the stress suite about rounding."""
     rows = [row for row in result("stress")["stress"] if row["part"] in (7, 9) and row["precision"] == "float32"]
     for (measurement, scene, count), group in groups(rows, "measurement", "scene", "steps").items():
         own = {formulation: (max(math.inf if row["measured"] is None else row["measured"] for row in of), of[-1]["gate"])
@@ -154,8 +149,7 @@ def starts_of(row):
 
 
 def resting():
-    """[(case, {scene: (row that steps all tiles, row that skips tiles at rest, share of the tiles that the
-    latter stepped)})]."""
+    """[(case, {scene: (row that steps all tiles, row that skips tiles at rest, share of the tiles that the latter stepped)})]."""
     work = {row["name"]: row["work"] for row in result("skips")["verification"] if "work" in row}
     times, cases = by_name(result("skips")), {}
     for name, skipping in times.items():
@@ -168,8 +162,7 @@ def resting():
 
 
 def cross_check(row):
-    """The difference between the sampled power and that of the energy counter in percent, or "no" if the device
-    has no samples."""
+    """The difference between the sampled power and that of the energy counter in percent, or "no" if the device has no samples."""
     if row.get("sampled_watts") is None:
         return "no"
     return f"yes, {100 * abs(row['sampled_watts'] / row['watts'] - 1):.1f} %"
@@ -185,9 +178,8 @@ def cards_of(one):
 
 
 def files():
-    """(study, result, letters of its cards, least and most repetitions, counts) of each file. The counts are
-    those of rows that their run marked, of all rows, and of rows that it marked because of other processes on
-    the card."""
+    """(study, result, letters of its cards, least and most repetitions, counts) of each file. The counts are those of rows that
+    their run marked, of all rows, and of rows that it marked because of other processes on the card."""
     cards = {}
     for path in result_files.within(RESULTS / GPU):
         one = loaded(path)

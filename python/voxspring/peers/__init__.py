@@ -1,4 +1,4 @@
-"""The systems that a user would pick instead, each stepping a body as its own users would write it, judged like a backend.
+"""The systems that a user might pick instead of Voxspring, each stepping a body as its users would write it, judged like a backend.
 
 Each file has peer(body, device), which returns step(x, v, n), its arrays for judge() and, where that is not the library of the
 arrays, the system with its version.
@@ -24,7 +24,7 @@ from ..judging import Judge, Wrong, count_lines
 from ..results import Result, scene, study
 
 PEERS = ("numpy", "numba", "torch", "jax", "cupy", "warp", "taichi", "newton")
-# Scenes of the study `fastest`, with as many steps as the slowest peer makes in seconds on a card.
+# Scenes of the study `fastest`, each with a number of steps that the slowest peer makes within seconds on a card.
 SCENES = {"box@32": 200, "heart": 200, "box@48": 100, "box@96": 20}
 # On a processor peers make a quarter of the steps, and by default only these scenes: Newton builds a body
 # spring by spring, and box@96 has 27 times the springs of box@32.
@@ -34,7 +34,7 @@ MOST_SECONDS = 10
 
 
 def _serve(peer: str, argument: str, steps: int, repetitions: int, device: str, pipe: Connection) -> None:
-    """One peer in its own process, which answers "repeat" and "result"."""
+    """Runs one peer, in a process for it alone, and answers the requests "repeat" and "result" that `pipe` brings."""
     try:
         body = scene(argument)
         file = pathlib.Path(__file__).parent / f"{peer}.py"
@@ -52,7 +52,7 @@ def _serve(peer: str, argument: str, steps: int, repetitions: int, device: str, 
                 pipe.send(judge.result().json)
             except Wrong as wrong:
                 pipe.send(wrong.result.json)
-    except BaseException as failure:  # of any kind: the parent process reports it
+    except BaseException as failure:  # of any kind, since the parent process reports them all
         with contextlib.suppress(OSError):
             absent = isinstance(failure, (ImportError, _core.Unavailable))
             kind = "" if isinstance(failure, _core.Unavailable) else f"{type(failure).__name__}: "
@@ -119,7 +119,7 @@ def run(peers: list[str], scenes: dict[str, int], repetitions: int, device: str,
     for argument, steps in scenes.items():
         print(f"{argument}: {', '.join(backends)}", file=sys.stderr)
         results.append(study("fastest", scene(argument), steps=steps, backends=backends, repetitions=repetitions))
-        results[-1].json.pop("fastest")  # which of many backends is the fastest: here each formulation has one
+        results[-1].json.pop("fastest")  # the list of the fastest of many backends; here each formulation has only one
         cases, ended = [], results[-1].json
         try:
             for peer in peers:

@@ -21,7 +21,7 @@ def peer(body, device):
         builder.add_spring(i, j, k, 0.0, 0.0)
     model = builder.finalize(device=device)
     model.spring_rest_length.assign(body.rest_length.astype(np.float32))
-    # The body's gravity is one of its loads.
+    # Gravity is added to the load, since the model has none.
     weight = body.load + np.where(body.pinned, 0, body.mass)[:, None] * np.array(body.gravity)
     load = wp.array(weight, dtype=wp.vec3, device=device)
     solver, states = newton.solvers.SolverSemiImplicit(model), [model.state(), model.state()]
