@@ -587,15 +587,18 @@ TEST_F(StudyKinds, ScalingReadsItsOwnKeys) {
 }
 
 TEST_F(StudyKinds, ScalingMeasuresTheWaysThatAreAskedFor) {
-    const auto ways = [&](const std::string& asked) {
+    const auto ways = [&](const std::string& study) {
         std::vector<std::string> measured;
-        const nlohmann::json result = scaling(short_reference + R"(, "ways": )" + asked, 2);
+        const nlohmann::json result = scaling(study, 2);
         for (const auto& row : result.at("scaling")) measured.push_back(row.at("way"));
         return measured;
     };
     using Ways = std::vector<std::string>;
-    EXPECT_EQ(ways(R"(["memory", "peer"])"), (Ways{"none", "memory"}));
-    EXPECT_EQ(ways(R"(["peer"])"), Ways{"none"});
+    EXPECT_EQ(ways(short_reference + R"(, "ways": ["memory", "peer"])"), (Ways{"none", "memory"}));
+    EXPECT_EQ(ways(short_reference + R"(, "ways": ["peer"])"), Ways{"none"});
+    EXPECT_EQ(ways(R"("repetitions": 1, "steps": 4, "ranks": [1, 2], "backends": ["cpu_parallel"], "scenes": [
+                  {"scene": "box@4", "ways": ["peer"]}, {"scene": "box@5", "ways": ["memory"]}])"),
+              (Ways{"none", "none", "memory"}));
 }
 
 TEST_F(StudyKinds, ScalingVerifiesASampleWhereItIsAskedTo) {

@@ -170,14 +170,14 @@ constexpr int max_sample_layers = 1024;
 /// own start strains too few springs.
 constexpr const char* strained_key = "strained_start";
 
+/// The key of a study and of a scene in a study file for the ways to measure.
+constexpr const char* ways_key = "ways";
+
 class ScalingStudy final : public StudyKind {
 public:
     void read(JsonObject& study) override {
         if (const auto ranks = study.find("ranks")) counts_ = read_counts(*ranks);
-        if (const auto ways = study.find("ways")) {
-            ways_.clear();
-            for (const JsonValue& way : ways->array(1)) ways_.push_back(way.one_of(known_ways));
-        }
+        if (const auto ways = study.find(ways_key)) ways_ = read_ways(*ways);
         if (const auto cuts = study.find("cuts")) {
             cuts_.clear();
             for (const JsonValue& cut : cuts->array(1)) cuts_.push_back(cut.one_of(known_cuts));
@@ -185,6 +185,7 @@ public:
     }
     std::string read_scene(JsonObject& item) const override {
         if (const auto ranks = item.find("ranks")) (void)read_counts(*ranks);
+        if (const auto ways = item.find(ways_key)) (void)read_ways(*ways);
         if (const auto weak = item.find("weak")) (void)weak->string();
         if (const auto layers = item.find(sample_key)) (void)layers->integer(1, max_sample_layers);
         if (const auto strained = item.find(strained_key)) (void)strained->boolean();
@@ -221,7 +222,16 @@ private:
         }
         return counts;
     }
+    static std::vector<std::string> read_ways(const JsonValue& list) {
+        std::vector<std::string> ways;
+        for (const JsonValue& way : list.array(1)) ways.push_back(way.one_of(known_ways));
+        return ways;
+    }
     std::vector<int> counts_of(const StudyScene& item) const { return item.settings.value("ranks", counts_); }
+    /// The ways to measure on a scene, whether or not a backend has them.
+    std::vector<std::string> known_ways_of(const StudyScene& item) const {
+        return item.settings.value(ways_key, ways_);
+    }
     static int limit_of(const StudyBench& bench) {
         const MpiRanks* const mpi = bench.options().mpi;
         const int most = mpi != nullptr ? mpi->ranks() : max_ranks;
@@ -234,7 +244,8 @@ private:
     void find_cuts(const StudyBench& bench);
     void run_backend(StudyBench& bench, const BackendSpec& spec, int threads);
 
-    std::vector<std::string> ways_of(int ranks, const MpiRanks* mpi, const Capabilities& capabilities) const;
+    std::vector<std::string> ways_of(int ranks, const StudyBench& bench,
+                                     const Capabilities& capabilities) const;
     void skip_other_ways(StudyBench& bench, const BackendSpec& spec, int ranks,
                          const std::vector<std::string>& ways) const;
 
@@ -281,17 +292,18 @@ void ScalingStudy::find_cuts(const StudyBench& bench) {
 }
 
 /// The ways to exchange borders that both study and backend have. Those between threads need one host.
-std::vector<std::string> ScalingStudy::ways_of(int ranks, const MpiRanks* mpi,
+std::vector<std::string> ScalingStudy::ways_of(int ranks, const StudyBench& bench,
                                                const Capabilities& capabilities) const {
     if (ranks == 1) return {"none"};
+    const MpiRanks* const mpi = bench.options().mpi;
     std::vector<std::string> ways;
     if (mpi == nullptr || mpi->ranks_here() == mpi->ranks()) {
         ways = capabilities.border_ways;
         if (capabilities.has_borders) ways.insert(ways.begin(), "memory");
     }
     if (mpi != nullptr && capabilities.has_borders) ways.push_back("mpi");
-    std::erase_if(ways, [this](const std::string& way) {
-        return std::find(ways_.begin(), ways_.end(), way) == ways_.end();
+    std::erase_if(ways, [known = known_ways_of(bench.item())](const std::string& way) {
+        return std::find(known.begin(), known.end(), way) == known.end();
     });
     return ways;
 }
@@ -548,7 +560,7 @@ void RankedCase::measure(glm::ivec3 cut, const std::string& way) {
 /// within its steps, and so has only `ways`.
 void ScalingStudy::skip_other_ways(StudyBench& bench, const BackendSpec& spec, int ranks,
                                    const std::vector<std::string>& ways) const {
-    std::vector<std::string> others = ways_;
+    std::vector<std::string> others = known_ways_of(bench.item());
     std::erase_if(others, [&](const std::string& way) {
         return std::find(ways.begin(), ways.end(), way) != ways.end() ||
                (way == "mpi" && bench.options().mpi == nullptr);
@@ -586,7 +598,7 @@ void ScalingStudy::run_backend(StudyBench& bench, const BackendSpec& spec, int t
         if (ranks > limit_of(bench)) continue;
         bench.show(of_rank.label() + ", ranks: " + std::to_string(ranks), begun_++,
                    bench.expected_cases() * int(cuts_of_ranks_.size()));
-        const std::vector<std::string> ways = ways_of(ranks, bench.options().mpi, capabilities);
+        const std::vector<std::string> ways = ways_of(ranks, bench, capabilities);
         if (ranks > 1 && !capabilities.has_borders) skip_other_ways(bench, of_rank, ranks, ways);
         for (const glm::ivec3 cut : cuts_of_ranks_.at(ranks)) {
             if (const std::string reason = cut_refusal(bench.scene(), cut); !reason.empty()) {
