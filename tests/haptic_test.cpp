@@ -26,16 +26,19 @@
 #include "harness/base/text.h"
 #include "harness/drawing/live_drawing.h"
 #include "harness/study/study.h"
+#include "harness/verification/verify.h"
 #include "tests/required.h"
 #include "tests/volume_files.h"
 #include "tests/wrapped_backend.h"
+#include "tests/wrong_backend.h"
 
 namespace voxspring::testing {
 namespace {
 
 // --- A backend that fails once it is drawn ---------------------------------------------------------------
 
-/// A cpu_reference whose state cannot be downloaded often: only drawing downloads it.
+/// A cpu_reference whose state cannot be downloaded often: beside drawing, only the two runs that are judged
+/// download it.
 class Withheld : public WrappedBackend, public ToolFacet {
 public:
     ToolFacet* tool() override { return this; }
@@ -45,6 +48,7 @@ public:
         if (++downloads_ > 2) throw DeviceError("the device was lost");
         return WrappedBackend::download();
     }
+    std::string state_fingerprint() override { return fingerprint_of(inner().download()); }
 
 private:
     int downloads_ = 0;
@@ -77,13 +81,14 @@ private:
     };
 };
 
-/// A backend of which one step takes a quarter of a second, when it has made some.
+/// A backend of which one step takes a quarter of a second: in the first playing, after 80 steps that are
+/// judged.
 class Stalled final : public Withheld {
 public:
     static constexpr double pause = 0.25;
     void step(int count) override {
         Withheld::step(count);
-        if (++steps_ == 80) std::this_thread::sleep_for(std::chrono::duration<double>(pause));
+        if (++steps_ == 200) std::this_thread::sleep_for(std::chrono::duration<double>(pause));
     }
 
 private:
@@ -107,6 +112,20 @@ public:
     }
 };
 
+/// A backend that loses moves of the tool in one of its playings: not in the runs that are judged, which make
+/// 80 moves.
+class Loses final : public Withheld {
+public:
+    void move_tool(const glm::dvec3& displacement) override {
+        if (++moves_ % 100 != 0) Withheld::move_tool(displacement);
+    }
+
+private:
+    int moves_ = 0;
+};
+
+const std::vector<Registered> wrong_ones = register_wrong_backends();
+const Registered loses = registered_for_test("loses", [] { return std::make_unique<Loses>(); });
 const Registered withheld = registered_for_test("withheld", [] { return std::make_unique<Withheld>(); });
 const Registered brought = registered_for_test("brought", [] { return std::make_unique<Brought>(); });
 const Registered stalled = registered_for_test("stalled", [] { return std::make_unique<Stalled>(); });
@@ -193,6 +212,49 @@ TEST_F(Haptic, PlaysTheMotionAndReadsTheForce) {
     Study without = study({"cpu_reference"}, {500});
     without.scenes = {{"box@4", 20, {}}};
     EXPECT_THROW((void)run_study(without, {}), BadInput);
+}
+
+/// The rows of a result, by backend, and whether they were edited.
+std::map<std::string, std::vector<bool>> rows_of(const nlohmann::json& result) {
+    std::map<std::string, std::vector<bool>> rows;
+    for (const auto& row : result.at("haptic")) {
+        if (!row.at("drawn")) rows[row.at("backend")].push_back(row.at("edited"));
+    }
+    return rows;
+}
+
+// A backend in float32 has to pass, of which no force is wrong and every spring matters. None with a fault
+// may have a row.
+TEST_F(Haptic, HasNoRowOfAWrongBackend) {
+    std::vector<std::string> names;
+    for (const auto& [name, fault] : faults()) names.push_back(name);
+    Study judged = study(names, {500});
+    const std::string scene = write("heavy.json", R"({"dataset": {"type": "box", "dims": [6, 6, 6]},
+            "gravity": [8e-4, 0, -2e-3], "pinned": {"side": "x-"}, "time_step": {"fraction_of_stable": 0.5},
+            "tool": {"side": "x+", "stiffness": 0.5, "motion": "hand.csv"}})");
+    judged.scenes = {{scene, 60, {}}};
+    const nlohmann::json result = run_study(judged, {});
+    const std::map<std::string, std::vector<bool>> expected = {{"wrong_in_nothing", {false, true}}};
+    EXPECT_EQ(rows_of(result), expected) << result.at("failed");
+    EXPECT_EQ(result.at("failed").size(), faults().size() - 1) << result.at("failed");
+    for (const auto& failed : result.at("failed"))
+        EXPECT_THAT(failed.at("reason").get<std::string>(), ::testing::HasSubstr("not agree with float64"));
+    for (const auto& row : result.at("haptic")) {
+        SCOPED_TRACE(row.dump());
+        EXPECT_EQ(row.at("passed"), true);
+        EXPECT_GT(row.at("strained_share"), 0.5);
+        EXPECT_LT(row.at("error_rms"), row.at("tolerance_rms"));
+        EXPECT_LT(row.at("tolerance_rms"), 0.1 * row.at("motion_rms").get<double>());
+        EXPECT_LT(row.at("force_error"), row.at("force_tolerance"));
+    }
+}
+
+TEST_F(Haptic, HasNoRowOfAMotionThatLeavesAnotherState) {
+    const nlohmann::json result = run_study(study({"loses"}, {500}), {});
+    EXPECT_EQ(result.at("haptic"), nlohmann::json::array());
+    ASSERT_EQ(result.at("failed").size(), 1U);
+    EXPECT_THAT(result.at("failed")[0].at("reason").get<std::string>(),
+                ::testing::HasSubstr("another state than the same ticks"));
 }
 
 // Catches times from the beginning of ticks that were played, by which a stall of a fifth of the motion is

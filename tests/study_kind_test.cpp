@@ -28,6 +28,7 @@
 #include "harness/study/suite.h"
 #include "tests/volume_files.h"
 #include "tests/wrapped_backend.h"
+#include "tests/wrong_backend.h"
 
 namespace voxspring::testing {
 namespace {
@@ -163,6 +164,24 @@ public:
         throw Unavailable("there is no device");
     }
 };
+/// A backend that makes an edit only if it has just stepped: not if the device was idle before.
+class MakesNoEditByItself final : public WrappedBackend {
+public:
+    void step(int count) override {
+        WrappedBackend::step(count);
+        idle_ = false;
+    }
+    void synchronize() override { idle_ = true; }
+    void edit(const Problem& edited, const SpringEdit& edit) override {
+        if (!idle_) WrappedBackend::edit(edited, edit);
+    }
+
+private:
+    bool idle_ = false;
+};
+const Registered makes_no_edit_by_itself =
+    registered_for_test("no_edit_by_itself", [] { return std::make_unique<MakesNoEditByItself>(); });
+const std::vector<Registered> wrong_ones = register_wrong_backends();
 const Registered edited_with_all =
     registered_for_test("edited_with_all", [] { return std::make_unique<EditedWithAll>(); });
 const Registered with_devices =
@@ -430,6 +449,69 @@ TEST_F(StudyKinds, OverheadHandsStepsOverInTwoWays) {
         EXPECT_GT(row.at("seconds_per_step"), 0.0);
     }
     EXPECT_EQ(ways, (std::vector<std::string>{"one by one", "at once"}));
+}
+
+/// The specifications of faults() as a JSON array, and how many there are.
+std::string wrong_backends() {
+    nlohmann::json names = nlohmann::json::array();
+    for (const auto& [name, fault] : faults()) names.push_back(name);
+    return names.dump();
+}
+/// Whether `backend` is right on a scene without a tool, in which nothing but `edited` needs edits.
+bool is_right(const std::string& backend, bool edited) {
+    return backend == "wrong_in_nothing" || backend == "wrong_force" || (backend == "wrong_uncut" && !edited);
+}
+
+// The shortest of the study's own scenes.
+TEST_F(StudyKinds, OverheadHasNoRowOfAWrongBackend) {
+    for (const char* scene : {"box@2", "box@8"}) {
+        const nlohmann::json result =
+            run(R"({"kind": "overhead", "repetitions": 2, "steps": 2000, "backends": )" + wrong_backends() +
+                R"(, "scenes": [{"scene": ")" + scene + R"("}]})");
+        EXPECT_EQ(result.at("overhead").size() + 2 * result.at("failed").size(), 2 * faults().size());
+        EXPECT_EQ(result.at("failed").size(), 4U) << result.at("failed");
+        for (const auto& row : result.at("overhead")) {
+            SCOPED_TRACE(row.dump());
+            EXPECT_TRUE(is_right(row.at("backend"), false));
+            EXPECT_EQ(row.at("passed"), true);
+            EXPECT_EQ(row.at("repetitions_judged"), 2);
+            EXPECT_GT(row.at("strained_share"), 0.5);
+            EXPECT_LT(row.at("error_rms"), row.at("tolerance_rms"));
+            EXPECT_LT(row.at("tolerance_rms"), 0.1 * row.at("motion_rms").get<double>());
+        }
+    }
+}
+
+// The box of the study `edits`, smaller; a cut of two springs' depth at its free end.
+TEST_F(StudyKinds, EditsHaveNoTimeOfAWrongBackend) {
+    const std::string scene = write("cut.json", R"({"dataset": {"type": "box", "dims": [8, 8, 16]},
+        "pinned": {"side": "z-"}, "gravity": [8e-4, 0, -2e-3], "time_step": {"fraction_of_stable": 0.5},
+        "edits": [{"step": 50, "cut": {"triangles":
+        [[[3.5, -0.5, 13.5], [3.5, 1.5, 13.5], [3.5, 1.5, 20]],
+         [[3.5, -0.5, 13.5], [3.5, 1.5, 20], [3.5, -0.5, 20]]]}}]})");
+    const nlohmann::json result = run(R"({"kind": "timing", "repetitions": 2, "steps": 100,
+        "start_times": false, "backends": )" +
+                                      wrong_backends() + R"(, "scenes": [{"scene": ")" + scene + R"("}]})");
+    EXPECT_EQ(result.at("failed").size(), faults().size() - 2) << result.at("failed");
+    for (const auto& row : result.at("benchmarks")) EXPECT_TRUE(is_right(row.at("backend"), true)) << row;
+    for (const auto& row : result.at("verification")) {
+        if (!is_right(row.at("backend"), true)) continue;
+        EXPECT_EQ(row.at("repetitions_judged"), 2);
+        EXPECT_GT(row.at("strained_share"), 0.5);
+    }
+}
+
+TEST_F(StudyKinds, AnEditThatIsTimedByItselfIsMade) {
+    const std::string scene = write("cut.json", R"({"dataset": {"type": "box", "dims": [6, 6, 6]},
+        "gravity": [8e-4, 0, -2e-3], "pinned": {"side": "z-"}, "time_step": {"fraction_of_stable": 0.5},
+        "edits": [{"step": 3, "cut": {"plane": {"point": [2.5, 0, 0], "normal": [1, 0, 0]}}}]})");
+    const nlohmann::json result =
+        run(R"({"kind": "timing", "repetitions": 2, "steps": 20, "start_times": false,
+        "backends": ["no_edit_by_itself"], "scenes": [{"scene": ")" +
+            scene + R"("}]})");
+    EXPECT_EQ(result.at("benchmarks"), nlohmann::json::array());
+    ASSERT_EQ(result.at("failed").size(), 1U);
+    expect_contains(result.at("failed")[0].at("reason"), "edits timed by themselves");
 }
 
 /// A scene that ranks share, and one that grows with them.

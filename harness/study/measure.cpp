@@ -637,15 +637,28 @@ ReferenceSolution solution_of(StudyBench& bench, const Problem& last, const Batc
                               const std::vector<BackendSpec>& specs) {
     const Scene& scene = bench.scene();
     const int steps = steps_in_all(batch);
-    References& references = bench.references();
-    ReferenceSolution solution{last, steps, references.after(scene, steps), {}, scene.state};
-    add_spreads(bench, scene, specs, solution);
-    if (batch.total_error) {
-        solution.refined = references.refined(scene, {scene.problem.time_step, steps}, {steps});
-    } else {
-        solution.refined.reason = "the study does not ask for it";
-    }
+    ReferenceSolution solution = solution_of(bench, scene, last, steps, specs);
+    if (batch.total_error)
+        solution.refined = bench.references().refined(scene, {scene.problem.time_step, steps}, {steps});
     return solution;
+}
+
+ReferenceSolution solution_of(StudyBench& bench, const Scene& scene, const Problem& last, int steps,
+                              const std::vector<BackendSpec>& specs) {
+    ReferenceSolution solution{last, steps, bench.references().after(scene, steps), {}, scene.state};
+    solution.refined.reason = "the study does not ask for it";
+    add_spreads(bench, scene, specs, solution);
+    return solution;
+}
+
+void add_verdict(Row& row, const ReferenceSolution& solution, const State& left, const BackendSpec& spec,
+                 int repetitions_judged) {
+    Row judged = judged_row(solution, left, spec, strained_share(solution, spec));
+    if (!judged.verdict->passed)
+        throw std::runtime_error("does not agree with float64: " + judged.reason.value_or(""));
+    row.errors = std::move(judged.errors);
+    row.verdict = std::move(judged.verdict);
+    row.verdict->repetitions_judged = repetitions_judged;
 }
 
 void add_spreads(StudyBench& bench, const Scene& scene, const std::vector<BackendSpec>& specs,

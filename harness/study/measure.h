@@ -17,6 +17,17 @@ constexpr int max_steps_in_all = 1000000000;
 ReferenceSolution solution_of(StudyBench& bench, const Problem& last, const Batch& batch,
                               const std::vector<BackendSpec>& specs);
 
+/// The reference for states after `steps` steps of a scene that may differ from the bench's, without the
+/// converged solution.
+ReferenceSolution solution_of(StudyBench& bench, const Scene& scene, const Problem& last, int steps,
+                              const std::vector<BackendSpec>& specs);
+
+/// Adds to `row` the errors and the verdict of the state that its run left, and of how many repetitions.
+/// Throws std::runtime_error if the state does not agree with the reference. For kinds of study whose rows
+/// have their verdict with them.
+void add_verdict(Row& row, const ReferenceSolution& solution, const State& left, const BackendSpec& spec,
+                 int repetitions_judged);
+
 /// Adds to `solution`, the reference for `scene`, the spreads that `specs` need and that it does not have
 /// yet.
 void add_spreads(StudyBench& bench, const Scene& scene, const std::vector<BackendSpec>& specs,

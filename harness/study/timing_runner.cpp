@@ -118,7 +118,7 @@ public:
         if (what == "warm up") return warm_up(backend, question.at("batches"));
         if (what == "repeat") return repeat(backend);
         if (what == "state") return read(backend, steps_in_all(batch_));
-        if (what == "fingerprint") return fingerprint(backend);
+        if (what == "fingerprint") return fingerprint_of(backend);
         if (what == "edits") return edits(backend);
         if (what == "sustain") return sustain(backend, question.at("seconds"));
         if (what == "strained") return strained(backend);
@@ -138,11 +138,6 @@ public:
     }
 
 private:
-    static std::string fingerprint(Backend& backend) {
-        const std::string own = backend.state_fingerprint();
-        return own.empty() ? fingerprint_of(backend.download()) : own;
-    }
-
     /// Reads the state that has been reached. Throws if the run diverged.
     nlohmann::json read(Backend& backend, int steps) {
         const State state = backend.download();
@@ -242,7 +237,7 @@ private:
             ++batches;
         };
         batch();
-        const std::string first = comparable ? fingerprint(backend) : "";
+        const std::string first = comparable ? fingerprint_of(backend) : "";
         for (const auto begin = Clock::now(); seconds_since(begin) < seconds / 3;) batch();
         stepped = 0;
         batches = 0;
@@ -259,13 +254,14 @@ private:
             for (const auto begin = Clock::now(); batches == 0 || seconds_since(begin) < seconds;) batch();
         }
         answer["seconds_per_step"] = stepped / (double(batches) * batch_.steps);
-        if (comparable && fingerprint(backend) != first)
+        if (comparable && fingerprint_of(backend) != first)
             throw std::runtime_error("batches without a pause left another state than the first one");
         return answer;
     }
 
     /// The latency of each edit by itself, from an idle device until it is idle again. The least of three
-    /// runs counts, since an edit is far shorter than what may interrupt it.
+    /// runs counts, since an edit is far shorter than what may interrupt it. They must leave the same state
+    /// as a batch that does not wait for its edits, whose state is judged.
     nlohmann::json edits(Backend& backend) {
         constexpr int plays = 3;
         const AllProcessors all;
@@ -282,6 +278,13 @@ private:
                 ++next;
             });
             backend.synchronize();
+        }
+        if (backend.capabilities().deterministic) {
+            const std::string left = fingerprint_of(backend);
+            runner_.rewind(backend);
+            runner_.run(backend, batch_.steps);
+            if (fingerprint_of(backend) != left)
+                throw std::runtime_error("edits timed by themselves left another state than a timed batch");
         }
         return {{"edits", latency.size()},
                 {"edit_seconds_median", median(latency)},

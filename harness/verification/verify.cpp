@@ -60,6 +60,11 @@ std::string fingerprint_of(const State& state) {
     return hash.text();
 }
 
+std::string fingerprint_of(Backend& backend) {
+    const std::string own = backend.state_fingerprint();
+    return own.empty() ? fingerprint_of(backend.download()) : own;
+}
+
 SpringLengths spring_lengths(const Problem& problem) {
     SpringLengths lengths;
     const auto add = [&](const RestSpring& spring) {

@@ -84,6 +84,9 @@ double rounding_tolerance(const Problem& problem, const State& reference, Precis
 
 /// A hash that is the same for states with the same bits.
 std::string fingerprint_of(const State& state);
+/// A hash of a backend's state, by the backend itself where it has one. Only hashes of one process can be
+/// compared.
+std::string fingerprint_of(Backend& backend);
 
 /// Compares displacements without a tolerance. Comparison::reason is set if one is not finite or if their
 /// number differs from the reference's. A reference without displacements is at rest.

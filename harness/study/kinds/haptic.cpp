@@ -1,19 +1,24 @@
 // The kind of study `haptic`: plays a recorded motion of a hand in real time, and measures when the force
-// comes back.
+// comes back. Steps of the same motion are compared with float64 first, and the motion that was played with
+// the same ticks without waiting.
 #include <sched.h>
 
 #include <algorithm>
 #include <array>
 #include <chrono>
 #include <cmath>
+#include <cstdint>
+#include <functional>
 #include <glm/geometric.hpp>
 #include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
 #include <stdexcept>
+#include <string>
 #include <thread>
 #include <utility>
+#include <vector>
 
 #include "backends/gl/context.h"
 #include "harness/base/bad_input.h"
@@ -21,11 +26,14 @@
 #include "harness/base/statistics.h"
 #include "harness/base/text.h"
 #include "harness/drawing/live_drawing.h"
+#include "harness/results/capabilities.h"
 #include "harness/results/print.h"
 #include "harness/results/row_fields.h"
 #include "harness/scene/scene_runner.h"
+#include "harness/study/measure.h"
 #include "harness/study/study_bench.h"
 #include "harness/study/study_kind.h"
+#include "harness/verification/verify.h"
 
 namespace voxspring {
 namespace {
@@ -57,7 +65,7 @@ struct HapticRow : Row {
     /// Always true: a latency begins when the tick is due. Absent in older files: it began with the tick.
     std::optional<bool> from_due = {};
     int missed = 0, steps_that_fit = 0;
-    std::optional<double> force_error = {};
+    std::optional<double> force_error = {}, force_tolerance = {};
     bool real_time = false;
     Histogram histogram = {};
     double waited_seconds = 0;
@@ -78,6 +86,7 @@ struct HapticRow : Row {
         of.required("missed", row.missed);
         of.required("steps_that_fit", row.steps_that_fit);
         of.nullable("force_error", row.force_error);
+        of.nullable("force_tolerance", row.force_tolerance);
         of.required("real_time", row.real_time);
         of.required("histogram", row.histogram);
         of.required("waited_seconds", row.waited_seconds);
@@ -96,6 +105,37 @@ std::optional<double> percentile_of_many(const std::vector<double>& sorted, doub
     constexpr long least_beyond = 10;
     const bool enough = std::lround(double(sorted.size()) * (1 - fraction)) >= least_beyond;
     return enough ? std::optional(percentile(sorted, fraction)) : std::nullopt;
+}
+
+/// A cut beside the particles that the tool holds, and the suture that undoes it.
+using CutAndSuture = std::array<SpringEdit, 2>;
+CutAndSuture cut_and_suture_of(const Scene& scene) {
+    Problem problem = scene.problem;
+    SpringEditor editor(problem);
+    const auto& held = problem.tool.particles;
+    const glm::dvec3 spacing = problem.lattice.spacing;
+    const double longest = std::max({spacing.x, spacing.y, spacing.z});
+    CutAndSuture edits;
+    edits[0] = editor.cut(Ball{problem.rest_position[held[held.size() / 2]], 1.5 * longest});
+    std::vector<std::pair<std::uint32_t, std::uint32_t>> pairs;
+    for (const ChangedSpring& removed : edits[0].removed)
+        pairs.emplace_back(removed.spring.first, removed.spring.second);
+    edits[1] = editor.suture(pairs);
+    return edits;
+}
+
+/// The scene whose `steps` steps are judged. As while a motion is played, the tool moves in each step. If
+/// `edited`, the springs are cut, sutured and cut again, so that at the end a cut is open.
+Scene judged_scene(const Scene& scene, bool edited, int steps) {
+    Scene judged = scene;
+    judged.tool_motion.every = 1;
+    if (!edited) return judged;
+    const CutAndSuture edits = cut_and_suture_of(scene);
+    for (int n = 0; n < 3; ++n) {
+        const SpringEdit& edit = edits[std::size_t(n % 2)];
+        if (!edit.empty()) judged.edits.push_back({int(std::int64_t(steps) * (n + 1) / 4), edit});
+    }
+    return judged;
 }
 
 /// The forces on the tool at even intervals of a run through the scene.
@@ -194,47 +234,49 @@ struct Shared {
 
 class HapticRunner final : public CaseRunner {
 public:
-    HapticRunner(const BackendSpec& spec, const Scene& scene, const nlohmann::json& parameters)
+    HapticRunner(const BackendSpec& spec, const Scene& scene, const nlohmann::json& parameters,
+                 SharedState& shared_state)
         : shared_(parameters.at("drawn") ? std::make_unique<Shared>(spec) : nullptr),
           scene_(scene),
           steps_(parameters.at("steps")),
+          edits_(cut_and_suture_of(scene)),
           edited_(scene.problem),
-          runner_(scene) {
-        find_edits();
-    }
+          runner_(scene),
+          shared_state_(shared_state) {}
 
     nlohmann::json answer(Backend& own, const nlohmann::json& question, const OnEvent&) override {
         Backend& backend = shared_ ? *shared_->backend : own;
         if (question.at("do") == "play") {
             const Playing playing{question.at("hertz"), question.at("edited"), question.at("drawn"),
                                   question.at("seconds")};
-            HapticRow row = play(backend, playing);
+            Played played;
+            HapticRow row = play(backend, playing, played);
             // steps_that_fit() makes no edits, so motions played with and without edits share its result.
             const auto [fit, is_new] = fit_.try_emplace(playing.hertz, 0);
             if (is_new) fit->second = steps_that_fit(backend, 1 / playing.hertz);
             row.steps_that_fit = fit->second;
             drawing_.reset();
+            check(backend, played);
             return json_of(row);
         }
+        const Scene judged = judged_scene(scene_, question.at("edited"), steps_);
+        SceneRunner runner(judged);
         nlohmann::json forces = nlohmann::json::array();
-        for (const glm::dvec3& f : forces_of(runner_, backend, steps_)) forces.push_back({f.x, f.y, f.z});
-        return forces;
+        for (const glm::dvec3& f : forces_of(runner, backend, steps_)) forces.push_back({f.x, f.y, f.z});
+        nlohmann::json left = shared_state_.put(backend.download());
+        // The backend reads the problem that `runner` has.
+        runner_.rewind(backend);
+        return {{"forces", std::move(forces)}, {"left", std::move(left)}};
     }
 
 private:
-    /// Finds the edits: a cut beside the particles that the tool holds, and the suture that undoes it.
-    void find_edits() {
-        Problem problem = scene_.problem;
-        SpringEditor editor(problem);
-        const auto& held = problem.tool.particles;
-        const glm::dvec3 spacing = problem.lattice.spacing;
-        const double longest = std::max({spacing.x, spacing.y, spacing.z});
-        edits_[0] = editor.cut(Ball{problem.rest_position[held[held.size() / 2]], 1.5 * longest});
-        std::vector<std::pair<std::uint32_t, std::uint32_t>> pairs;
-        for (const ChangedSpring& removed : edits_[0].removed)
-            pairs.emplace_back(removed.spring.first, removed.spring.second);
-        edits_[1] = editor.suture(pairs);
-    }
+    /// What a playing did: the places of the tool, in parts of the motion, the numbers of the ticks before
+    /// which an edit was made, and a hash of the state that was left, if another run can leave the same bits.
+    struct Played {
+        std::vector<double> places;
+        std::vector<std::size_t> edited;
+        std::string left;
+    };
 
     /// Plays the whole motion in `playing.seconds`, with one tick every 1 / hertz seconds. In a tick the
     /// tool's place is sent, one step is made, and the force is read. Ticks whose time has passed before they
@@ -243,13 +285,14 @@ private:
     /// The latency of a tick, played or left out, is the time from when it is due until the next force is
     /// there. If only played ticks counted, one long tick would hide the delay of those left out because of
     /// it.
-    HapticRow play(Backend& backend, const Playing& playing) {
+    HapticRow play(Backend& backend, const Playing& playing, Played& played) {
         HapticRow row;
         row.playing = playing;
         const double hertz = playing.hertz;
         const int ticks = std::max(1, int(std::lround(playing.seconds * hertz)));
         const int ticks_per_edit = std::max(1, int(std::lround(edit_seconds * hertz)));
         stand_at_start(backend, playing.drawn);
+        played.places.reserve(std::size_t(ticks));
         std::size_t next_edit = 0;
         std::vector<double> latencies;
         Waiting waiting;
@@ -275,6 +318,8 @@ private:
             if (!std::isfinite(glm::length(force))) throw std::runtime_error("the force is not finite");
             answer(tick + 1, force_there);
             ++row.ticks;
+            if (edit != nullptr) played.edited.push_back(played.places.size());
+            played.places.push_back(double(tick) / ticks);
             if (drawing_ && edit != nullptr) drawing_->follow(*edit);
             if (drawing_) drawing_->follow_mesh();
             const int late = int(std::ceil(seconds_between(start, Clock::now()) * hertz));
@@ -283,6 +328,7 @@ private:
             tick = next;
         }
         answer(ticks, Clock::now());
+        if (backend.capabilities().deterministic) played.left = fingerprint_of(backend);
         if (drawing_) {
             const auto drawn = double(drawing_->pictures() - drawn_before);
             row.pictures_per_second = drawn / seconds_between(start, Clock::now());
@@ -302,6 +348,23 @@ private:
         row.pauses = waiting.pauses();
         row.real_time = real_time_.granted();
         return row;
+    }
+
+    /// Plays the same ticks without waiting and drawing, and throws unless that leaves the same state.
+    void check(Backend& backend, const Played& played) {
+        if (played.left.empty()) return;
+        stand_at_start(backend, false);
+        std::size_t edits = 0;
+        for (std::size_t n = 0; n < played.places.size(); ++n) {
+            if (edits < played.edited.size() && played.edited[edits] == n) {
+                const SpringEdit& edit = edits_[edits++ % 2];
+                apply(edited_, edit);
+                backend.edit(edited_, edit);
+            }
+            (void)tick_once(backend, played.places[n], 1);
+        }
+        if (fingerprint_of(backend) != played.left)
+            throw std::runtime_error("the motion left another state than the same ticks without waiting");
     }
 
     /// Returns to the start of the motion. If `drawn`, drawing begins here.
@@ -381,19 +444,46 @@ private:
     const RealTime real_time_;  // declared before the members that start threads for steps
     const Scene& scene_;
     const int steps_;
-    std::array<SpringEdit, 2> edits_;
+    const CutAndSuture edits_;
     Problem edited_;
     SceneRunner runner_;
+    SharedState& shared_state_;
     std::map<double, int> fit_;           ///< steps that fit into a tick, by rate
     std::optional<LiveDrawing> drawing_;  ///< exists while a drawn motion is played
 };
 
 const RegisteredCaseRunner haptic_runner("haptic", [](const BackendSpec& spec, const Scene& scene,
-                                                      const nlohmann::json& parameters, SharedState*) {
-    return std::make_unique<HapticRunner>(spec, scene, parameters);
+                                                      const nlohmann::json& parameters, SharedState* shared) {
+    return std::make_unique<HapticRunner>(spec, scene, parameters, *shared);
 });
 
 // --- In the process of the study ------------------------------------------------------------------------
+
+/// The float64 runs that the steps before the playings are compared with, with edits or without.
+struct Judgement {
+    Judgement(StudyBench& bench, bool with_edits)
+        : edited(with_edits),
+          scene(judged_scene(bench.scene(), edited, bench.item().steps)),
+          last(problem_after(scene, bench.item().steps)),
+          solution(solution_of(bench, scene, last, bench.item().steps, bench.specs())) {
+        SceneRunner runner(scene);
+        forces = forces_of(runner, *References::backend_of(scene, bench.item().steps), bench.item().steps);
+    }
+    Judgement(const Judgement&) = delete;  // `solution` refers to the other members
+    Judgement& operator=(const Judgement&) = delete;
+    ~Judgement() = default;
+
+    const bool edited;
+    const Scene scene;
+    const Problem last;
+    const ReferenceSolution solution;
+    std::vector<glm::dvec3> forces;
+};
+
+/// Sets the largest difference of the forces from the reference's, relative to the largest force, and its
+/// bound: what a particle's largest accepted error changes in every spring of the tool at once. Throws if the
+/// difference exceeds it.
+void judge_force(HapticRow& row, const nlohmann::json& forces, const Judgement& by);
 
 /// How the motion is played: settings of the study, which a scene may override.
 struct Motions {
@@ -455,9 +545,9 @@ public:
 private:
     Motions motions_of(const StudyScene& item) const;
     /// Measures a backend. Returns whether it runs the scene.
-    bool measure(StudyBench& bench, const BackendSpec& spec, const std::vector<glm::dvec3>& reference) const;
-    void add_rows(StudyBench& bench, const BackendSpec& spec, const JournalScope& scope,
-                  std::optional<double> force_error) const;
+    bool measure(StudyBench& bench, const BackendSpec& spec,
+                 const std::array<Judgement, 2>& judgements) const;
+    void add_rows(StudyBench& bench, const BackendSpec& spec, const JournalScope& scope) const;
 
     Motions motions_;
 };
@@ -471,78 +561,103 @@ Motions HapticStudy::motions_of(const StudyScene& item) const {
     return motions;
 }
 
-/// The largest difference from `reference`, relative to its largest force; empty if that is 0.
-std::optional<double> force_error(const nlohmann::json& forces, const std::vector<glm::dvec3>& reference) {
+void judge_force(HapticRow& row, const nlohmann::json& forces, const Judgement& by) {
     double difference = 0, largest = 0;
-    for (std::size_t n = 0; n < reference.size(); ++n) {
+    for (std::size_t n = 0; n < by.forces.size(); ++n) {
         const nlohmann::json& f = forces.at(n);
-        difference = std::max(difference, glm::distance(glm::dvec3(f.at(0), f.at(1), f.at(2)), reference[n]));
-        largest = std::max(largest, glm::length(reference[n]));
+        difference = std::max(difference, glm::distance(glm::dvec3(f.at(0), f.at(1), f.at(2)), by.forces[n]));
+        largest = std::max(largest, glm::length(by.forces[n]));
     }
-    if (largest == 0) return std::nullopt;
-    return difference / largest;
+    if (largest == 0) return;
+    row.force_error = difference / largest;
+    const Tool& tool = by.scene.problem.tool;
+    if (!row.verdict->tolerance) return;
+    const double of_springs = tool.stiffness * double(tool.particles.size()) * *row.verdict->tolerance;
+    row.force_tolerance = std::min(of_springs / largest, max_share_of_motion);
+    if (*row.force_error > *row.force_tolerance)
+        throw std::runtime_error("its force does not agree with float64: error " +
+                                 error_text(*row.force_error) + " of the largest, tolerance " +
+                                 error_text(*row.force_tolerance));
+}
+
+std::string key_of_judged(bool edited, bool drawn) {
+    return std::string("judged") + (edited ? ", edited" : "") + (drawn ? ", drawn" : "");
 }
 
 void HapticStudy::run(StudyBench& bench) {
-    const Scene& scene = bench.scene();
-    const auto float64 = References::backend_of(scene, bench.item().steps);
-    SceneRunner reference_runner(scene);
     bench.show("float64 reference", 0, 1);
-    const std::vector<glm::dvec3> reference = forces_of(reference_runner, *float64, bench.item().steps);
+    const std::array<Judgement, 2> judgements{Judgement(bench, false), Judgement(bench, true)};
     int done = 0;
     // One case after another: nothing else may use the host or the device meanwhile.
     for (const BackendSpec& spec : bench.specs()) {
         if (interrupted()) return;
         bench.show(spec.label(), done, bench.expected_cases());
-        if (measure(bench, spec, reference)) ++done;
+        if (measure(bench, spec, judgements)) ++done;
     }
 }
 
 bool HapticStudy::measure(StudyBench& bench, const BackendSpec& spec,
-                          const std::vector<glm::dvec3>& reference) const {
+                          const std::array<Judgement, 2>& judgements) const {
     const Motions motions = motions_of(bench.item());
     std::optional<JournalScope> scope;
+    SharedState shared(bench.scene().problem.particle_count());
+    State left;
     // The motion is played with and without drawing in two processes, since a drawing context that shares
     // buffers may slow down the steps even while it draws nothing.
     for (const bool drawn : {false, true}) {
-        auto entered = bench.enter(spec, {"haptic", {{"steps", bench.item().steps}, {"drawn", drawn}}});
+        auto entered =
+            bench.enter(spec, {"haptic", {{"steps", bench.item().steps}, {"drawn", drawn}}, &shared});
         if (!entered) break;
         scope = entered->scope();
-        const auto once = [&](const std::string& key, const nlohmann::json& question) {
+        const auto once = [&](const std::string& key, const std::function<nlohmann::json()>& make) {
             for (const char* over : {key.c_str(), "not drawn", "failed"}) {
                 if (scope->find(over) != nullptr) return;
             }
             const auto failure = failure_of([&] {
                 try {
-                    scope->keep(key, entered->ask(question, "playing the motion"));
+                    scope->keep(key, make());
                 } catch (const Unavailable& absent) {
                     scope->keep(drawn ? "not drawn" : "failed", absent.what());
                 }
             });
             if (failure) scope->keep("failed", *failure);
         };
-        if (!drawn) once("forces", {{"do", "forces"}});
+        for (const Judgement& by : judgements) {
+            once(key_of_judged(by.edited, drawn), [&] {
+                const nlohmann::json answer = entered->ask({{"do", "judge"}, {"edited", by.edited}},
+                                                           "making the steps that are judged");
+                shared.take(answer.at("left"), left);
+                HapticRow row;
+                add_verdict(row, by.solution, left, spec, 1);
+                judge_force(row, answer.at("forces"), by);
+                return json_of(row);
+            });
+        }
         for (const Playing& playing : motions.playings()) {
-            if (playing.drawn == drawn) once(playing.key(), playing.question());
+            if (playing.drawn == drawn)
+                once(playing.key(), [&] { return entered->ask(playing.question(), "playing the motion"); });
         }
     }
     if (!scope) return false;
-    const nlohmann::json* forces = scope->find("forces");
-    add_rows(bench, spec, *scope, forces == nullptr ? std::nullopt : force_error(*forces, reference));
+    add_rows(bench, spec, *scope);
     if (const nlohmann::json* why = scope->find("not drawn"))
         bench.skip(spec, "while it is drawn: " + why->get<std::string>());
     if (const nlohmann::json* why = scope->find("failed")) bench.fail(spec, *why);
     return true;
 }
 
-void HapticStudy::add_rows(StudyBench& bench, const BackendSpec& spec, const JournalScope& scope,
-                           std::optional<double> force_error) const {
+void HapticStudy::add_rows(StudyBench& bench, const BackendSpec& spec, const JournalScope& scope) const {
     for (const Playing& playing : motions_of(bench.item()).playings()) {
         const nlohmann::json* measured = scope.find(playing.key());
-        if (measured == nullptr) continue;
+        const nlohmann::json* judged = scope.find(key_of_judged(playing.edited, playing.drawn));
+        if (measured == nullptr || judged == nullptr) continue;
         auto row = row_of_json<HapticRow>(*measured);
+        const auto by = row_of_json<HapticRow>(*judged);
         bench.identify(row, spec, bench.item().steps);
-        row.force_error = force_error;
+        row.errors = by.errors;
+        row.verdict = by.verdict;
+        row.force_error = by.force_error;
+        row.force_tolerance = by.force_tolerance;
         bench.add("haptic", row);
     }
 }
@@ -576,7 +691,8 @@ void HapticStudy::print(const Result& result, std::ostream& out, TableWidth widt
          {{"worst", 1}, seconds(&HapticRow::worst_seconds)},
          {{"missed"}, [](const auto& row) { return std::to_string(row.missed); }},
          {{"steps fit"}, [](const auto& row) { return std::to_string(row.steps_that_fit); }},
-         {{"force error", 2}, [](const auto& row) { return error_cell(row.force_error); }}},
+         {{"force error", 2}, [](const auto& row) { return error_cell(row.force_error); }},
+         {{"threshold/motion", 4}, [](const auto& row) { return threshold_text(row.verdict); }}},
         width, out);
     if (!rows.empty())
         out << "The host's thread was " << (real_time ? "" : "not ")
