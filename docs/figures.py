@@ -100,6 +100,11 @@ def from_due(rows):
     return all(row.get("from_due") for row in rows)
 
 
+def judged(rows):
+    """Whether rows of a study say by what their states were judged. Those of older files do not."""
+    return all("passed" in row for row in rows)
+
+
 def handed_over(rows, backend):
     """Two rows of a backend: its steps were handed over one by one, and at once."""
     return [next(row for row in rows if (row["backend"], row["handed_over"]) == (backend, way)) for way in ("one by one", "at once")]

@@ -190,6 +190,8 @@ class Result:
         entry = Row(name[len(identity[0]) + 1:].replace("/", " "), chaotic=row.get("chaotic", False), noisy=list(row.get("noisy", [])))
         if list_name == "benchmarks":
             entry.unjudged, entry.unverified = self.unjudged(row)
+        elif list_name in result_files.JUDGED and "passed" not in row:
+            entry.unjudged, entry.unverified = "its state was not verified", 1
         entry.measure = tuple((key, row[key]) for key in ("particles", "springs", "steps", "error_steps", "end_time")
                               if key in row and (list_name, key) != ("truth", "steps"))
         if list_name == "stress":

@@ -69,8 +69,10 @@ def load(path):
     return result
 
 
-# Keys of the bounds in a row of `verification`, each with the key of the error that it bounds.
-BOUNDS = {"tolerance": "error_max", "tolerance_rms": "error_rms", "tolerance_mean": "error_mean"}
+# Lists whose rows have their verdict with them, except in older files.
+JUDGED = ("scaling", "overhead", "haptic")
+# Keys of the bounds in a verdict, each with the key of the error that it bounds.
+BOUNDS = {"tolerance": "error_max", "tolerance_rms": "error_rms", "tolerance_mean": "error_mean", "force_tolerance": "force_error"}
 # The largest relative difference at which a field still agrees with its value computed from other fields.
 SAME = 1e-6
 
@@ -88,17 +90,17 @@ def contradictions(result):
     """Yields (place, value, expected) for each contradiction within a result, which a faulty program wrote or somebody edited."""
     rows = {name: [row for row in content if isinstance(row, dict)] for name, content in result.items() if isinstance(content, list)}
     verdicts = {str(row.get("name")): row for row in rows.get("verification", [])}
-    for index, row in enumerate(rows.get("verification", [])):
+    for name, index, row in ((name, *one) for name in ("verification", *JUDGED) for one in enumerate(rows.get(name, []))):
         strained = row.get("strained_start")
         for run, at in ((row, ""), (strained if isinstance(strained, dict) else {}, "strained_start.")):
-            place = f"verification[{index}].{at}"
+            place = f"{name}[{index}].{at}"
             for bound, error in BOUNDS.items() if row.get("passed") else ():
                 if number(run.get(bound)) and (run.get(error) is None or number(run[error]) and run[error] > run[bound]):
                     yield place + error, run.get(error), f"at most {run[bound]:g}, as {bound} says, or passed to be false"
             if number(run.get("error_max")) and number(run.get("error_rms")) and run["error_rms"] > (1 + SAME) * run["error_max"]:
                 yield place + "error_rms", run["error_rms"], f"at most {run['error_max']:g}, which error_max is"
         if row.get("passed") and row.get("finite") is False:
-            yield f"verification[{index}].passed", True, "false, since the state is not finite"
+            yield f"{name}[{index}].passed", True, "false, since the state is not finite"
     cases = groups(enumerate(rows.get("benchmarks", [])), lambda one: str(one[1].get("name")).split("/iterations:")[0])
     for (name,), own in cases.items():
         verdict = verdicts.get(name, {})

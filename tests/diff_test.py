@@ -394,6 +394,13 @@ class Diff(InTemporaryFolder):
                     slower = [(row["backend"], row["place"].get("measured"), row["unit"]) for row in found["rows"]
                               if row["verdict"] == "slower"]
                     self.assertEqual(slower, [("b3", key if first else None, "J" if "joules" in key else "s")])
+            if name in ("overhead", "scaling", "haptic"):
+                verified = study(name, place, fields)
+                for row in verified[name]:
+                    row["passed"] = True
+                for one, other, verdict in ((verified, old, "not comparable"), (old, verified, "same")):
+                    rows = [row for row in self.judge(one, other)[1]["rows"] if "measured" not in row["place"]]
+                    self.assertEqual({row["verdict"] for row in rows}, {verdict}, "its state is verified or not")
             code, found, _ = self.judge(old, study(name, place, fields, seed=3))
             self.assertEqual(code, 0)
             # A start that every repetition of its row repeats was measured once.

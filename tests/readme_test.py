@@ -39,6 +39,11 @@ class Pages(InTemporaryFolder):
         self.assertEqual([line[1:3] for line in lines], [["`cuda_resident`", "1"], ["`cpu_parallel`", "1"], ["`cpu_parallel`", "10"]])
         self.assertEqual(lines[1][4:], ["20 us", "30 us", "1000 us", "3 of 20,003", "50", "4 %", "1e-07"])
         self.assertEqual(lines[0][9], "-", "nobody drew it")
+        self.assertIn("its rows are not verified", text)
+        verdict = {"passed": True, "tolerance_rms": 2e-6, "motion_rms": 2, "strained_share": 0.9}
+        verified = str(figures.tables().ticks([{"haptic": [one | {"real_time": True} | verdict for one in rows], "context": about}]))
+        self.assertIn("| 1e-07 | 1.0e-06 |", verified)
+        self.assertNotIn("not verified", verified)
         few = {"haptic": [row(1000) | {"real_time": True, "ticks": 9990, "from_due": None}], "context": about}
         old = str(figures.tables().ticks([few]))
         self.assertIn("| 20 us | - | 1000 us |", old, "fewer than ten ticks lie beyond a percentile of 99.9 %")

@@ -334,6 +334,8 @@ class Attacks(InTemporaryFolder):
         for lists, words in (
                 ({"energy": [row | {"watts": 2, "seconds_per_step": 3, "joules_per_step": 6.1}]}, "energy[0].joules_per_step: 6.1: expected 6"),
                 ({"haptic": [row | {"ticks": 3, "missed": 1, "from_due": True, "histogram": [[1, 2]]}]}, "haptic[0].ticks: 3: expected 1"),
+                ({"haptic": [row | {"passed": True, "force_error": 2, "force_tolerance": 1}]}, "haptic[0].force_error: 2: expected at most 1"),
+                ({"overhead": [row | {"passed": True, "error_rms": 2, "tolerance_rms": 1}]}, "overhead[0].error_rms: 2: expected at most 1"),
                 ({"haptic": [row | {"median_seconds": 2, "p99_seconds": 1}]}, "haptic[0].median_seconds: [2, 1]"),
                 ({"stability": [row | {"theory_time_step": 2, "measured_time_step": 1, "ratio": 1}]}, "stability[0].ratio: 1: expected 0.5"),
                 ({"stress": [row | {"passed": True, "gate_is": "at most", "gate": 1, "measured": 2}]}, "stress[0].measured: 2: expected at most 1"),
