@@ -70,7 +70,7 @@ def load(path):
 
 
 # Lists whose rows have their verdict with them, except in older files.
-JUDGED = ("scaling", "overhead", "haptic")
+JUDGED = ("scaling", "overhead", "haptic", "energy")
 # Keys of the bounds in a verdict, each with the key of the error that it bounds.
 BOUNDS = {"tolerance": "error_max", "tolerance_rms": "error_rms", "tolerance_mean": "error_mean", "force_tolerance": "force_error"}
 # The largest relative difference at which a field still agrees with its value computed from other fields.

@@ -153,8 +153,24 @@ private:
     const std::string api_;
 };
 
+/// OnCard without springs.
+class WrongOnCard final : public OnCard {
+public:
+    WrongOnCard() : OnCard("CUDA 13.0") {}
+    void upload(const Problem& problem, const State& state) override {
+        wrong_ = problem;
+        wrong_.group_stiffness = {0, 0, 0};
+        OnCard::upload(wrong_, state);
+    }
+
+private:
+    Problem wrong_;
+};
+
 const Registered on_card =
     registered_for_test("on_card", [] { return std::make_unique<OnCard>("CUDA 13.0"); });
+const Registered wrong_on_card =
+    registered_for_test("wrong_on_card", [] { return std::make_unique<WrongOnCard>(); });
 const Registered drawn_on_card =
     registered_for_test("drawn_on_card", [] { return std::make_unique<OnCard>("OpenGL 4.6"); });
 
@@ -252,6 +268,13 @@ TEST_F(CardInAStudy, TellsItsEnergy) {
                      row.at("watts").get<double>() * row.at("seconds_per_step").get<double>());
     EXPECT_EQ(row.at("throttled"), nlohmann::json::array({"power limit"}));
     EXPECT_EQ(row.at("meter"), "NVML");
+    EXPECT_EQ(row.at("passed"), true);
+    EXPECT_GT(row.at("motion_max"), row.at("tolerance")) << "without any motion any state would pass";
+}
+
+TEST_F(CardInAStudy, HasNoEnergyOfAWrongBackend) {
+    const nlohmann::json row = row_of("energy", result_of_study("energy", {"wrong_on_card"}));
+    EXPECT_THAT(row.value("reason", ""), HasSubstr("does not agree with float64"));
 }
 
 TEST_F(CardInAStudy, WhoseCounterAndSamplesDisagreeHasNoEnergy) {

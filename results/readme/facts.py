@@ -14,7 +14,7 @@ from readme import tables
 from readme.rows import (CPU, GPU, PAPER, Missing, about_backend, by_name, contender, fastest_of, figure, having, is_papers,
                          medians, medians_of, name_of, result, three_digits, tuning_of)
 from readme.tables import slow_down
-from result_files import distinct, groups, listed
+from result_files import distinct, groups, listed, threshold_of  # noqa: F401 (templates use all names here)
 
 # Positions (48 bytes per particle) and lists (72 bytes) of more particles exceed the 60 MB of an H200's L2.
 LARGE = 500_000

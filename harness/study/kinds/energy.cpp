@@ -1,4 +1,4 @@
-// The kind of study `energy`: what a step costs in joules.
+// The kind of study `energy`: what a step costs in joules. The state that the batches leave is judged.
 #include "harness/device/energy.h"
 
 #include <chrono>
@@ -14,9 +14,11 @@
 #include "harness/results/print.h"
 #include "harness/results/row_fields.h"
 #include "harness/scene/scene_runner.h"
+#include "harness/study/measure.h"
 #include "harness/study/study_bench.h"
 #include "harness/study/study_kind.h"
 #include "harness/verification/divergence.h"
+#include "harness/verification/verify.h"
 
 namespace voxspring {
 namespace {
@@ -46,9 +48,10 @@ struct EnergyRow : Row {
 
 class EnergyRunner final : public CaseRunner {
 public:
-    EnergyRunner(const Scene& scene, const nlohmann::json& parameters)
+    EnergyRunner(const Scene& scene, const nlohmann::json& parameters, SharedState& shared)
         : steps_(parameters.at("steps")),
           seconds_(parameters.at("seconds")),
+          shared_(shared),
           monitor_(divergence_monitor(scene, steps_)),
           runner_(scene) {}
 
@@ -60,6 +63,8 @@ public:
         runner_.rewind(backend);
         runner_.keep_start(backend);
         run_batch(backend);
+        const bool comparable = backend.capabilities().deterministic;
+        const std::string first = comparable ? fingerprint_of(backend) : "";
         backend.monitor({});  // later batches repeat the checked one, and checks take energy
         const EnergyUse idle = measure_energy(*meter, lead_seconds, idle_seconds, [] {
             std::this_thread::sleep_for(std::chrono::milliseconds(10));
@@ -71,6 +76,8 @@ public:
         if (!powers_agree(use))
             throw std::runtime_error("its energy is not known: the counter says " + si(use.watts, "W") +
                                      ", the samples of power " + si(*use.sampled_watts, "W"));
+        if (comparable && fingerprint_of(backend) != first)
+            throw std::runtime_error("the last batch left another state than the first, from the same start");
         EnergyRow row;
         row.meter = meter->name();
         const double step_seconds = all / (double(batches_) * steps_);
@@ -83,7 +90,7 @@ public:
         row.min_mhz = use.min_mhz;
         row.max_mhz = use.max_mhz;
         row.throttled = use.throttled;
-        return json_of(row);
+        return {{"row", json_of(row)}, {"left", shared_.put(backend.download())}};
     }
 
 private:
@@ -99,14 +106,15 @@ private:
 
     const int steps_;
     const double seconds_;
+    SharedState& shared_;
     const DivergenceMonitor monitor_;
     SceneRunner runner_;
     std::int64_t batches_ = 0;
 };
 
 const RegisteredCaseRunner energy_runner("energy", [](const BackendSpec&, const Scene& scene,
-                                                      const nlohmann::json& parameters, SharedState*) {
-    return std::make_unique<EnergyRunner>(scene, parameters);
+                                                      const nlohmann::json& parameters, SharedState* shared) {
+    return std::make_unique<EnergyRunner>(scene, parameters, *shared);
 });
 
 // --- In the process of the study ------------------------------------------------------------------------
@@ -125,13 +133,17 @@ public:
     double steps_of_case(const Study&, const StudyScene& item) const override { return item.steps; }
 
     void run(StudyBench& bench) override {
+        const Scene& scene = bench.scene();
+        const int steps = bench.item().steps;
+        SharedState shared(scene.problem.particle_count());
+        State left;
+        std::optional<ReferenceSolution> solution;  // once the first device has a meter
         int done = 0;
         // One case after another: a card that two processes hold draws more power while it idles.
         for (const BackendSpec& spec : bench.specs()) {
             if (interrupted()) return;
             bench.show(spec.label(), done, bench.expected_cases());
-            auto entered =
-                bench.enter(spec, {"energy", {{"steps", bench.item().steps}, {"seconds", seconds_}}});
+            auto entered = bench.enter(spec, {"energy", {{"steps", steps}, {"seconds", seconds_}}, &shared});
             if (!entered) continue;
             try {
                 (void)energy_meter_of(capabilities_of(entered->capabilities()));
@@ -141,12 +153,18 @@ public:
             }
             ++done;
             const nlohmann::json* measured = entered->kept("energy", [&] {
-                return entered->ask({{"do", "measure"}}, "measuring its energy");
+                const nlohmann::json answer = entered->ask({{"do", "measure"}}, "measuring its energy");
+                shared.take(answer.at("left"), left);
+                if (!solution)
+                    solution.emplace(solution_of(bench, scene, scene.problem, steps, bench.specs()));
+                auto row = row_of_json<EnergyRow>(answer.at("row"));
+                add_verdict(row, *solution, left, spec, 1);
+                return json_of(row);
             });
             bench.add_failure(*entered);
             if (measured == nullptr) continue;
             auto row = row_of_json<EnergyRow>(*measured);
-            bench.identify(row, spec, bench.item().steps);
+            bench.identify(row, spec, steps);
             const double joules = row.counters.at("joules_per_step");
             row.counters.add("springs_per_joule", double(row.workpiece->springs) / joules, Unit::per_joule,
                              Better::more);
@@ -162,7 +180,10 @@ public:
         print_rows<EnergyRow>(
             result.rows<EnergyRow>("energy"),
             {{{"steps", 8}, [](const auto& row) { return std::to_string(row.workpiece->steps); }},
-             {{"clock", 7}, [](const auto& row) { return row.clock(); }}},
+             {{"clock", 7}, [](const auto& row) { return row.clock(); }},
+             {{"error", 2},
+              [](const auto& row) { return error_cell(row.errors ? row.errors->max : std::nullopt); }},
+             {{"threshold/motion", 4}, [](const auto& row) { return threshold_text(row.verdict); }}},
             width, out);
         print_unmeasured(result, out);
     }
