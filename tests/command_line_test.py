@@ -643,6 +643,16 @@ class Pareto(InTemporaryFolder):
             self.assertEqual(advice["most_accurate"]["total_error_relative_l2"], least)
             self.assertFalse(advice["unfinished"])
 
+    def test_the_command_that_it_ends_with_makes_the_same_body(self):
+        same = ["--labels", "left lung,5", "--frame", "2", "--parts", "largest", "--pitch", "1.5", "--fill", "0.25", "--unit", "mm",
+                "--spacing", "1,2,3", "--gravity", "0,0,-1", "--young", "5000", "--density", "1000", "--damping", "0.5", "--corners"]
+        advice = json_of("advise", "box@6", "--error", 1, "--results", self.out, "--json", *same)
+        said = shlex.split(advice["best"]["command"])
+        self.assertEqual(said[:3], ["voxspring", "run", "box@6"])
+        self.assertEqual(sorted(said[3:said.index("--backend")]), sorted(same))
+        parts = json_of("advise", "box@6", "--error", 1, "--results", self.out, "--json", "--parts", 30)
+        self.assertIn(" --parts 30 ", parts["best"]["command"])
+
     def displacement_after(self, *arguments):
         out = self.folder / "displacement.npz"
         succeeds(*arguments, "--out", out)

@@ -38,17 +38,20 @@ Result measured(const std::string& study, const std::string& scene, const Advise
     return result;
 }
 
+/// The options that make the same body, each as a shell reads it.
 std::string text_of(const VolumeOptions& volume) {
     const auto vector = [](const glm::dvec3& v) { return fmt::format("{},{},{}", v.x, v.y, v.z); };
     std::string text;
-    if (volume.labels) text += fmt::format(" --labels {}", fmt::join(*volume.labels, ","));
+    if (volume.labels) text += " --labels " + shell_word(fmt::format("{}", fmt::join(*volume.labels, ",")));
     if (volume.threshold) text += fmt::format(" --threshold {}", *volume.threshold);
+    if (volume.frame) text += fmt::format(" --frame {}", *volume.frame);
     if (volume.spacing) text += " --spacing " + vector(*volume.spacing);
     if (volume.pitch) text += fmt::format(" --pitch {}", *volume.pitch);
     if (volume.fill) text += fmt::format(" --fill {}", *volume.fill);
     if (volume.gravity) text += " --gravity " + vector(*volume.gravity);
+    if (volume.parts) text += " --parts " + volume.parts->text();
     if (volume.young) text += fmt::format(" --young {} --density {}", *volume.young, *volume.density);
-    if (volume.unit) text += " --unit " + *volume.unit;
+    if (volume.unit) text += " --unit " + shell_word(*volume.unit);
     if (volume.damping) text += fmt::format(" --damping {}", *volume.damping);
     if (volume.corners) text += " --corners";
     return text;
