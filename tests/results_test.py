@@ -55,6 +55,10 @@ class AutoRules(unittest.TestCase):
                 mock.patch.object(auto_rules.rows, "having", lambda study: ["first", "second", auto_rules.rows.CPU]):
             self.assertEqual([rule["order"] for rule in auto_rules.rules()], [["cuda_new", "cuda_a", "cuda_b"]])
 
+    def test_a_spread_is_given_from_three_percent_on(self):
+        for spread, text in ((None, ""), (0.0299, ""), (0.03, " ± 3 %"), (0.06, " ± 6 %")):
+            self.assertEqual(auto_rules.rows.spread_text({"spread": spread}), text, spread)
+
     def test_the_fastest_goes_first_within_particles_and_occupancy(self):
         row = self.row
         full = [0.5, None]

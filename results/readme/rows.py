@@ -179,8 +179,8 @@ def marked(row, text):
 
 
 def spread_text(row):
-    """` ± 6 %`, the spread of a row, if it is more than MIN_SPREAD; otherwise empty."""
-    return f" ± {percent(row['spread'])}" if (row.get("spread") or 0) > result_files.MIN_SPREAD else ""
+    """` ± 6 %`, the spread of a row, if it is MIN_SPREAD or more; otherwise empty."""
+    return f" ± {percent(row['spread'])}" if (row.get("spread") or 0) >= result_files.MIN_SPREAD else ""
 
 
 def time_of(row):
