@@ -382,6 +382,19 @@ TEST(Study, LeavesOutWhatTheCommandLineDoesNotWant) {
     EXPECT_EQ(measured({"!cpu_reference/*"}), std::set<std::string>{"test_sound"});
     EXPECT_THAT([&] { measured({"!cpu_refrence"}); },
                 ::testing::ThrowsMessage<BadInput>(HasSubstr("did you mean cpu_reference?")));
+    // Labels, which globs are compared with, have no options.
+    EXPECT_THAT([&] { measured({"!cpu_reference:precision=float64"}); },
+                ::testing::ThrowsMessage<BadInput>(HasSubstr("such as !cpu_parallel/increment/float64")));
+    const auto said = [&](const std::vector<std::string>& globs) {
+        ::testing::internal::CaptureStderr();
+        measured(globs);
+        return ::testing::internal::GetCapturedStderr();
+    };
+    const std::string without_effect = " leaves nothing out: no backend of the study matches";
+    EXPECT_THAT(said({"!cpu_parallel", "!cpu_reference"}),
+                ::testing::AllOf(HasSubstr("voxspring: --backend !cpu_parallel" + without_effect),
+                                 Not(HasSubstr("!cpu_reference" + without_effect))));
+    EXPECT_THAT(said({"cpu_*", "!cpu_parallel*"}), Not(HasSubstr(without_effect)));
     for (const std::vector<std::string>& none : {std::vector<std::string>{"!cpu_*", "!test_*"},
                                                  std::vector<std::string>{"cpu_reference", "!cpu_*"}}) {
         EXPECT_THAT([&] { measured(none); }, ::testing::ThrowsMessage<BadInput>(

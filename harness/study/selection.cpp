@@ -3,6 +3,7 @@
 #include <fnmatch.h>
 
 #include <algorithm>
+#include <functional>
 #include <iterator>
 #include <optional>
 #include <set>
@@ -156,6 +157,25 @@ void select_scenes(Study& study, const std::vector<std::string>& globs) {
     study.scenes = std::move(kept);
 }
 
+std::vector<std::string> globs_without_effect(const Study& study, const std::vector<std::string>& globs) {
+    if (study.scenes.empty()) return {};
+    std::vector<std::string> patterns;
+    std::copy_if(globs.begin(), globs.end(), std::back_inserter(patterns), std::not_fn(leaves_out));
+    for (const StudyScene& item : study.scenes) {
+        const std::vector<std::string>& own = patterns_of(study, item);
+        patterns.insert(patterns.end(), own.begin(), own.end());
+    }
+    if (std::any_of(patterns.begin(), patterns.end(), asks_for_auto)) return {};
+    const std::vector<BackendSpec> specs = expand_all(patterns);
+    std::vector<std::string> without;
+    std::copy_if(globs.begin(), globs.end(), std::back_inserter(without), [&](const std::string& glob) {
+        return leaves_out(glob) && std::none_of(specs.begin(), specs.end(), [&](const BackendSpec& spec) {
+                   return matches(glob.substr(1), spec);
+               });
+    });
+    return without;
+}
+
 std::vector<std::string> select_backends(Study& study, const std::vector<std::string>& globs) {
     const auto asks_for = [](const StudyScene& item, const Study& of, const std::string& glob) {
         std::vector<std::string> patterns = patterns_of(of, item);
@@ -172,6 +192,11 @@ std::vector<std::string> select_backends(Study& study, const std::vector<std::st
         const bool is_in_study = std::find(by_scene.begin(), by_scene.end(), true) != by_scene.end();
         if (!is_in_study && !asks_for_auto(glob) && expand(named).empty())
             throw BadInput("command line", "--backend", glob, accepted_globs(named));
+        // Names and labels, which a glob is compared with, have no ':'; "[:" begins a class of characters.
+        if (leaves_out(glob) && named.find(':') != std::string::npos && named.find("[:") == std::string::npos)
+            throw BadInput("command line", "--backend", glob,
+                           "after the ! a glob of names, or of labels as a result has them, such as "
+                           "!cpu_parallel/increment/float64");
         std::set<std::string> added;
         for (std::size_t n = 0; n < study.scenes.size(); ++n) {
             if (leaves_out(glob)) {

@@ -44,8 +44,14 @@ void select_scenes(Study& study, const std::vector<std::string>& globs);
 /// Distributes the globs of --backend over the study's scenes, as StudyOptions::backends says. A glob that
 /// matches backends of the study applies to the scenes that have these. Removes items that are left without
 /// a backend, and returns the names of the scenes that then have no item. Throws BadInput for a glob that no
-/// backend matches, and if all scenes are left without a backend.
+/// backend matches, for a "!GLOB" with options (NAME:key=value), and if all scenes are left without a
+/// backend.
 std::vector<std::string> select_backends(Study& study, const std::vector<std::string>& globs);
+
+/// The globs "!GLOB" of --backend that leave nothing out: they match no backend of the study's scenes, nor
+/// one that another glob names. Empty if the study takes `auto`, or its kind has the scenes. `study` is as
+/// before select_backends().
+std::vector<std::string> globs_without_effect(const Study& study, const std::vector<std::string>& globs);
 
 /// Text for the message about a `pattern` that matches no backend: what is accepted, and which name may have
 /// been meant.

@@ -72,9 +72,13 @@ bool is_finished(const std::filesystem::path& file) {
 /// The study after the command line's options have been applied.
 Study narrowed(Study study, const StudyOptions& options) {
     select_scenes(study, options.scenes);
+    const std::vector<std::string> without_effect = globs_without_effect(study, options.backends);
     if (const auto without = select_backends(study, options.backends); !without.empty())
         std::cerr << fmt::format("voxspring: --backend leaves these scenes without a backend: {}\n",
                                  fmt::join(without, ", "));
+    for (const std::string& glob : without_effect)
+        std::cerr << "voxspring: --backend " << glob
+                  << " leaves nothing out: no backend of the study matches\n";
     study.repetitions = options.repetitions.value_or(study.repetitions);
     return study;
 }
