@@ -89,7 +89,8 @@ DeviceNumber DeviceOfThread::now() { return device_of_thread; }
 
 std::string reason_to_pass_over(const std::string& uuid, bool software, const std::string& measured) {
     if (software || measured.empty() || uuid == measured) return {};
-    return "is " + (uuid.empty() ? "a card without UUID" : uuid) + ", not the CUDA device " + measured;
+    return "has " + (uuid.empty() ? "no UUID" : "UUID " + uuid) +
+           ", but the CUDA device that is measured has UUID " + measured;
 }
 
 }  // namespace voxspring

@@ -57,8 +57,8 @@ const BackendEntry& entry_named(const std::string& name) {
         throw BadSpecification("backend " + name + " is not in this build: " + absent->second);
     if (name == "auto")
         throw BadSpecification(
-            "'auto' cannot be used here: it stands for the backend that choose_backend() chooses for a "
-            "scene");
+            "'auto' cannot be used here, where a backend must be named: it stands for the one that is chosen "
+            "for a scene");
     throw BadSpecification("no backend '" + name +
                            "'; known: " + joined(registry(), [](const auto& e) { return e.first; }) +
                            did_you_mean(name, names_of(registry())));

@@ -164,9 +164,9 @@ TEST(Decompositions, RefuseWhatTheyCannotCut) {
     };
     EXPECT_EQ(refusal(bodies_to_cut()[0], 13), "");
     EXPECT_EQ(refusal(bodies_to_cut()[0], 14),
-              "13 layers with particles along z cannot be cut into 14 parts");
+              "the body has 13 layers with particles along z, so it cannot be cut into 14 parts");
     EXPECT_EQ(Decomposition::refusal(bodies_to_cut()[0], {2, 6, 2}),
-              "5 layers with particles along y cannot be cut into 6 parts");
+              "the body has 5 layers with particles along y, so it cannot be cut into 6 parts");
     EXPECT_THAT(refusal(bodies_to_cut()[0], 0), HasSubstr("at least one part"));
     EXPECT_THAT(refusal(random_network(10, 20, 1), 2), HasSubstr("lattice"));
     Problem beyond = bodies_to_cut()[0];

@@ -51,7 +51,7 @@ TEST(DeviceChoice, BesideCudaHardwareMustBeThatCard) {
 
 TEST(DeviceChoice, ThePassedOverAreTold) {
     EXPECT_THAT(reason_to_pass_over(other, false, card), AllOf(HasSubstr(other), HasSubstr(card)));
-    EXPECT_THAT(reason_to_pass_over("", false, card), AllOf(HasSubstr("without UUID"), HasSubstr(card)));
+    EXPECT_THAT(reason_to_pass_over("", false, card), AllOf(HasSubstr("no UUID"), HasSubstr(card)));
 }
 
 TEST(DeviceChoice, UuidsAreWrittenAsTheDriversToolsWriteThem) {

@@ -492,9 +492,8 @@ TEST(ResidentRefusal, IsOfPartsThatSendAPointToBothSides) {
         return sent_refusal({{slab.borders[0].sent, {}}, {slab.borders[1].sent, {}}});
     };
     EXPECT_EQ(slab_of(whole, 6, 1).own.size(), 16U);
-    EXPECT_EQ(
-        refusal(6),
-        "a part of one layer sends its particles to both sides, but a thread can send to one side only");
+    EXPECT_EQ(refusal(6),
+              "a particle of this part is needed by both neighbours, but a thread can send it to one only");
     EXPECT_EQ(slab_of(whole, 3, 1).own.size(), 32U);
     EXPECT_EQ(refusal(3), "");
 }
@@ -505,7 +504,7 @@ TEST(ResidentLayout, HasRoomForAnOrderInTicks) {
     layout.slots = max_resident_slots;
     EXPECT_EQ(block_refusal(layout, card_of(1)), "");
     EXPECT_EQ(block_refusal(layout, card_of(1), ToolMode::ticks),
-              "2048 points exceed the 2016 that a resident block may have");
+              "a block would have 2048 points, and may have at most 2016");
     layout.slots = max_slots_in_ticks;
     EXPECT_EQ(block_refusal(layout, card_of(1), ToolMode::ticks), "");
     // In turns the card limits both together.
@@ -513,16 +512,16 @@ TEST(ResidentLayout, HasRoomForAnOrderInTicks) {
     const ResidentCard exact{1, layout.shared_bytes(ToolMode::none)};
     EXPECT_EQ(block_refusal(layout, exact), "");
     EXPECT_EQ(block_refusal(layout, exact, ToolMode::ticks),
-              "48404 bytes of points exceed the 48384 that a resident block may have");
+              "a block would have 48404 bytes of shared memory, and may have at most 48384");
 }
 
 TEST(ResidentLayout, SaysWhatIsTooMuch) {
     const Problem problem = make_lattice_problem(solid({32, 8, 8}), FACE_BITS);
     const ResidentCard small = card_of(1, 256);
     const ResidentLayout one = lay_out_resident(problem, small, 256, Partition::automatic, true);
-    EXPECT_EQ(block_refusal(one, small), "2048 particles exceed the 1024 that a resident block may have");
+    EXPECT_EQ(block_refusal(one, small), "a block would have 2048 particles, and may have at most 1024");
     const ResidentLayout few = lay_out_resident(problem, card_of(4), 16, Partition::rows, true);
-    EXPECT_NE(block_refusal(few, card_of(4)).find("neighbours in other blocks exceed the 128"),
+    EXPECT_NE(block_refusal(few, card_of(4)).find("neighbours in other blocks, and may have at most 128"),
               std::string::npos)
         << block_refusal(few, card_of(4));
 }

@@ -58,8 +58,9 @@ protected:
 TEST_F(Vulkan, AMissingDriverIsASkip) {
     // The newer and the older name.
     const Variable drivers("VK_DRIVER_FILES", "/dev/null"), files("VK_ICD_FILENAMES", "/dev/null");
-    EXPECT_THAT(absence("vulkan_explicit"),
-                HasSubstr("no Vulkan driver is installed: a card's driver, or Debian's mesa-vulkan-drivers"));
+    EXPECT_THAT(
+        absence("vulkan_explicit"),
+        HasSubstr("no Vulkan driver was found: install a card's driver, or Debian's mesa-vulkan-drivers"));
 }
 
 TEST_F(Vulkan, SaysWhatItRunsOn) {

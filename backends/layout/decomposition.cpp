@@ -138,8 +138,8 @@ private:
     }
     void refuse(const std::vector<std::size_t>& count, int axis) {
         const auto occupied = std::ptrdiff_t(count.size()) - std::count(count.begin(), count.end(), 0U);
-        refusal_ = std::to_string(occupied) + " layers with particles along " + "xyz"[axis] +
-                   " cannot be cut into " + std::to_string(subdomains_[axis]) + " parts";
+        refusal_ = "the body has " + std::to_string(occupied) + " layers with particles along " +
+                   "xyz"[axis] + ", so it cannot be cut into " + std::to_string(subdomains_[axis]) + " parts";
     }
 
     const Lattice& lattice_;
@@ -369,7 +369,8 @@ std::string Decomposition::refusal(const Problem& problem, glm::ivec3 subdomains
     if (problem.lattice.voxel_count() == 0)
         return "only a lattice can be cut into parts, and the particles lie on none";
     if (!problem.springs.empty())
-        return "the ghosts of a part are one layer of voxels, but springs beyond the lattice reach farther";
+        return "the ghosts of a part are one layer of voxels, but springs beyond the lattice reach "
+               "farther, so the body cannot be cut into parts";
     if (glm::any(glm::lessThan(subdomains, glm::ivec3(1))))
         return "a lattice must be cut into at least one part along each axis";
     return Bricks(problem.lattice, subdomains).refusal();

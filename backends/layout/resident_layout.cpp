@@ -563,8 +563,8 @@ std::string resident_refusal(const Problem& problem, int multiprocessors, bool l
 
 std::string block_refusal(const ResidentLayout& layout, const ResidentCard& card, ToolMode tool) {
     const auto beyond = [](int value, int most, const std::string& what) {
-        return std::to_string(value) + " " + what + " exceed the " + std::to_string(most) +
-               " that a resident block may have";
+        return "a block would have " + std::to_string(value) + " " + what + ", and may have at most " +
+               std::to_string(most);
     };
     const int turns = layout.turns > 1 ? max_resident_turns : 1;
     if (layout.lanes > card.threads * turns) return beyond(layout.lanes, card.threads * turns, "particles");
@@ -574,7 +574,7 @@ std::string block_refusal(const ResidentLayout& layout, const ResidentCard& card
     const int slots = tool == ToolMode::ticks ? max_slots_in_ticks : max_resident_slots;
     if (layout.turns == 1 && layout.slots > slots) return beyond(layout.slots, slots, "points");
     if (layout.shared_bytes(tool) > card.shared_bytes)
-        return beyond(int(layout.shared_bytes(tool)), int(card.shared_bytes), "bytes of points");
+        return beyond(int(layout.shared_bytes(tool)), int(card.shared_bytes), "bytes of shared memory");
     return {};
 }
 
@@ -587,7 +587,7 @@ std::string sent_refusal(const std::vector<ResidentSending>& neighbours) {
     std::vector<std::uint32_t> both;
     std::set_intersection(a.begin(), a.end(), b.begin(), b.end(), std::back_inserter(both));
     if (both.empty()) return {};
-    return "a part of one layer sends its particles to both sides, but a thread can send to one side only";
+    return "a particle of this part is needed by both neighbours, but a thread can send it to one only";
 }
 
 std::vector<std::uint32_t> sent_by_lanes(const ResidentLayout& layout,

@@ -223,7 +223,8 @@ Device::Device(Precision precision) : messages_(std::make_unique<Messages>()), l
                                       : " device matches '" + asked + "'; devices: " + names_of(all);
     } catch (const vk::IncompatibleDriverError&) {
         reasons =
-            " driver is installed: a card's driver, or Debian's mesa-vulkan-drivers, which use the processor";
+            " driver was found: install a card's driver, or Debian's mesa-vulkan-drivers, which use the "
+            "processor";
     } catch (const vk::SystemError& error) {
         reasons += std::string(": ") + error.what();
     }

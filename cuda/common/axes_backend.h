@@ -41,14 +41,15 @@ inline MarchDevice march_device(const Device& device) {
 inline std::string class_refusal(const Problem& problem, Precision precision, Formulation formulation,
                                  const std::string& strategy) {
     if (std::string why = implicit_refusal(problem); !why.empty()) return why;
-    if ((problem.group_bits & CORNER_BITS) != 0)
-        return "corner springs are beyond the stencil of " + strategy;
+    if ((problem.group_bits & CORNER_BITS) != 0) return strategy + " cannot step corner springs";
     if (!has_inverse_lengths(problem, precision, formulation))
-        return "forces are computed in units of rest lengths, and some rest lengths are zero";
+        return strategy + " cannot step springs whose rest length is zero or nearly zero";
     const std::size_t elements =
         march_strides(problem.lattice, precision == Precision::float32 ? sizeof(float) : sizeof(double)).axis;
     if (!problem.ghosts.empty() && elements > std::numeric_limits<std::uint32_t>::max())
-        return std::to_string(elements) + " elements per axis exceed the 32-bit indices of a part's border";
+        return "an axis of this part has " + std::to_string(elements) +
+               " elements, and its border can index at most " +
+               std::to_string(std::numeric_limits<std::uint32_t>::max());
     if (problem.has_materials()) return strategy + " can step one material only";
     if (!problem.load.empty()) return strategy + " cannot apply loads";
     return {};

@@ -58,7 +58,8 @@ Borders& same_kind(const std::shared_ptr<DeviceBorders>& other) {
 template <class Links, class LeadsThere>
 auto find_side(const Links& links, LeadsThere leads_there) {
     const auto link = std::find_if(links.begin(), links.end(), leads_there);
-    if (link == links.end()) throw std::logic_error("a part borders on a part that has no such border");
+    if (link == links.end())
+        throw std::logic_error("a part borders on another part, which has no border with it");
     return link;
 }
 
@@ -314,8 +315,9 @@ public:
         std::set<int> devices;
         for (const auto& other : parts) devices.insert(same_kind<NcclBorders>(other).device_);
         if (devices.size() < parts.size())
-            throw Unavailable("NCCL takes a device for each rank, and " + std::to_string(parts.size()) +
-                              " ranks are on " + std::to_string(devices.size()));
+            throw Unavailable("NCCL needs one device per rank, but " + std::to_string(parts.size()) +
+                              " ranks share " + std::to_string(devices.size()) +
+                              (devices.size() == 1 ? " device" : " devices"));
         if (ranks_ != nullptr) return;
         auto& first = same_kind<NcclBorders>(parts.front());
         if (part == 0) {

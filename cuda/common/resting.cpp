@@ -46,8 +46,8 @@ Resting::Resting(const Options& options)
 std::string Resting::refused(const Lattice& lattice, BlockShape shape) const {
     const std::size_t places = BlockGrid(lattice, shape).places();
     if (rest_ == Rest::step || rest_ == Rest::choose || can_be_named(places)) return {};
-    return std::to_string(places) + " places of blocks that may rest exceed the index limit of " +
-           std::to_string(std::numeric_limits<int>::max());
+    return "blocks can rest in a grid of at most " + std::to_string(std::numeric_limits<int>::max()) +
+           " blocks, and the grid of this lattice has " + std::to_string(places);
 }
 
 bool Resting::could_check(const Problem& problem, BlockShape shape) const {

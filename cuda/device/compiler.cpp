@@ -105,6 +105,11 @@ std::vector<int> known_architectures() {
     return known;
 }
 
+/// Compute capability 90 is 9.0.
+std::string version_of(int architecture) {
+    return std::to_string(architecture / 10) + "." + std::to_string(architecture % 10);
+}
+
 /// The architecture to compile for, and whether its machine code will run on the card. If not, PTX is
 /// compiled.
 std::pair<int, bool> nearest(int architecture) {
@@ -114,8 +119,8 @@ std::pair<int, bool> nearest(int architecture) {
     int best = 0;
     for (const int a : known) best = a <= architecture ? std::max(best, a) : best;
     if (best == 0)
-        throw DeviceError("NVRTC compiles for compute capability " + std::to_string(known.front() / 10) +
-                          "." + std::to_string(known.front() % 10) + " and later");
+        throw DeviceError("the card has compute capability " + version_of(architecture) +
+                          ", and NVRTC compiles for " + version_of(known.front()) + " and later");
     return {best, false};
 }
 

@@ -80,7 +80,7 @@ Device::Device() {
     ends_long_kernels_ = attribute(cudaDevAttrKernelExecTimeout, number_) != 0;
     if (const int oldest = oldest_architecture(); architecture_ < oldest)
         throw Unavailable(name_ + " has compute capability " + version_of(architecture_) +
-                          ", and this build's NVRTC compiles for " + version_of(oldest) + " and later");
+                          ", and this build needs " + version_of(oldest) + " or later");
     const cudaChannelFormatDesc texel = cudaCreateChannelDesc(32, 32, 32, 32, cudaChannelFormatKindFloat);
     check(cudaDeviceGetTexture1DLinearMaxWidth(&max_texels_, &texel, number_));
     sm_mhz_ = megahertz(cudaDevAttrClockRate, number_);
