@@ -54,7 +54,7 @@ class Words(InTemporaryFolder):
         for arguments in (["worker"], ["worker", "--of-a-study"], ["worker", "--of-a-study", "more"]):
             refused = voxspring(*arguments)
             self.assert_refused(refused)
-            self.assertIn("a worker is started by a study", refused.stderr)
+            self.assertIn("worker is not accepted; expected another command: only a study starts workers", refused.stderr)
         for text in (voxspring("--help").stdout, voxspring("completion", "bash").stdout):
             self.assertNotIn("worker", text)
 

@@ -94,7 +94,7 @@ class Faults(Overnight):
         reasons = {"faulty_crashes": "was killed by signal 11 (Segmentation fault) while warming up",
                    "faulty_hangs": late + "warming up",
                    "faulty_is_killed":
-                       "was killed by signal 9 (Killed), as the system does where memory runs out while warming up",
+                       "was killed by signal 9 (Killed), as the system does when memory runs out while warming up",
                    "faulty_takes_all_memory": "out of memory on the host",
                    "faulty_aborts_when_constructed":
                        "was killed by signal 6 (Aborted) while constructing faulty_aborts_when_constructed",

@@ -233,7 +233,7 @@ TEST(Samples, DependOnTheLayersAroundThemAndOnNothingElse) {
         particles.insert(particles.end(), sample.particle.begin(), sample.particle.end());
     }
     EXPECT_EQ(particles, Sample::particles(whole.problem, bricks));
-    EXPECT_THAT(Sample::refusal(whole, 9), HasSubstr("more than the 29 of the body"));
+    EXPECT_THAT(Sample::refusal(whole, 9), HasSubstr("take 31 layers, and the body has 29"));
 }
 
 TEST(RankRuns, LeaveTheStateOfASample) {
@@ -621,7 +621,8 @@ TEST(RankRuns, EndWhereTheSystemStartsNoFurtherThread) {
         threads_to_start = started;
         const std::string message = error_of("cpu_reference");
         threads_to_start = -1;
-        EXPECT_THAT(message, HasSubstr("rank " + std::to_string(started) + ": no thread for it: "));
+        EXPECT_THAT(message,
+                    HasSubstr("rank " + std::to_string(started) + ": its thread could not be started: "));
     }
 }
 #endif

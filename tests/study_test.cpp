@@ -910,9 +910,8 @@ TEST(AStudy, GoesOnWhereALauncherIsKilled) {
     for (const auto& row : result.at("failed"))
         reasons[std::string(row.at("scene")) + "/" + std::string(row.at("backend"))] = row.at("reason");
     const std::string lost =
-        "was terminated because the launcher ended, which was killed by signal 9 (Killed), as the system "
-        "does "
-        "where memory runs out, while ";
+        "was terminated because its launcher was killed by signal 9 (Killed), as the system does when "
+        "memory runs out, while ";
     // A case that has a process already goes with its launcher; one that has none yet gets another launcher.
     EXPECT_THAT(reasons, ::testing::UnorderedElementsAre(
                              ::testing::Pair("box@5/launcher_killed", lost + "warming up"),
@@ -1015,7 +1014,7 @@ TEST_F(AWorkersProgram, WhoseAnswerComesHalfIsLost) {
     Launcher launcher(program_, nullptr, std::chrono::milliseconds(200));
     for (int n = 0; n < 2; ++n) {
         EXPECT_THAT([&] { (void)launcher.start({}); },
-                    ThrowsMessage<std::runtime_error>(HasSubstr("the process that starts others")));
+                    ThrowsMessage<std::runtime_error>(HasSubstr("the launcher ")));
         EXPECT_TRUE(launcher.is_lost());
     }
 }

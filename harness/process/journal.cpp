@@ -135,8 +135,8 @@ void Journal::open_locked() {
     const bool known = fcntl(descriptor_.number, F_GETLK, &lock) == 0 && lock.l_type != F_UNLCK;
     throw BadInput(
         file_.string(), "journal",
-        "a study that is running" + (known ? " as process " + std::to_string(lock.l_pid) : std::string()),
-        "a journal that no process writes: wait for that study, or give this one another --out");
+        "a journal that " + (known ? "process " + std::to_string(lock.l_pid) : "another process") + " writes",
+        "a journal that no other process writes: wait for that study, or give this one another --out");
 }
 
 void Journal::read(const std::string& text, const nlohmann::json& study) {

@@ -77,7 +77,7 @@ std::string describe_end(int status) {
     if (WIFSIGNALED(status)) {
         const int signal = WTERMSIG(status);
         return "was killed by signal " + std::to_string(signal) + " (" + strsignal(signal) + ")" +
-               (signal == SIGKILL ? ", as the system does where memory runs out" : "");
+               (signal == SIGKILL ? ", as the system does when memory runs out" : "");
     }
     return "ended with exit code " + std::to_string(WEXITSTATUS(status));
 }
@@ -117,7 +117,7 @@ Launcher::Launcher(const std::filesystem::path& program, const Scene* scene, Sec
         if (ready.contains("error")) throw std::runtime_error(ready.at("error").get<std::string>());
     } catch (const Closed&) {
         lose(own_patience_);
-        throw std::runtime_error("the process that starts others " + lost_ + " before it had the scene");
+        throw std::runtime_error("before it had received the scene, the launcher " + lost_);
     } catch (...) {
         lose(Seconds(0));
         throw;
@@ -176,7 +176,7 @@ Launcher::Child Launcher::start(const nlohmann::json& description) {
     } catch (const Closed&) {
         if (!is_lost()) lose(Seconds(0));
     }
-    throw std::runtime_error("the process that starts others " + lost_);
+    throw std::runtime_error("the launcher " + lost_);
 }
 
 std::string Launcher::end(pid_t process, Seconds patience) {
@@ -185,7 +185,7 @@ std::string Launcher::end(pid_t process, Seconds patience) {
             call({{"do", "end"}, {"process", process}, {"patience", patience.count()}}, patience)
                 .at("status"));
     } catch (const Closed&) {
-        return "was terminated because the launcher ended, which " + lost_ + ",";
+        return "was terminated because its launcher " + lost_ + ",";
     }
 }
 

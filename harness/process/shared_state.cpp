@@ -67,8 +67,8 @@ nlohmann::json SharedState::description() const {
 nlohmann::json SharedState::put(const State& state) {
     const std::size_t particles = std::max(state.displacement.size(), state.increment.size());
     if (particles > particles_)
-        throw std::runtime_error("gave a state of " + std::to_string(particles) +
-                                 " particles of a problem of " + std::to_string(particles_));
+        throw std::runtime_error("returned a state of " + std::to_string(particles) +
+                                 " particles for a problem of " + std::to_string(particles_));
     copy(state.displacement, vectors_.data());
     copy(state.increment, vectors_.data() + particles_);
     return {state.displacement.size(), state.increment.size()};

@@ -30,7 +30,8 @@ void worker_main(int argc, char** argv) {
     if (argc != 3 || std::string_view(argv[1]) != worker_word || std::string_view(argv[2]) != worker_mark)
         return;
     if (!is_socket(launcher_socket)) {
-        std::cerr << argv[0] << ": " << refusal_of_worker_by_hand << "\n";
+        std::cerr << argv[0] << ": " << worker_word << " is not accepted; expected "
+                  << refusal_of_worker_by_hand << "\n";
         std::exit(2);
     }
     serve_as_launcher(launcher_socket, case_answerer);

@@ -19,8 +19,8 @@ bool has_worker_main();
 inline constexpr const char* worker_word = "worker";
 inline constexpr const char* worker_mark = "--of-a-study";
 inline constexpr int launcher_socket = 3;
-/// The message to a user who starts a worker by hand.
-inline constexpr const char* refusal_of_worker_by_hand = "a worker is started by a study and serves it";
+/// What is expected of a user who starts a worker by hand.
+inline constexpr const char* refusal_of_worker_by_hand = "another command: only a study starts workers";
 
 /// What two programs must have in common to work on one study: version, commit, compilers and flags.
 nlohmann::json build_of_workers();

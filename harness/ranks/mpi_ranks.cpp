@@ -338,7 +338,8 @@ void MpiRanks::take_part(const RankTask& task, const Means& means) {
             argument_ = task.scene;
         }
         if (fingerprint_of(*scene_) != task.fingerprint)
-            throw std::runtime_error("the scene " + task.scene + " here differs from that on rank 0");
+            throw std::runtime_error("the scene " + task.scene + " of rank " + std::to_string(rank()) +
+                                     " differs from that of rank 0");
         shared.emplace(scene_->problem.particle_count());
         const CaseProgram program = rank_program(task, rank(), memory, &*shared);
         worker = std::make_unique<Worker>(

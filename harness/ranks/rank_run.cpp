@@ -163,7 +163,8 @@ void start_threads(const std::shared_ptr<Together>& all) {
         try {
             std::thread(run_as_thread, all, rank).detach();
         } catch (const std::system_error& error) {
-            all->mailroom.fail("rank " + std::to_string(rank) + ": no thread for it: " + error.what());
+            all->mailroom.fail("rank " + std::to_string(rank) +
+                               ": its thread could not be started: " + error.what());
             const std::lock_guard lock(all->mutex);
             all->at_work -= ranks - rank;
             return;

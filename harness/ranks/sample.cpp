@@ -78,8 +78,9 @@ std::string Sample::refusal(const Scene& scene, int layers) {
     const std::vector<Brick> all = bricks(scene, layers);
     // Each brick needs a layer of ghosts on every side that faces another brick: four layers in all.
     if (const int length = all.back().end[axis] - all.front().begin[axis]; 3 * layers + 4 > length)
-        return "three times as many layers, and four beside them, are more than the " +
-               std::to_string(length) + " of the body; without this key the whole body is verified";
+        return "the sample's three parts and the layers beside them take " + std::to_string(3 * layers + 4) +
+               " layers, and the body has " + std::to_string(length) +
+               "; without this key the whole body is verified";
     for (const Brick& brick : all) {
         if (std::none_of(lattice.voxel.begin(), lattice.voxel.end(),
                          [&](std::uint32_t voxel) { return contains(brick, lattice.coordinates(voxel)); }))
