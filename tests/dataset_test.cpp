@@ -67,6 +67,13 @@ TEST(Dataset, DimsAreCheckedWithoutOverflow) {
                   checked_voxel_count({10, 10, 11}, thousand, "f", "k");
               }),
               "f: k: 10 x 10 x 11 is not accepted; expected at most 1000 voxels on this machine, not 1100");
+    // With enough memory, the width of an index is the limit.
+    EXPECT_EQ(
+        refusal([&] {
+            checked_voxel_count({65536, 65536, 1}, {0xFFFFFFFF, 0}, "f", "k");
+        }),
+        "f: k: 65536 x 65536 x 1 is not accepted; expected at most 4294967295 voxels, whose indices have "
+        "32 bits, not 4294967296");
     // 2^60 voxels; in 32 bits the product would be 0.
     const SceneSizeLimits limits = SceneSizeLimits::of_this_machine();
     for (const glm::ivec3 dims : {glm::ivec3(1 << 20), {5, 0, 5}, {5, 5, -5}})

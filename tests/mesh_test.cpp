@@ -465,7 +465,7 @@ TEST(Voxels, NobodyCanMakeAreRefusedWithASuggestion) {
         .file = "folded.stl", .points = {{0, 0, 0}, {0, 1, 0}, {0, 0, 1}, {1, 1, 1}}, .triangles = {}};
     folded.triangles.assign(100'000, {0, 1, 2});
     folded.triangles.push_back({0, 1, 3});
-    EXPECT_THAT(refusal(folded, 1e-3 * 4), HasSubstr("layers"));
+    EXPECT_THAT(refusal(folded, 1e-3 * 4), HasSubstr("cross the mesh too often"));
 }
 
 // --- Another pitch for voxels -------------------------------------------------------------------------

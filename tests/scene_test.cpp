@@ -937,7 +937,7 @@ TEST(SceneOf, RefusesWhatBackendsDoNotCheck) {
              {"gravity", [](P p) { p.gravity.z = INFINITY; }},
              {"load", [](P p) { p.load.assign(p.particle_count(), glm::dvec3(NAN)); }},
              {"pinned", [](P p) { p.pinned.assign(p.particle_count(), 2); }},
-             {"held is not finite",
+             {"`held` is not finite",
               [](P p) {
                   take_hold(p, {{0}, {glm::dvec3(NAN)}, 1});
               }},

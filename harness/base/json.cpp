@@ -212,8 +212,9 @@ void check_schema_version(JsonObject& document, int newest) {
     if (!version) return;
     const double number = version->is_number() ? version->number() : 0;
     if (number < 1 || number > newest || std::floor(number) != number)
-        version->refuse((newest > 1 ? "1 to " : "") + std::to_string(newest) +
-                        ": this program reads no other version");
+        version->refuse(newest > 1
+                            ? "1 to " + std::to_string(newest) + ", the versions that this program reads"
+                            : "1, the only version that this program reads");
 }
 
 JsonObject read_json(const std::filesystem::path& file) {
@@ -223,8 +224,9 @@ JsonObject read_json(const std::filesystem::path& file) {
     require_regular_file(file, "a JSON file");
     const std::string small_enough = "a file of at most " + std::to_string(max_file_bytes) + " bytes";
     std::error_code error;
-    if (const auto size = std::filesystem::file_size(file, error); error || size > max_file_bytes)
-        refuse(std::to_string(size) + " bytes", small_enough);
+    const auto size = std::filesystem::file_size(file, error);
+    if (error) refuse("an unreadable file", "a file that can be read");
+    if (size > max_file_bytes) refuse(std::to_string(size) + " bytes", small_enough);
     // gzread() also reads files that are not compressed.
     const std::unique_ptr<gzFile_s, int (*)(gzFile)> stream(gzopen(file.c_str(), "rb"), gzclose);
     if (!stream) refuse("an unreadable file", "a file that can be read");

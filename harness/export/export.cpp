@@ -102,8 +102,9 @@ Exports::Exports(const ExportOptions& options, int steps)
     : steps_(steps), digits_(std::max<std::size_t>(6, std::to_string(steps).size())) {
     const auto& every = options.every;
     if (every && options.out.empty() && !options.frames && !options.tool_force) {
-        throw BadInput("command line", "--every", std::to_string(*every),
-                       "--out as well, which names the series: a path that ends in one of " + endings());
+        throw BadInput(
+            "command line", "--every", std::to_string(*every),
+            "--out with a path that ends in one of " + endings() + ", --frames or --tool-force as well");
     }
     std::set<std::filesystem::path> collections;
     for (const std::filesystem::path& path : options.out) {

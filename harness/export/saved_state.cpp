@@ -109,7 +109,7 @@ private:
     }
     void check(const std::string& name, const std::string& header, const std::string& part) const {
         if (header.find(part) == std::string::npos)
-            refuse(name, header.substr(0, header.find('\n')), part + ", as the scene has it");
+            refuse(name, header.substr(0, header.find('\n')), "an array whose header has " + part);
     }
     /// Closes the array and checks that all of it has been read.
     void close(const std::string& name) {
@@ -136,21 +136,25 @@ private:
 void check_scene(NpzReader& file, const Scene& scene) {
     const Problem& problem = scene.problem;
     const Lattice& lattice = problem.lattice;
-    const auto refuse = [&](const std::string& key, const std::string& what) {
-        file.refuse(key, "what it holds", "the " + what + " of the scene " + scene.name);
+    const auto refuse = [&](const std::string& key, const auto& found, const auto& expected) {
+        const auto text = [](const auto& v) { return fmt::format("{}, {}, {}", v.x, v.y, v.z); };
+        file.refuse(key, text(found), text(expected) + ", as the scene " + scene.name + " has it");
     };
     const auto dims = file.rows_of<int>(3, "dims");
     const auto spacing = file.rows_of<double>(3, "spacing");
-    if (glm::ivec3(dims[0], dims[1], dims[2]) != lattice.dims) refuse("dims", "dims");
-    if (glm::dvec3(spacing[0], spacing[1], spacing[2]) != lattice.spacing) refuse("spacing", "spacing");
+    if (const glm::ivec3 found(dims[0], dims[1], dims[2]); found != lattice.dims)
+        refuse("dims", found, lattice.dims);
+    if (const glm::dvec3 found(spacing[0], spacing[1], spacing[2]); found != lattice.spacing)
+        refuse("spacing", found, lattice.spacing);
     const auto voxel = file.rows_of<glm::ivec3>(lattice.voxel.size(), "voxel");
     for (std::size_t i = 0; i < voxel.size(); ++i) {
-        if (voxel[i] != lattice.coordinates(lattice.voxel[i])) refuse("voxel", "active voxels");
+        const glm::ivec3 expected = lattice.coordinates(lattice.voxel[i]);
+        if (voxel[i] != expected) refuse(fmt::format("voxel {}", i), voxel[i], expected);
     }
     const auto time_step = file.scalar<double>("time_step");
     if (time_step != problem.time_step)
-        file.refuse("time_step", std::to_string(time_step),
-                    "the time step of the scene " + scene.name + ", " + std::to_string(problem.time_step));
+        file.refuse("time_step", fmt::format("{}", time_step),
+                    fmt::format("{}, as the scene {} has it", problem.time_step, scene.name));
 }
 
 /// The lattice direction from `first` to `second`; null if no lattice spring can lead from `first` to

@@ -151,7 +151,7 @@ Mesh read_stl(MeshBytes& bytes) {
         if (word == "vertex") corners.push_back(point<double>(bytes, NumberLayout::text));
         if (word == "solid") bytes.line();
         if (word == "endfacet" && corners.size() % 3 != 0)
-            bytes.refuse("a facet of other than three vertices", "triangles");
+            bytes.refuse("a facet that does not have three vertices", "triangles");
     }
     if (corners.size() % 3 != 0) bytes.refuse("the end of the file", "three vertices of a facet");
     return with_shared_points(corners);

@@ -267,8 +267,9 @@ Voxelised voxelise(Mesh mesh, std::optional<double> chosen_pitch, double fill,
     const glm::dvec3 low = (facts.low + facts.high) / 2.0 - sides * pitch / 2.0;
     const Voxeliser voxeliser(surface, dims, low, pitch);
     if (voxeliser.is_too_folded())
-        throw TooLarge(mesh.file, "--pitch", fmt::format("{:g}", pitch),
-                       "a larger one: the mesh is folded into more layers than can be counted");
+        throw TooLarge(
+            mesh.file, "--pitch", fmt::format("{:g}", pitch),
+            "a larger one: at this pitch, the lines that find active voxels cross the mesh too often");
 
     Voxelised result;
     result.grid = {dims, glm::dvec3(pitch), std::vector<std::uint8_t>(std::size_t(voxels))};

@@ -42,8 +42,9 @@ void check_sizes(const std::vector<EditSpec>& specs, const Lattice& lattice, con
         const std::size_t triangles = patch != nullptr ? patch->triangles.size() : 1;
         work += double(spec.times) * double(lattice.voxel_count()) * double(triangles);
         if (work > limits.edit_work) {
-            spec.source.refuse("fewer or smaller edits: all of them look at more than " +
-                               std::to_string(std::int64_t(limits.edit_work)) + " voxels times triangles");
+            spec.source.refuse("fewer or smaller edits: together the edits test more than " +
+                               std::to_string(std::int64_t(limits.edit_work)) +
+                               " pairs of a voxel and a triangle");
         }
         if (spec.within > max_suture_voxels * std::min({spacing.x, spacing.y, spacing.z}))
             spec.source.refuse("a suture within " + std::to_string(max_suture_voxels) + " times the spacing");

@@ -85,13 +85,15 @@ void check_tool(const Problem& problem) {
     if (!problem.has_tool()) return;
     const auto& held = problem.tool.particles;
     require(std::adjacent_find(held.begin(), held.end(), std::greater_equal<>()) == held.end(),
-            "what its tool holds does not ascend");
-    require(held.back() < problem.particle_count(), "its tool holds a particle that it does not have");
+            "the tool's particles are not in strictly ascending order");
+    require(held.back() < problem.particle_count(),
+            "the tool holds a particle that the problem does not have");
     require(problem.tool.held.empty() || problem.tool.held.size() == held.size(),
-            "its tool's held is neither empty nor one for each particle that it holds");
-    require(are_finite(problem.tool.held), "its tool's held is not finite");
-    require(is_positive(problem.tool.stiffness), "its tool's stiffness is not positive");
-    require(problem.load.size() == problem.particle_count(), "it has a tool and no loads (take_hold())");
+            "the tool's `held` must be empty or have one element per held particle");
+    require(are_finite(problem.tool.held), "the tool's `held` is not finite");
+    require(is_positive(problem.tool.stiffness), "the tool's stiffness is not positive");
+    require(problem.load.size() == problem.particle_count(),
+            "a problem with a tool needs loads: call take_hold()");
 }
 
 void check(const Problem& problem) {
@@ -113,7 +115,7 @@ void check(const Problem& problem) {
                 "a spring's ends are not two particles, the smaller first");
         require(is_positive(spring.stiffness), "a spring's stiffness is not positive");
         require(std::isfinite(spring.rest_length) && spring.rest_length >= 0,
-                "a spring's rest length is negative");
+                "a spring's rest length is negative or not finite");
     }
     check_tool(problem);
     require(problem.damping >= 0 && problem.damping < 2, "damping is not in [0, 2)");

@@ -119,7 +119,9 @@ ToolMotion parse_tool_motion(std::string_view text, const std::string& file, dou
 ToolMotion read_tool_motion(const std::string& file, double time_scale, double length_scale) {
     require_regular_file(file, "a file of a tool's motion (CSV)");
     std::error_code error;
-    if (const auto size = std::filesystem::file_size(file, error); error || size > max_file_bytes)
+    const auto size = std::filesystem::file_size(file, error);
+    if (error) throw BadInput(file, "", "an unreadable file", "a file that can be read");
+    if (size > max_file_bytes)
         throw BadInput(file, "", std::to_string(size) + " bytes",
                        "a file of at most " + std::to_string(max_file_bytes) + " bytes");
     std::ostringstream text;

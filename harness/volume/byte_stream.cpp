@@ -234,13 +234,13 @@ std::vector<std::byte> read_data(std::istream& behind_header, const std::string&
             stream.seekg(0, std::ios::end);
             if (stream.tellg() < *place.begin)
                 throw BadInput(name, place.bytes_key, std::to_string(*place.begin),
-                               "a place within the file");
+                               "a number of bytes within the file");
             stream.seekg(*place.begin);
         }
         for (std::int64_t line = 0; line < place.skipped_lines; ++line) {
             if (!stream.ignore(std::numeric_limits<std::streamsize>::max(), '\n') || stream.eof())
                 throw BadInput(name, "line skip", std::to_string(place.skipped_lines),
-                               "no more lines than the file has");
+                               "at most as many lines as the file has");
         }
         const Encoding encoding = place.encoding ? *place.encoding : encoding_at(stream);
         const std::uint64_t skipped = place.skipped_bytes != DataPlace::at_end

@@ -115,9 +115,12 @@ std::uint64_t checked_voxel_count(GridSides dims, const SceneSizeLimits& limits,
     }
     const std::uint64_t count = std::uint64_t(dims.x) * std::uint64_t(dims.y) * std::uint64_t(dims.z);
     if (count > limits.voxels) {
-        throw TooLarge(file, key, text,
-                       "at most " + std::to_string(limits.voxels) + " voxels on this machine, not " +
-                           std::to_string(count));
+        throw TooLarge(
+            file, key, text,
+            "at most " + std::to_string(limits.voxels) + " voxels" +
+                (limits.voxels == std::numeric_limits<std::uint32_t>::max() ? ", whose indices have 32 bits"
+                                                                            : " on this machine") +
+                ", not " + std::to_string(count));
     }
     return count;
 }

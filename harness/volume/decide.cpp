@@ -176,7 +176,7 @@ private:
     void decide_layers(std::size_t layers, std::size_t inner) {
         if (choice_.frame) {
             throw BadInput(claims_.file, "frame", std::to_string(*choice_.frame),
-                           "none for a segmentation, whose segments are chosen by their names");
+                           "no frame: the file is a segmentation, whose segments are chosen by name");
         }
         for (const Segment& segment : claims_.segments) {
             if (segment.layer >= layers) {
