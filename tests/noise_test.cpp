@@ -41,7 +41,7 @@ TEST(Noise, IsInTheSpreadOfRepetitions) {
 
 TEST(Noise, IsInRepetitionsOfTwoKinds) {
     EXPECT_THAT(reasons_of_noise({.seconds = {1, 1.06, 1.001, 1.061, 1, 1.002, 1.06, 1, 1.001}}),
-                ElementsAre("its repetitions are of two kinds (6% apart)"));
+                ElementsAre("its repetitions form two groups (6% apart)"));
     EXPECT_THAT(reasons_of_noise({.seconds = {1, 1.02, 1.001, 1.021, 1, 1.002, 1.02, 1, 1.001}}), IsEmpty())
         << "near enough to say the same";
     EXPECT_THAT(reasons_of_noise({.seconds = {1.04, 1.01, 1.07, 1, 1.08, 1.03, 1.06, 1.02, 1.05}}), IsEmpty())

@@ -602,15 +602,15 @@ TEST_F(StudyKinds, ScalingSaysWhetherMoreThanOneRankPays) {
         print_result(read_result(result), printed);
         return printed.str();
     };
-    const std::string box = "box@8 cpu_reference increment float64: more than one rank ";
+    const std::string box = "box@8 cpu_reference increment float64: several ranks ";
     EXPECT_THAT(said(0.6, 0.4),
                 ::testing::HasSubstr(
-                    box + "pays: 3, cut into 1x1x3, by memory are 2.50 times as fast as one (ranks share a "
-                          "device)\n"));
+                    box + "pay: 3 ranks (parts 1x1x3, messages by memory) are 2.50 times as fast as one "
+                          "(ranks share a device)\n"));
     EXPECT_THAT(said(2, 4),
                 ::testing::HasSubstr(
-                    box + "does not pay: 2, cut into 1x1x2, by memory are 0.50 times as fast as one; by "
-                          "the model they are faster from 2000000 particles of this shape on\n"));
+                    box + "do not pay: 2 ranks (parts 1x1x2, messages by memory) are 0.50 times as fast as "
+                          "one; by the model they are faster from 2000000 particles of this shape on\n"));
     // For 512 particles the model must not contradict the measurement.
     for (auto& row : result.at("scaling"))
         row["pays_from_particles"] = row.at("ranks") == 2 ? nlohmann::json(100) : nullptr;
@@ -618,10 +618,10 @@ TEST_F(StudyKinds, ScalingSaysWhetherMoreThanOneRankPays) {
     print_result(read_result(result), contradicted);
     EXPECT_THAT(
         contradicted.str(),
-        ::testing::HasSubstr("0.50 times as fast as one; the model does not hold here: by it they are faster "
+        ::testing::HasSubstr("0.50 times as fast as one; the model contradicts this: by it they are faster "
                              "from 100 particles of this shape on\n"));
     EXPECT_THAT(said(2, 4),
-                ::testing::Not(::testing::HasSubstr("box@4x4x4 cpu_reference increment float64: more")))
+                ::testing::Not(::testing::HasSubstr("box@4x4x4 cpu_reference increment float64: several")))
         << "it grows";
 }
 

@@ -51,7 +51,7 @@ const std::vector<Truth>& truths() {
          shuffled({100, 100, 100, 100, 100, 108, 108, 108, 108}),
          100,
          "~100 us +-4%",
-         {"its repetitions are of two kinds (8% apart)"}},
+         {"its repetitions form two groups (8% apart)"}},
         // Drift by 0.8%, 1% and 4% of the first time per repetition: by 4.8%, 5.9% and 23.1% from the second
         // to the eighth. The middle half spreads by 3.2 us, 4 us and 16 us.
         {"truth_least_drift", {100, 100.8, 101.6, 102.4, 103.2, 104, 104.8, 105.6, 106.4}, 103.2, "103 us"},
@@ -291,8 +291,8 @@ TEST_F(TimingTruth, VerdictsOfNoiseAreThoseOfTheKnownTimes) {
     std::ostringstream printed;
     print_table(result(), printed);
     EXPECT_THAT(printed.str(),
-                ::testing::HasSubstr("~ 1 of 7 times not to be trusted, its repetitions are of two "
-                                     "kinds: box@4: truth_two_kinds increment float64 (8% apart)"));
+                ::testing::HasSubstr("~ 1 of 7 times not to be trusted, its repetitions form two "
+                                     "groups: box@4: truth_two_kinds increment float64 (8% apart)"));
 }
 
 // Catches a repetition that nobody looks at, and one that is compared by its bits where these may differ.

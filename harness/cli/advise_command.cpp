@@ -146,7 +146,7 @@ int print_advice_on_errors(const std::string& argument, const AdviseOptions& opt
         << (advice.best ? fmt::format("an error of {:g} is reached soonest by\n", error)
                         : fmt::format("nothing reaches an error of {:g}; the most accurate is\n", error));
     print(first, out);
-    if (!advice.runners_up.empty()) out << "after it\n";
+    if (!advice.runners_up.empty()) out << "runners-up\n";
     for (const Candidate& candidate : advice.runners_up) print(candidate, out);
     out << "to run " << (advice.runners_up.empty() ? "it" : "the first of them") << "\n  " << command << "\n";
     return exit_code;

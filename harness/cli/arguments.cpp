@@ -201,8 +201,8 @@ void add_volume_options(CLI::App& command, VolumeOptions& volume) {
             [&volume](const std::string& text) {
                 volume.gravity = vector_of("--gravity", text, -max_quantity, max_quantity, false);
             },
-            "Acceleration as X,Y,Z (default: the gravity of the scene heart, times the spacing). With "
-            "--young it is in m/s2 (default: 9.81 in the direction of that gravity)"),
+            "Gravity as X,Y,Z, with --young in m/s2 (default: that of the scene heart, each component times "
+            "the spacing along its axis; with --young 9.81 m/s2 in the same direction)"),
         add_text(
             "--parts", "largest|N",
             [&volume](const std::string& text) {
@@ -278,7 +278,8 @@ void add_info(CLI::App& app, Values& values, std::ostream& out) {
 
 void add_export_options(CLI::App& run, ExportOptions& out) {
     run.add_option("--out", out.out,
-                   "File for the final state; its ending sets the format; may be repeated:" + list_formats())
+                   "Write the final state to this file; its ending sets the format; may be repeated:" +
+                       list_formats())
         ->allow_extra_args(false);
     add_number(run, "--every", out.every, 1, max_run_steps,
                "Steps between the files of a series: body_000100.vtu, ... and, for ParaView, body.pvd");
@@ -288,12 +289,14 @@ void add_export_options(CLI::App& run, ExportOptions& out) {
             if (folder.empty()) refuse("--frames", "\"\"", "the path of a folder");
             out.frames = folder;
         },
-        "Folder for a series of pictures, one after each --every steps (default: at most 50 pictures)");
+        "Write a series of pictures to this folder, one after each --every steps (default: at most 50 "
+        "pictures)");
     run.add_option("--colour", out.colour, "What colours pictures: displacement, or error against float64");
     run.add_option("--size", out.size, "WIDTHxHEIGHT of pictures in pixels (default: 1280x960)");
     run.add_option(
         "--tool-force", out.tool_force,
-        "A .csv of the force on the tool after each --every steps (default: after each of its moves)");
+        "Write the force on the tool to this .csv file, after each --every steps (default: after each of its "
+        "moves)");
 }
 
 void add_run(CLI::App& app, Values& values, std::ostream& out) {
@@ -337,7 +340,7 @@ void add_study(CLI::App& app, Values& values, std::ostream& out) {
     CLI::App* study = app.add_subcommand("study", "Time and verify scenes on several backends");
     StudyOptions& options = values.of_study;
     study->add_option("STUDY", values.study, "Built-in study or study file")->required();
-    CLI::Option* file = study->add_option("--out", options.out, "Result as a .json file");
+    CLI::Option* file = study->add_option("--out", options.out, "Write the result to this .json file");
     study->add_option("--backend", options.backends,
                       "Only backends that match one of these globs; !GLOB leaves out those that match it");
     study->add_option(
@@ -372,16 +375,16 @@ void add_advise(CLI::App& app, Values& values, std::ostream& out) {
         "--error is that of a deflection against the continuum, and several pitches are compared; "
         "SCENE is a case of the study truth: cantilever");
     add_ranks(*advise, options.study, "Instead of an error: ");
-    CLI::Option* results =
-        advise->add_option("--results", options.results,
-                           "Result (.json) of a pareto, truth or scaling study, instead of measuring");
+    CLI::Option* results = advise->add_option(
+        "--results", options.results,
+        "Read this result (.json) of a pareto, truth or scaling study, instead of measuring");
     advise->add_option("--backend", options.study.backends, "Only backends that match one of these globs")
         ->excludes(results);
     add_repetitions(*advise, options.study, "Timed runs of each candidate")->excludes(results);
     add_devices(*advise);
     CLI::Option* file = advise
                             ->add_option("--out", options.study.out,
-                                         "A .json file for the measurements, which --results reads")
+                                         "Write the measurements to this .json file, which --results reads")
                             ->excludes(results);
     advise
         ->add_flag("--resume", options.study.resume,
@@ -413,7 +416,7 @@ void add_view(CLI::App& app, Values& values, std::ostream& out, const ViewScene&
     add_number(*command, "--seconds", options.seconds, min_timeout, max_timeout,
                "Close the window after this time");
     command->add_option("--save", options.save,
-                        "File (.npz) to which the key w saves the state (default: SCENE.npz)");
+                        "The key w writes the state to this .npz file (default: SCENE.npz)");
     add_devices(*command);
     add_volume_options(*command, options.volume);
     command->callback([&] { values.exit_code = view(values.scene, options, out); });

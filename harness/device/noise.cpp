@@ -101,7 +101,7 @@ std::vector<std::string> reasons_of_noise(const Observed& observed) {
             add("the middle half of the repetitions spreads", "over " + percent(spread) + " of their median");
         // If the values form two groups, their median only tells which group was more frequent.
         if (const double apart = parting(observed.seconds); apart > max_parting)
-            add("its repetitions are of two kinds", percent(apart) + " apart");
+            add("its repetitions form two groups", percent(apart) + " apart");
         if (const double change = drift(observed.seconds); std::abs(change) > max_drift)
             add("its repetitions drift", percent(change) + " from the first third to the last");
     }

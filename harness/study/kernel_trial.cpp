@@ -129,7 +129,7 @@ void KernelTrial::repeat(const std::function<std::optional<double>()>& run) {
     const double cpu_seconds = cpu_seconds_of_process() - cpu_begin;
     const double seconds = device_seconds.value_or(host_seconds);
     if (!std::isfinite(seconds) || seconds < 0)
-        throw std::runtime_error("its clock gave no number of seconds");
+        throw std::runtime_error("its clock measured a time that is negative or not finite");
     repetitions_.push_back({seconds, host_seconds, cpu_seconds});
     observed_.seconds.push_back(seconds);
     if (!kernel_.capabilities.steps_on_host()) return;

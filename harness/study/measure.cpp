@@ -328,9 +328,9 @@ private:
 
 nlohmann::json TimedCase::timed() {
     nlohmann::json answer = case_.ask({{"do", "repeat"}}, "timing " + name_of_repetition(done() + 1));
-    for (const char* clock : {"device_seconds", "host_seconds"}) {
-        if (!std::isfinite(answer.at(clock).get<double>()))
-            throw std::runtime_error(std::string("its clock gave no number of ") + clock);
+    for (const std::string clock : {"device", "host"}) {
+        if (!std::isfinite(answer.at(clock + "_seconds").get<double>()))
+            throw std::runtime_error("its " + clock + " clock measured a time that is not finite");
     }
     look_at_card(answer);
     return answer;

@@ -118,16 +118,17 @@ void print_what_pays(const std::vector<ScalingRow>& rows, std::ostream& out) {
         if (best == nullptr) continue;
         const double times = one.seconds_per_step / best->seconds_per_step;
         out << one.identity.scene << " " << one.label() << ": "
-            << (times > 1 ? "more than one rank pays: " : "more than one rank does not pay: ") << best->ranks
-            << ", cut into " << best->cut << ", by " << best->way << " are " << fmt::format("{:.2f}", times)
-            << " times as fast as one";
+            << (times > 1 ? "several ranks pay: " : "several ranks do not pay: ") << best->ranks
+            << " ranks (parts " << best->cut << ", messages by " << best->way << ") are "
+            << fmt::format("{:.2f}", times) << " times as fast as one";
         if (best->pays_from_particles) {
             const std::string from = two_digits(*best->pays_from_particles) + " particles of this shape on";
             const bool by_model = double(one.workpiece->particles) >= *best->pays_from_particles;
             if (by_model != (times > 1)) {
-                out << "; the model does not hold here: by it they are faster from " << from;
+                out << "; the model contradicts this: by it they are faster from " << from;
             } else {
-                out << (times > 1 ? ", and are by the model from " : "; by the model they are faster from ")
+                out << (times > 1 ? ", and by the model they are faster from "
+                                  : "; by the model they are faster from ")
                     << from;
             }
         }

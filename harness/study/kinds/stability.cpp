@@ -246,8 +246,9 @@ Rows StabilityStudy::search(const BackendSpec& spec, Backend& backend, Search& s
     Rows rows;
     if (!row.passed) {
         Row failed = row_of(scene_, spec);
-        failed.reason = "is stable up to " + fixed_text(ratio, 4) + " of the limit at damping " +
-                        fixed_text(search.damping, 1) + ", not within 0.2% of it";
+        failed.reason = "the largest stable time step is " + fixed_text(ratio, 4) +
+                        " of the theoretical limit at damping " + fixed_text(search.damping, 1) +
+                        ", not within 0.2% of it";
         rows["failed"].push_back(to_json(failed));
     }
     rows["stability"].push_back(json_of(row));
