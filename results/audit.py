@@ -475,7 +475,7 @@ def main():
     options = parser.parse_args()
     known, without = claims()
     if not 0 < options.claims <= len(known):
-        parser.error(f"--claims: {options.claims}: expected 1 to {len(known)}")
+        parser.error(f"--claims: {options.claims}: expected how many claims to draw, from 1 to {len(known)}")
     drawn = known if options.all else random.Random(options.seed).sample(known, options.claims)
     wrong = [claim for claim in drawn if not is_right(claim)]
     for claim in wrong if options.all else drawn:

@@ -570,23 +570,23 @@ def notes_on(old, new, rows, shifts, options):
     notes = []
     said = [shift for shift in shifts if abs(math.log(shift["ratio"])) > SAID_SHIFT]
     if said:
-        notes.append("the run as a whole moved by clocks, load, driver or shared code, and rows are judged relative to that: " + ", ".join(
-            f"{of['api']} on {of['device']}, {of['measured']} of {of['rows']} rows, x {of['ratio']:.3f}" for of in said))
+        notes.append("the run as a whole moved, by clocks, load, driver or shared code; rows are judged relative to that: " + ", ".join(
+            f"{of['api']} on {of['device']} by x {of['ratio']:.3f} (measured by {of['measured']} of {of['rows']} rows)" for of in said))
     told = [row for row in rows if row["time"] and row["time"]["least"] is not None]
     if told:
-        changes = [f"of {size:.0%} in {sum(row['time']['least'] <= size for row in told)}"
+        changes = [f"from {size:.0%} on in {sum(row['time']['least'] <= size for row in told)}"
                    for size in dict.fromkeys((options.threshold, 0.1))]
-        notes.append(f"of {len(told)} times, a change of one row alone would be found: {', '.join(changes)}")
+        notes.append(f"of {len(told)} rows with times, a change of a single row would be found: {', '.join(changes)}")
     moved_errors = [(after / before, row) for row in rows for before, after in (row["errors"] or {}).values()
                     if before and after and after != before and row["verdict"] != "error grew"]
     if moved_errors:
         ratio, row = max(moved_errors, key=lambda one: abs(math.log(one[0])))
-        notes.append(f"{len(moved_errors)} errors changed without growing enough to count, so bits differ: at most x {ratio:.3g} "
+        notes.append(f"{len(moved_errors)} errors changed, so bits differ, but none grew enough to count; the largest change is x {ratio:.3g} "
                      f"({row['scene']} {row['contender']})")
     if gone := absent(old, new):
         notes.append(f"the new file has no row of {result_files.listed(gone)}")
     if not any(row["verdict"] in JUDGED for row in rows):
-        notes.append("nothing was judged: no row of both files is comparable")
+        notes.append("nothing was judged: no row of one file can be compared with a row of the other")
     if old.study != new.study:
         notes.append(f"the studies differ ({old.study}, {new.study}), so other cases ran before and between those compared")
     cut_short = [result.path.name for result in (old, new) if result.context.get("unfinished")]

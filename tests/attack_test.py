@@ -327,7 +327,7 @@ def error_shrunk(target):
 def bits(target):
     if "stability" in target.json:
         raise Untried("no row has an error")
-    return target.require(changed_errors(target, 1 - 1e-9), "errors changed without growing")
+    return target.require(changed_errors(target, 1 - 1e-9), "errors changed, so bits differ, but none grew")
 
 
 @attack("another card's name")

@@ -275,7 +275,7 @@ class Diff(InTemporaryFolder):
     def test_errors_that_changed_by_less_are_told(self):
         for error, ratio in ((1.4e-7, "1.4"), (0.5e-7, "0.5"), (1e-7 * (1 + 1e-12), "1")):
             notes = self.judge(result(PLAIN), changed(error_max=error))[1]["notes"]
-            self.assertTrue(any(f"1 errors changed without growing enough to count, so bits differ: at most x {ratio} (box@8 a" in note
+            self.assertTrue(any(f"1 errors changed, so bits differ, but none grew enough to count; the largest change is x {ratio} (box@8 a" in note
                                 for note in notes), notes)
         self.assertEqual(self.judge(result(PLAIN), changed())[1]["notes"][1:], [], "errors that did not change")
 

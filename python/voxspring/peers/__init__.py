@@ -74,7 +74,8 @@ class _Case:
             answer = self._pipe.recv()
         except EOFError:
             self._process.join()
-            answer = False, f"its process ended with {self._process.exitcode}"
+            code = self._process.exitcode or 0
+            answer = False, f"its process was killed by signal {-code}" if code < 0 else f"its process ended with exit code {code}"
         if isinstance(answer, KeyboardInterrupt):
             raise answer
         if isinstance(answer, tuple):
@@ -168,10 +169,10 @@ def main(arguments: list[str] | None = None) -> int:
                          f"repeatable (default: all with --device cuda, else {' and '.join(ON_PROCESSOR)})")
     options.add_argument("--device", choices=("cpu", "cuda"), default="cpu", help="what the peers compute on (default: cpu)")
     options.add_argument("--backend", action="append", help="a backend of Voxspring to compare with; "
-                         "repeatable (default: cpu_parallel, or what auto takes, "
-                         "by position, as the paper, and by increment, which keeps a velocity as the peers do)")
-    options.add_argument("--repetitions", type=int, default=9)
-    options.add_argument("--out", metavar="FILE.json")
+                         "repeatable (default: cpu_parallel, on a card the backend that auto takes, "
+                         "each with the formulation position, which is the paper's, and increment, which keeps a velocity as the peers do)")
+    options.add_argument("--repetitions", type=int, default=9, help="timed runs of each peer and backend (default: 9)")
+    options.add_argument("--out", metavar="FILE.json", help="write the result to this .json file")
     given = options.parse_args(arguments)
 
     def matching(names: list[str], globs: list[str] | None) -> list[str]:
