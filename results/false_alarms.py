@@ -110,8 +110,8 @@ def of_resampled(results, count, drift, rule):
     """Makes pairs of resampled runs of each result, and prints how often these have false alarms and how often
     a real change is found."""
     away = differences(results)
-    print("; ".join(f"{api}: {len(of)} ratios of unchanged rows, half of them within {statistics.median(map(abs, of)):.2%}, all within "
-                    f"{max(map(abs, of)):.2%}" for (kind, api), of in away.items() if kind == "API"))
+    print("; ".join(f"{api}: {len(of)} ratios of unchanged rows; from the shift of their API half of them are at most "
+                    f"{statistics.median(map(abs, of)):.2%} away, all at most {max(map(abs, of)):.2%}" for (kind, api), of in away.items() if kind == "API"))
     for result in results:
         generator, whose, failing, found, can = random.Random(SEED), collections.Counter(), 0, 0, 0
         places = list(resampled(result, generator).rows)

@@ -57,7 +57,7 @@ def broken_anew(paragraph):
 
 
 def sentence_of(paragraph, line):
-    """The sentence of a paragraph that has the first expression beginning in `line`, counted from 1."""
+    """The sentence in which the first expression ({{...}}) of line `line` of a paragraph stands; lines count from 1."""
     place = paragraph.find("{{", sum(len(one) + 1 for one in paragraph.split("\n")[:line - 1]))
     found = [one for one in re.finditer(r".*?(?:[.:](?=\s|$)\s*|$)", paragraph, re.DOTALL) if one.start() <= place < one.end()]
     return " ".join((found[0][0] if found else paragraph).split())

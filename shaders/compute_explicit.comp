@@ -54,7 +54,7 @@ Vec4 listed_pull(Point here, Place at, Real spring_length) {
     return unit_pull(between(here, point_of(index)), at_rest, spring_length);
 }
 
-// How many springs of `group` the bits count. Shifts and masks are those of cuda/kernels/explicit.h.
+// How many springs of `group` a particle has: one of the counters in its `bits`, packed as in GroupCounters.
 uint count_of(uint bits, const int group) {
     return group == 0 ? bits & 7u : group == 1 ? bits >> 3 & 15u : bits >> 7 & 15u;
 }

@@ -66,7 +66,7 @@ private:
     std::multimap<std::pair<std::uint32_t, std::uint32_t>, std::size_t> others_;
 };
 
-/// The kernels' argument, with null pointers.
+/// The kernels' argument for a problem and its springs. A backend sets the pointers and `pitch`.
 template <class Real>
 ScatterStep<Real> make_scatter_step(const Problem& problem, const SpringArrays<Real>& springs);
 

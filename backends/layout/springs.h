@@ -43,7 +43,7 @@ std::uint32_t entry_of(std::uint32_t index, int bit, Formulation formulation);
 /// displacements need both.
 std::string list_entry_refusal(const Problem& problem, Formulation formulation);
 
-/// Empty, or why not all springs of a group have the same stiffness and rest length.
+/// Empty, or why lists cannot have one stiffness and one rest length for all springs of a group.
 std::string grouped_list_refusal(const Problem& problem);
 
 /// The neighbour mask of a particle; 0 without a lattice.

@@ -110,7 +110,8 @@ protected:
     void stepped(int count);
     /// Whether a divergence monitor is set.
     bool monitored() const { return monitor_.every > 0; }
-    /// Enqueues `count` steps and the checks between them. By default it replays graphs of single steps.
+    /// Enqueues `count` steps and the checks between them. By default each step has its own launches, which
+    /// graphs of 1 to 256 steps hold if replays_steps().
     virtual void enqueue_steps(int count);
 
 private:

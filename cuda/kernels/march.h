@@ -198,8 +198,8 @@ VOXSPRING_HOST_DEVICE Real integrate_component(const MarchStep<Real>& step, Real
     return (Terms::increments ? before : at) + std::fma(force, step.scale, change);
 }
 
-/// Moves a thread's particles of one plane by one step. The first of these particles is element `index` of
-/// each axis. `before`: the window of what the step overwrites.
+/// Moves a thread's particles of one plane by one step. The first of them is element `index` of each axis.
+/// `before`: their old values, which the step overwrites, from the first particle on.
 template <class Terms, MarchShape shape, bool masked, class Real, class Planes>
 VOXSPRING_HOST_DEVICE void integrate_plane(const MarchStep<Real>& step, const MarchOutput<Real>& output,
                                            std::size_t index, std::uint64_t word, const Real* before,

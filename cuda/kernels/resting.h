@@ -64,9 +64,9 @@ __device__ inline void list_for_next_step(const ActiveBlocks& blocks, const Bloc
 /// until the list ends.
 template <class StepBlock>
 __device__ void for_each_active_block(const ActiveBlocks& blocks, StepBlock step_block) {
-    // These loads are in flight together, as are those of marks and particles below: where few blocks move, a
-    // step takes as long as the latencies that one thread waits for one after the other. The list has room
-    // for each block of threads, so `now` may be read before the count is known.
+    // The count and `now` are loaded together here, marks and particles together below. If few blocks move,
+    // a step takes as long as the loads that a thread waits for one after the other. `now` has an element for
+    // each block of threads, so it may be read before the count is known.
     const unsigned count = *blocks.now_count;
     BlockOrigin origin = blocks.now[blockIdx.x];
     // The last block of threads that reads the count empties the list. The vote makes sure that all threads

@@ -51,9 +51,9 @@ std::string failure_of(const std::string& python, const std::string& code) {
     return output.empty() ? "it fails without a message" : output;
 }
 
-/// Returns the first of these Python interpreters that can import the modules: the one of the environment
-/// that `./run report` makes in a source tree, /usr/bin/python3, the PATH's python3. Throws BadInput if none
-/// can; the message says why each one failed.
+/// Returns the first of these Python interpreters that is at least 3.9 and can import the modules: that of
+/// the environment that `./run report` makes in a source tree, /usr/bin/python3, the PATH's python3. Throws
+/// BadInput if there is none; the message says why each one failed.
 std::string find_python(const std::string& command, const std::filesystem::path& folder,
                         const std::string& modules) {
     const Script& script = scripts().at(command);

@@ -177,8 +177,8 @@ private:
         for (int x = 0; x < dims_.x; ++x) {
             float& sum = share[first_voxel + std::size_t(x)];
             const double of_caps = double(caps[first_voxel + std::size_t(x)]);
-            // If the caps' winding number is at most this, subtracting it does not move the result across
-            // 1/2.
+            // A winding number of the caps up to this one cannot move the result across 1/2 when it is
+            // subtracted.
             constexpr double noticeable = 0.4;
             // Within a voxel without a crossing the winding number varies by less than this, except at the
             // rim of a hole. So the value at the centre is enough unless it is this close to 1/2.

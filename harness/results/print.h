@@ -40,9 +40,9 @@ void print_cells(const std::vector<T>& rows, const std::vector<ColumnOf<T>>& col
 std::vector<std::string> counter_names(const std::vector<const Row*>& rows);
 std::string counter_cell(const Row& row, const std::string& name);
 
-/// Prints one line per row: its scene and backend, `columns`, and the counters. If the table is too wide,
-/// counters are dropped from the last to the first. `first_counter` is Column::expendable of the first
-/// counter; with 0 that one is never dropped.
+/// Prints one line per row: its scene and backend, `columns`, and the counters. While the table is too wide,
+/// the last counter is dropped. `first_counter` is Column::expendable of the first counter, which always
+/// stays if that is 0.
 template <std::derived_from<Row> T>
 void print_rows(const std::vector<T>& rows, const std::vector<ColumnOf<T>>& columns, TableWidth width,
                 std::ostream& out, int first_counter = 0) {

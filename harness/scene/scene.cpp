@@ -453,7 +453,8 @@ double choose_time_step(const TimeStep& chosen, double stable, const Problem& li
     if (chosen.of_limit) {
         const Frequency frequency = true_frequency_squared(limiting);
         if (!frequency.squared)
-            chosen.source->refuse("fraction_of_stable, since the limit is not known: " + frequency.reason);
+            chosen.source->refuse("{\"fraction_of_stable\": NUMBER}, since the true limit is not known: " +
+                                  frequency.reason);
         time_step = chosen.fraction * stable_time_step(*frequency.squared, limiting.damping);
     }
     if (std::isfinite(time_step) && time_step > 0) return time_step;

@@ -61,7 +61,7 @@ struct Errors {
     std::optional<double> total_relative_l2, total_max,
         total_uncertainty;                    ///< against the converged solution
     std::optional<std::string> total_reason;  ///< why the total errors are absent
-    std::optional<double> momentum, energy;   ///< drift() from the reference
+    std::optional<double> momentum, energy;   ///< how far both drift() from the reference
     bool chaotic = false;
     std::optional<double> spread;  ///< Spread::rms / motion_rms for the row's rounding model
 };

@@ -43,7 +43,7 @@ def headings(rows, *texts):
 
 
 def thresholds(rows):
-    """The thresholds by which the errors of rows were judged, and the rows of which not all repetitions were judged."""
+    """Sentences below a table: by which thresholds the errors of its rows were judged, and in which rows some repetitions were not."""
     scenes = {}
     for (scene, formulation, precision), own in groups(rows, "scene", "formulation", "precision").items():
         name = formulation + f" {precision}" * (precision != "float32")
