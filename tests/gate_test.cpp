@@ -242,6 +242,7 @@ Scene small_twin(const std::string& name) {
 struct TimedScene {
     std::string scene;
     int steps = 0;
+    bool strained = false;  ///< StudyScene::is_strained()
     std::set<std::pair<Formulation, Precision>> models = {};
     friend std::ostream& operator<<(std::ostream& out, const TimedScene& timed) {
         return out << timed.scene << " " << timed.steps;
@@ -254,7 +255,7 @@ std::vector<TimedScene> timed_scenes() {
         const Study study = load_study(name);
         for (const StudyScene& item : study.scenes) {
             TimedScene& timed = all[{item.scene, item.steps}];
-            timed = {item.scene, item.steps, timed.models};
+            timed = {item.scene, item.steps, item.is_strained(), timed.models};
             for (const BackendSpec& spec : known_specs(study, item))
                 timed.models.emplace(spec.options.formulation, spec.options.precision);
         }
@@ -342,7 +343,8 @@ INSTANTIATE_TEST_SUITE_P(, EveryTimedScene, ::testing::ValuesIn(timed_scenes()),
 
 // Judges as a study does: by the scene's own start, and by a strained one if that strains too few springs.
 TEST_P(EveryTimedScene, IsVerifiedByARunThatNoMutantPasses) {
-    const Scene scene = small_twin(GetParam().scene);
+    Scene scene = small_twin(GetParam().scene);
+    if (GetParam().strained) scene.state = strained_start(scene.problem);
     const int steps = GetParam().steps;
     std::vector<Judged> starts;
     starts.reserve(2);  // solutions refer to them

@@ -39,7 +39,7 @@ class Scaling(FaultyStudies):
                            {"step": 7, "suture": {"triangles": [[[11, -9, -9], [11, 30, -9], [11, 10, 50]]], "within": 1.5}}]}
         self.write("cut.json", edits)
         self.study(backends=["cpu_parallel:formulation=increment"], ranks=[1, 2, 3, 4], cuts=["slabs", "bricks"],
-                   scenes=[{"scene": "cut.json"}, {"scene": "heart@15x17x23"}])
+                   scenes=[{"scene": "cut.json"}, {"scene": "heart@15x17x23", "strained_start": True}])
         ran = self.run_study(4)
         rows = self.result()["scaling"]
         self.assertEqual(self.result()["failed"], [])
@@ -48,6 +48,7 @@ class Scaling(FaultyStudies):
             self.assertEqual([(row["ranks"], row["way"]) for row in of_scene], [(1, "none"), *slabs, *slabs[-2:]], of_scene)
             self.assertEqual([row["cut"] for row in of_scene[-2:]], 2 * ["2x1x2"])
             self.assertEqual([row["same_bits"] for row in of_scene], [None] + 8 * [True])
+        self.assertEqual({row["strained_share"] > 0.9 for row in rows[9:]}, {True}, "each process displaces its particles")
         self.assertEqual(ran.stdout.count("written:"), 1, "rank 0 alone prints")
 
     def test_threads_of_a_card_are_none_of_the_processor(self):

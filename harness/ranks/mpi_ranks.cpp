@@ -19,6 +19,7 @@
 #include "harness/process/case.h"
 #include "harness/process/signal_process.h"
 #include "harness/process/worker_main.h"
+#include "harness/verification/random_starts.h"
 #include "harness/verification/reference.h"
 
 namespace voxspring {
@@ -37,12 +38,14 @@ std::string name_of_rank(int rank) {
 }
 
 nlohmann::json json_of(const RankTask& task) {
-    return {{"scene", task.scene},        {"fingerprint", task.fingerprint}, {"backend", task.backend},
-            {"plan", to_json(task.plan)}, {"routes", to_json(task.routes)},  {"number", task.number}};
+    return {{"scene", task.scene},     {"strained", task.strained},  {"fingerprint", task.fingerprint},
+            {"backend", task.backend}, {"plan", to_json(task.plan)}, {"routes", to_json(task.routes)},
+            {"number", task.number}};
 }
 
 RankTask task_of(const nlohmann::json& json) {
     return {.scene = json.at("scene"),
+            .strained = json.at("strained"),
             .fingerprint = json.at("fingerprint"),
             .backend = json.at("backend"),
             .plan = rank_plan_of(json.at("plan")),
@@ -330,12 +333,14 @@ void MpiRanks::take_part(const RankTask& task, const Means& means) {
     std::unique_ptr<Worker> worker;
     std::string failure;
     try {
-        if (argument_ != task.scene) {
+        if (argument_ != task.scene || strained_ != task.strained) {
             workers_.reset();
             argument_.clear();
             scene_ = std::make_unique<Scene>(means.load(task.scene));
+            if (task.strained) scene_->state = strained_start(scene_->problem);
             workers_ = std::make_unique<Workers>(means.worker, scene_.get());
             argument_ = task.scene;
+            strained_ = task.strained;
         }
         if (fingerprint_of(*scene_) != task.fingerprint)
             throw std::runtime_error("the scene " + task.scene + " of rank " + std::to_string(rank()) +

@@ -29,6 +29,7 @@ namespace voxspring {
 /// What the ranks run together. Every rank gets a copy.
 struct RankTask {
     std::string scene;        ///< the argument of load_scene(), for every rank
+    bool strained = false;    ///< whether steps begin at strained_start() instead of the scene's start
     std::string fingerprint;  ///< fingerprint_of(scene), to check that all have the same
     std::string backend;      ///< the argument of BackendSpec::parse()
     RankPlan plan = {};       ///< the first plan.ranks() ranks take part
@@ -81,6 +82,7 @@ private:
     int tasks_ = 0;
     /// On ranks other than 0: the scene of the latest task, its argument (RankTask::scene) and its workers.
     std::string argument_;
+    bool strained_ = false;  ///< RankTask::strained of the latest task
     std::unique_ptr<Scene> scene_;
     std::unique_ptr<Workers> workers_;
 };

@@ -22,7 +22,6 @@
 #include "harness/ranks/sample.h"
 #include "harness/scene/scene_runner.h"
 #include "harness/verification/divergence.h"
-#include "harness/verification/random_starts.h"
 
 namespace nlohmann {
 
@@ -185,7 +184,7 @@ void wait_for(Together& all) {
 
 NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(Decomposition::Brick, begin, end)
 NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(RankPlan, steps, repetitions, start_patience, patience, devices, way, cut,
-                                   strained, sampled)
+                                   sampled)
 
 nlohmann::json to_json(const RankPlan& plan) { return plan; }
 RankPlan rank_plan_of(const nlohmann::json& json) { return json.get<RankPlan>(); }
@@ -265,7 +264,6 @@ RankReport run_rank(const BackendSpec& spec, const Scene& scene, const RankPlan&
     std::unique_lock<std::mutex> turn = turn_of_rank(scene);
     Subdomain subdomain = Decomposition(scene.problem, plan.cut).subdomain(scene.problem, exchange.rank());
     Scene part = part_of(scene, subdomain);
-    if (plan.strained) part.state = part_of(strained_start(scene.problem), subdomain.particle);
     const DeviceOfThread device(plan.device_of(exchange.rank()));
     const std::unique_ptr<Backend> inner = spec.make();
     // A single rank has no borders.

@@ -34,8 +34,6 @@ struct RankPlan {
     /// How many subdomains the scene is cut into along each axis. Each rank has one.
     glm::ivec3 cut{1};
     int ranks() const { return cut.x * cut.y * cut.z; }
-    /// Whether the run begins with strained_start() instead of the scene's start.
-    bool strained = false;
     /// If not empty, only the state of Sample::particles() of these bricks is kept at the end of the run.
     std::vector<Decomposition::Brick> sampled = {};
 };

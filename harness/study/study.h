@@ -27,6 +27,11 @@ struct StudyScene {
     std::vector<std::string> only = {};            ///< globs of --backend for this scene (select_backends())
     std::shared_ptr<const Scene> built = nullptr;  ///< a scene in memory, instead of load_scene(scene)
     nlohmann::json settings = nlohmann::json::object();  ///< the kind's own keys in the study file
+
+    /// The key for whether steps begin at strained_start() instead of the scene's own start, which strains
+    /// too few springs in few steps to verify a backend.
+    static constexpr const char* strained_key = "strained_start";
+    bool is_strained() const { return settings.value(strained_key, false); }
 };
 
 /// What a study file says (results/study.schema.json). A backend pattern is `GLOB[:key=value,...]`: it

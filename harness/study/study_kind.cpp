@@ -46,6 +46,11 @@ std::unique_ptr<StudyKind> kind_of(const Study& study) {
 
 void print_result(const Result& result, std::ostream& out, TableWidth width) {
     make_study_kind(result.own_context().at("study").at("kind"))->print(result, out, width);
+    const nlohmann::json strained =
+        result.own_context().at("study").value("strained_starts", nlohmann::json::array());
+    if (!strained.empty())
+        out << fmt::format("{}: steps begin at a random start that strains every spring\n",
+                           joined(strained.get<std::vector<std::string>>()));
     const nlohmann::json units = result.own_context().value("units", nlohmann::json::object());
     for (const auto& [scene, of] : units.items())
         out << fmt::format("{}: lengths in {}, times of the motion in {}, forces in {}\n", scene,

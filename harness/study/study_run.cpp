@@ -31,6 +31,7 @@
 #include "harness/study/study.h"
 #include "harness/study/study_bench.h"
 #include "harness/study/study_kind.h"
+#include "harness/verification/random_starts.h"
 #include "harness/verification/reference.h"
 #include "harness/volume/dataset.h"
 #include "harness/volume/volume.h"
@@ -109,12 +110,15 @@ private:
 
 std::shared_ptr<const Scene> StudyScenes::of(const StudyScene& item) {
     if (auto own = kind_.own_scene(item)) return own;
-    if (item.built) return item.built;
-    if (const auto known = kept_.find(item.scene); known != kept_.end()) return known->second;
-    auto scene = std::make_shared<const Scene>(
-        load_scene(item.scene, is_body_file(item.scene) ? volume_ : VolumeOptions{}));
-    keep(item.scene, scene);
-    return scene;
+    const std::string name = item.scene + (item.is_strained() ? ", strained" : "");
+    if (const auto known = kept_.find(name); known != kept_.end()) return known->second;
+    if (item.built && !item.is_strained()) return item.built;
+    Scene scene = item.built ? *item.built
+                             : load_scene(item.scene, is_body_file(item.scene) ? volume_ : VolumeOptions{});
+    if (item.is_strained()) scene.state = strained_start(scene.problem);
+    const auto shared = std::make_shared<const Scene>(std::move(scene));
+    if (!item.built) keep(name, shared);
+    return shared;
 }
 
 void StudyScenes::keep(const std::string& name, const std::shared_ptr<const Scene>& scene) {
@@ -134,7 +138,13 @@ void StudyScenes::keep(const std::string& name, const std::shared_ptr<const Scen
 void StudyScenes::check_name(const StudyScene& item, const Scene& scene) {
     const auto [first, added] = named_.emplace(scene.name, &item);
     const StudyScene& other = *first->second;
-    if (added || (other.scene == item.scene && other.built == item.built)) return;
+    const bool same = other.scene == item.scene && other.built == item.built;
+    if (added || (same && other.is_strained() == item.is_strained())) return;
+    if (same)
+        throw BadInput(
+            "study", std::string(StudyScene::strained_key) + " of " + scene.name,
+            item.is_strained() ? "true" : "false",
+            "the value of the study's other item of this scene: their rows could not be told apart");
     if (fingerprint_of(*of(other)) == fingerprint_of(scene)) return;
     throw BadInput("study", "scene", item.scene,
                    "a scene with a name that no other has: " + other.scene + " is called " + scene.name +
@@ -278,6 +288,9 @@ void StudyRun::begin_result() {
     context() = build_context();
     context()["gpu"] = context()["driver"] = context()["gl_renderer"] = nullptr;
     context()["study"] = {{"name", study_.name}, {"kind", study_.kind}, {"repetitions", study_.repetitions}};
+    for (const StudyScene& item : study_.scenes) {
+        if (item.is_strained()) context()["study"]["strained_starts"].push_back(item.scene);
+    }
     context()["backends"] = nlohmann::json::object();
     context()["unfinished"] = true;
 }

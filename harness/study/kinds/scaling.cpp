@@ -30,7 +30,6 @@
 #include "harness/study/study_bench.h"
 #include "harness/study/study_kind.h"
 #include "harness/verification/errors.h"
-#include "harness/verification/random_starts.h"
 
 namespace voxspring {
 namespace {
@@ -166,9 +165,6 @@ std::string text_of(glm::ivec3 cut) { return fmt::format("{}x{}x{}", cut.x, cut.
 /// whole body is verified.
 constexpr const char* sample_key = "sample_layers";
 constexpr int max_sample_layers = 1024;
-/// The key of a scene in a study file for whether the run begins with strained_start(), because the scene's
-/// own start strains too few springs.
-constexpr const char* strained_key = "strained_start";
 
 /// The key of a study and of a scene in a study file for the ways to measure.
 constexpr const char* ways_key = "ways";
@@ -188,7 +184,7 @@ public:
         if (const auto ways = item.find(ways_key)) (void)read_ways(*ways);
         if (const auto weak = item.find("weak")) (void)weak->string();
         if (const auto layers = item.find(sample_key)) (void)layers->integer(1, max_sample_layers);
-        if (const auto strained = item.find(strained_key)) (void)strained->boolean();
+        if (const auto strained = item.find(StudyScene::strained_key)) (void)strained->boolean();
         return StudyKind::read_scene(item);
     }
     void check(const Study& study, const StudyScene& item, const Scene& scene) const override {
@@ -330,7 +326,6 @@ public:
     RankedCase(StudyBench& bench, BackendSpec spec) : bench_(bench), spec_(std::move(spec)) {
         const nlohmann::json& settings = bench.item().settings;
         if (settings.contains(sample_key)) sampled_ = Sample::bricks(bench.scene(), settings.at(sample_key));
-        strained_ = settings.value(strained_key, false);
     }
 
     /// Measures one row, with the subdomains of `cut`, in a separate process: a rank that hangs ends with it,
@@ -345,7 +340,6 @@ private:
         plan.patience = std::min(plan.patience, plan.start_patience / 4);
         plan.devices = bench_.options().devices;
         plan.cut = cut;
-        plan.strained = strained_;
         plan.sampled = sampled_;
         if (way != "none" && way != "mpi") plan.way = way;
         return plan;
@@ -361,7 +355,6 @@ private:
     StudyBench& bench_;
     const BackendSpec spec_;
     std::vector<Decomposition::Brick> sampled_ = {};  ///< empty: the whole body is judged
-    bool strained_ = false;                           ///< whether the run begins with strained_start()
     std::uint64_t judged_particles_ = 0;
     std::vector<std::unique_ptr<Judgement>> judgements_ = {};
     std::string bits_of_one_ = {};  ///< hash of the state that one rank left; empty: not known
@@ -369,12 +362,7 @@ private:
 
 void RankedCase::make_judgements() {
     if (!judgements_.empty()) return;
-    std::optional<Scene> strained;
-    if (strained_) {
-        strained = bench_.scene();
-        strained->state = strained_start(strained->problem);
-    }
-    const Scene& scene = strained ? *strained : bench_.scene();
+    const Scene& scene = bench_.scene();
     const int steps = bench_.item().steps;
     if (sampled_.empty()) {
         Judgement& whole = *judgements_.emplace_back(std::make_unique<Judgement>());
@@ -501,6 +489,7 @@ nlohmann::json RankedCase::judged(const Found& found, const RankPlan& plan, cons
 
 RankTask RankedCase::task(glm::ivec3 cut) const {
     return {.scene = bench_.item().scene,
+            .strained = bench_.item().is_strained(),
             .fingerprint = fingerprint_of(bench_.scene()),
             .backend = spec_.text(),
             .plan = plan(cut, "mpi"),

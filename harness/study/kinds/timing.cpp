@@ -25,6 +25,7 @@ public:
     }
     std::string read_scene(JsonObject& item) const override {
         if (const auto times = item.find("start_times")) (void)times->boolean();
+        if (const auto strained = item.find(StudyScene::strained_key)) (void)strained->boolean();
         return StudyKind::read_scene(item);
     }
     void check(const Study& study, const StudyScene& item, const Scene& scene) const override {
