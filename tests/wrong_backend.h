@@ -78,15 +78,15 @@ inline const std::vector<std::pair<std::string, Fault>>& faults() {
 /// Registers the backends of faults(). For a variable at namespace scope.
 inline std::vector<Registered> register_wrong_backends() {
     std::vector<Registered> registered;
-    for (const auto& [name, fault] : faults())
+    for (const auto& named : faults())
         registered.push_back(
-            Registered({.name = name,
+            Registered({.name = named.first,
                         .api = "wrong",
                         .summary = "A backend for this test.",
                         .precisions = {Precision::float32},
                         .formulations = {Formulation::position},
                         .tuning = {},
-                        .make = [fault](const Options&) -> std::unique_ptr<Backend> {
+                        .make = [fault = named.second](const Options&) -> std::unique_ptr<Backend> {
                             return std::make_unique<WrongBackend>(fault);
                         },
                         .bytes = [](const Problem&, const Options&) { return std::uint64_t(0); }}));

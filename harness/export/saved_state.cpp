@@ -238,8 +238,8 @@ bool before(const Spring& a, const Spring& b) {
 std::vector<ScheduledEdit> still_applying(Problem problem, const std::vector<ScheduledEdit>& edits) {
     SpringEditor editor(problem);
     std::vector<ScheduledEdit> made;
-    const auto add = [&](int step, SpringEdit edit) {
-        if (!edit.empty()) made.push_back({step, std::move(edit)});
+    const auto add = [&](int step, const SpringEdit& edit) {
+        if (!edit.empty()) made.push_back({step, edit});
     };
     for (const ScheduledEdit& scheduled : edits) {
         std::vector<std::pair<std::uint32_t, std::uint32_t>> removed;

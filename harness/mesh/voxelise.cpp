@@ -127,8 +127,8 @@ private:
     std::vector<float> of_caps(int z) const {
         std::vector<float> winding(std::size_t(dims_.x) * std::size_t(dims_.y));
         for (std::size_t n = 0; n < winding.size(); ++n) {
-            const auto side = std::size_t(dims_.x);
-            winding[n] = float(caps_.at({double(n % side) + 0.5, double(n / side) + 0.5, z + 0.5}));
+            const std::size_t y = n / std::size_t(dims_.x), x = n % std::size_t(dims_.x);
+            winding[n] = float(caps_.at({double(x) + 0.5, double(y) + 0.5, z + 0.5}));
         }
         return winding;
     }
