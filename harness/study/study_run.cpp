@@ -116,7 +116,7 @@ std::shared_ptr<const Scene> StudyScenes::of(const StudyScene& item) {
     Scene scene = item.built ? *item.built
                              : load_scene(item.scene, is_body_file(item.scene) ? volume_ : VolumeOptions{});
     if (item.is_strained()) scene.state = strained_start(scene.problem);
-    const auto shared = std::make_shared<const Scene>(std::move(scene));
+    auto shared = std::make_shared<const Scene>(std::move(scene));
     if (!item.built) keep(name, shared);
     return shared;
 }
