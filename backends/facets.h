@@ -241,9 +241,9 @@ class LimitsFacet {
 public:
     /// Measures what the device can do at best. Takes about a second. To be called before the first upload().
     virtual DeviceLimits measure_limits() = 0;
-    /// Measures DeviceLimits::launch_seconds in this process, if that time differs from process to process.
-    /// Otherwise the result is empty. To be called before the first upload(), or as the last call of all:
-    /// steps are not possible afterwards.
+    /// Measures DeviceLimits::launch_seconds in this process. Empty if that time is the same in every
+    /// process. To be called before the first upload(), or as the last call of all, since no step is possible
+    /// afterwards.
     virtual std::optional<double> own_launch_seconds() { return std::nullopt; }
     /// The least work of a step of `problem`. Cheap, and touches no device.
     virtual StepWork step_work(const Problem& problem) const = 0;

@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""How often diff.py is wrong: compares pairs of results of one program on one card, between which nothing has changed, so that each row
-that it calls faster, slower, or worse in its error is a false alarm.
+"""How often diff.py is wrong. This compares pairs of results of one unchanged program on one card: every row that diff.py calls faster,
+slower, or worse in its error is a false alarm.
 
 Usage: false_alarms.py [--in-pairs] [--threshold 0.05] RESULT RESULT [RESULT...]
        false_alarms.py --resample PAIRS [--drift 0.006] [--threshold 0.05] RESULT [RESULT...]
 
-RESULT is a .json or .json.gz file of one study; every two of them are a pair, or with --in-pairs each and the next. Seven runs are
+RESULT is a .json or .json.gz file of one study. Every two of them are a pair; with --in-pairs each and the next are. Seven runs are
 twenty-one pairs:
 
     for i in 1 2 3 4 5 6 7; do voxspring study table1 --out table1-$i.json; done

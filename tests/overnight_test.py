@@ -469,7 +469,7 @@ class JournalFile(Overnight):
         self.wait_for(lambda: self.journal.exists() and " warm" in self.journal.read_text(), "it does not begin")
         for options in ([], ["--resume"]):
             refused = self.run_study(*options, code=2)
-            self.assert_refused(refused, f"running as process {ran.pid}", "another --out")
+            self.assert_refused(refused, f"process {ran.pid} writes", "another --out")
             self.assertNotIn("delete", refused.stderr)
         ran.communicate(timeout=PATIENCE)
         self.assertEqual(ran.returncode, 0)

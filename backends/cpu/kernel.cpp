@@ -79,8 +79,8 @@ HWY_INLINE L stiffness(const Task<T>& task, const Opposites<T>& pair, std::ptrdi
     return series_stiffness(L::load(task.compliance + i), L::load(task.compliance + neighbour));
 }
 
-/// Stores the force densities of the springs between the particles of a SIMD register and those of their
-/// higher neighbours that lie at element `least` or beyond.
+/// Stores the force densities of springs of the particles of a SIMD register: of the springs to neighbours
+/// with a higher element, if that element is at least `least`.
 template <Formulation formulation, class L, class T>
 HWY_INLINE void leave_densities(const Task<T>& task, const Block& block, std::ptrdiff_t lane,
                                 std::ptrdiff_t least) {

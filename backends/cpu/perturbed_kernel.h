@@ -58,7 +58,8 @@ void step(const Task& task, Formulation formulation);
 
 /// `value`, rounded with the random bits that the kernel uses for `element` and `which`.
 double rounded(double value, const RoundingBits& bits, std::uint64_t element, std::uint64_t which);
-/// The kernel's random number in [-1, 1) for `element` and `which`.
+/// The random number in [-1, 1) that the kernel takes for an element and a use of it, `which`, in the step
+/// that `bits` belong to.
 double random_number(const RoundingBits& bits, std::uint64_t element, std::uint64_t which);
 
 }  // namespace voxspring::perturbed

@@ -423,7 +423,7 @@ void BrickLayout::write_masks(std::size_t block, int lane) {
         masks_[std::size_t(n) * lane_count() + at] = words[std::size_t(n)];
 }
 
-/// Sets plain_words_, across_ and moves_.
+/// Computes the masks of plain threads (plain_words_, across_, moves_) for the springs in `group_bits`.
 void BrickLayout::find_plain_words(std::uint32_t group_bits) {
     const auto set = [](TileWords& words, int bit) { words[std::size_t(bit) / 32] |= 1U << bit % 32; };
     for (const TileSpring& s : springs_) {

@@ -97,7 +97,7 @@ private:
     std::vector<std::uint32_t> block_at_;   ///< per brick: its block; resident_none: it has no particle
     std::vector<TileSpring> springs_;
     BrickMask bits_{};
-    /// The mask words of a plain thread, indexed by the set of sides that its springs cross.
+    /// The mask words of a plain thread. The index has a bit per side of the tile that its springs cross.
     std::array<TileWords, 1U << BrickShape::sides> plain_words_{};
     /// Per side: the bits of the springs that cross this side and no other.
     std::array<TileWords, BrickShape::sides> across_{};

@@ -44,8 +44,8 @@ private:
 
 /// One bit for each warp of a block, in one plane of its tile.
 struct MarchWarps {
-    std::uint32_t active = 0;  ///< the warp has a particle
-    std::uint32_t full = 0;    ///< all of its particles have full stencils (MarchItem::full_stencils)
+    std::uint32_t active = 0;  ///< bit w: warp w has a particle
+    std::uint32_t full = 0;  ///< bit w: all particles of warp w have full stencils (MarchItem::full_stencils)
 };
 
 /// Divides a lattice into columns along z, whose cross-section is one tile.

@@ -465,7 +465,8 @@ std::uint64_t max_plan_bytes(const Lattice& lattice, const MarchShape& shape) {
     const std::uint64_t tiles = std::uint64_t(units_of(lattice.dims.x, shape.width())) *
                                 std::uint64_t(units_of(lattice.dims.y, shape.height()));
     const std::uint64_t planes = tiles * std::uint64_t(lattice.dims.z);
-    // Two runs have an empty plane between them, and parts of a longer run have at least two planes.
+    // Each item takes at least two planes of a column: a run of one plane has an empty plane behind it, and
+    // the parts of a longer run have two or more.
     static_assert(shortest_part == 3);
     const std::uint64_t items = tiles * std::uint64_t(units_of(lattice.dims.z, 2));
     // An item has at most one word per thread for each of its planes and for the plane after them.

@@ -78,7 +78,7 @@ private:
 template <class Real>
 class StagedRows {
 public:
-    /// Returns the lists by their addresses on the device. `squared`: as in EditedRows.
+    /// Returns the addresses of the lists on the device. `squared`: whether rest lengths are squares.
     EditedRows<Real> send(const EditedLists<Real>& edited, bool squared, const Stream& stream) {
         bytes_.clear();
         const std::size_t particle = append(edited.particle), bits = append(edited.lists.bits);

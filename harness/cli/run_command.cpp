@@ -178,7 +178,7 @@ private:
         const std::size_t before = scene_->edits.size();
         take_springs(*scene_, *saved_);
         out_ << fmt::format(
-            "{}: {} springs differ from those of {} after step {}; the run uses the file's springs{}\n",
+            "{}: {} springs are not as in scene {} after step {}; the run uses the file's springs{}\n",
             file.string(), others, scene_->name, first_,
             before > 0 ? ", and later edits apply to these" : "");
     }

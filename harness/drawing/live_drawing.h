@@ -52,8 +52,9 @@ public:
     /// To be called after the backend has been given `edit`, which must outlive this drawing. The drawing
     /// thread then rebuilds the mesh.
     void follow(const SpringEdit& edit);
-    /// Connects the backend to the latest mesh. Until this is called, nothing is handed over for a new mesh.
-    /// It takes longer than a tick may, so call it between two ticks. Throws DeviceError.
+    /// Connects the backend to the latest mesh, unless the drawing thread is busy: call it again between
+    /// later ticks. Until then nothing is handed over for a new mesh. It takes longer than a tick may. Throws
+    /// DeviceError.
     void follow_mesh();
 
     /// The number of finished pictures.

@@ -138,7 +138,8 @@ public:
     }
 
 private:
-    /// Reads the state that has been reached. Throws if the run diverged.
+    /// Downloads the state that has been reached into the shared memory. Returns the sizes of its lists.
+    /// Throws if the run diverged.
     nlohmann::json read(Backend& backend, int steps) {
         const State state = backend.download();
         if (const auto divergence = find_divergence(backend, runner_, monitor_, state, steps))

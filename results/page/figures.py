@@ -365,7 +365,7 @@ def roofline(_, group):
     most = statistics.mode(bound) if bound else ""
     binds = f", and {most} binds {bound.count(most)} of the {len(bound)} that reach {percent(result_files.MIN_BINDING)}" if bound else ""
     text = f"{best['backend']} comes closest to its limit, {percent(best['of_limit'])} on {best['scene']}"
-    return text, f"{text}; the median row reaches {percent(middle)}{binds}"
+    return text, f"{text}; the median row reaches {percent(middle)} of its limit{binds}"
 
 
 # The datasets with a panel: one that fits into a card's cache, and one far beyond it. If neither was measured,
@@ -554,7 +554,7 @@ def scaling_forecast(_, group):
     most = max(row["ranks"] for row in group)
     reached = [row["efficiency"] for row in group if row["ranks"] == most]
     finding = f"a model predicts {between(reached, percent)} of the efficiency of one for {most} ranks"
-    half = f"{finding}, and half of it at {between(halves, lambda value: f'{value:.0f}')}" if halves else ""
+    half = f"{finding}, and half of the efficiency of one for {between(halves, lambda value: f'{value:.0f}')} ranks" if halves else ""
     return finding, half
 
 

@@ -377,7 +377,7 @@ def increments_cost():
 
 
 def increments_gain(scene):
-    """How many times as large the error of position is as that of increment, of the implicit strategy with textures."""
+    """The error of position divided by that of increment, in a scene, with the implicit strategy that uses textures."""
     errors = [row("formulations", scene, "cuda_implicit_cached", way)["error_relative_l2"] for way in ("position", "increment")]
     return errors[0] / errors[1]
 

@@ -43,7 +43,8 @@ struct ExplicitStep {
 /// The bits of a particle that count its springs, if there is a secondary list.
 inline constexpr std::uint32_t list_count_bits = NEIGHBOUR_BITS;
 
-/// How the bits of a particle count its springs in each group, if there is no secondary list.
+/// If there is no secondary list, the bits of a particle hold the number of its springs in each group: that
+/// of `group` begins at bit shift(group).
 struct GroupCounters {
     static VOXSPRING_HOST_DEVICE std::uint32_t shift(int group) {
         return group == 0 ? 0 : group == 1 ? 3 : 7;

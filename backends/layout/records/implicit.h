@@ -20,7 +20,7 @@ struct alignas(16) BlockOrigin {
 struct ActiveBlocks {
     int row, slice;          ///< places from a block to the next one along y, and along z
     const BlockOrigin* now;  ///< origins of the blocks to step, in any order
-    BlockOrigin* next;       ///< room for all blocks
+    BlockOrigin* next;       ///< the list for the next step, with room for all blocks
     /// Length of `now`. The step sets it to zero afterwards, since the next step fills this list anew.
     unsigned* now_count;
     unsigned* next_count;      ///< length of `next`; zero before the step
