@@ -39,13 +39,7 @@ struct BackendEntry {
     /// The API that it is written in (Api::name). Backends of one API share a driver.
     std::string api = host_api;
     Addressing addressing = Addressing::by_lists;
-    std::string summary;  ///< one sentence
-    /// Why the backend is fast where it is, as text for users. Empty: because of its addressing.
-    std::string strength = {};
-    /// Whether an edit of springs takes long, since tables are rebuilt: not chosen for scenes with edits.
-    bool slow_edits = false;
-    /// Whether a moving tool leaves the backend few steps per launch: not chosen for scenes with a tool.
-    bool slow_with_tool = false;
+    std::string summary;                                           ///< one sentence
     std::vector<Precision> precisions{Precision::float32};         ///< the default first
     std::vector<Formulation> formulations{Formulation::position};  ///< the default first
     std::map<std::string, TuningValues> tuning;

@@ -215,7 +215,6 @@ const Registered entry({
     .addressing = Addressing::by_grid,
     .summary = "One launch for thousands of steps: bricks of the lattice in shared memory, one tile of "
                "particles per thread, borders through L2; one material, face and edge springs.",
-    .strength = "what multiprocessors hold together stays there from step to step",
     .formulations = {Formulation::increment, Formulation::position, Formulation::displacement},
     .tuning = {{"tile", tile_names()}},
     .make = [](const Options& options) { return std::make_unique<BricksBackend>(options); },

@@ -182,7 +182,6 @@ const Registered entry({
     .api = "cuda",
     .summary = "One thread per particle, neighbours by delta-compressed lists that runs of particles share, "
                "springs of any topology beyond them by slices.",
-    .strength = "only active particles have neighbour lists, and all particles of a run share one list",
     .precisions = {Precision::float32, Precision::float64},
     .formulations = every_formulation,
     // On an H200, dependent launches make a step of the heart take 0.86 times as long. For box 96^3 they

@@ -457,9 +457,6 @@ const Registered entry({
     .api = "cuda",
     .addressing = Addressing::by_grid,
     .summary = "One launch for thousands of steps, particles in registers, borders through L2.",
-    .strength = "state stays on the chip from step to step",
-    // It would take few steps per launch instead of thousands.
-    .slow_with_tool = true,
     .formulations = {Formulation::increment, Formulation::position, Formulation::displacement,
                      Formulation::paper},
     .tuning = tuning({{"partition", {"auto", "rows", "bisection"}},

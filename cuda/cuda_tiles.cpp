@@ -167,7 +167,6 @@ const Registered entry({
     .summary =
         "One or two threads per active tile of 2x2x2 voxels, in a list: springs within a thread's share "
         "once, neighbours by rows of tiles; one material, face and edge springs.",
-    .strength = "a list of active tiles alone, each stepped by one or two threads",
     .precisions = {Precision::float32, Precision::float64},
     .formulations = {Formulation::increment, Formulation::position, Formulation::displacement},
     .tuning = {{"threads", {"auto", "1", "2"}}},

@@ -538,7 +538,6 @@ const Registered entry({
     .name = "cpu_parallel",
     .addressing = Addressing::by_grid,
     .summary = "Every core and its SIMD registers: implicit addressing on a padded grid.",
-    .strength = "it steps on every core, with SIMD instructions",
     .precisions = {Precision::float32, Precision::float64},
     .formulations = every_formulation,
     .tuning = {{"threads", {}},

@@ -127,7 +127,6 @@ const Registered entry({
     .summary =
         "OpenGL fragment shader over the flattened grid, neighbours by grid offset (Mosegaard and Sorensen "
         "2005).",
-    .strength = "a lattice needs no lists, and the stencil mask skips what is empty",
     .precisions = {Precision::float32},
     .formulations = every_formulation,
     .tuning = gl::fragment_tuning(),

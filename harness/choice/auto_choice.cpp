@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <map>
 #include <nlohmann/json.hpp>
 #include <set>
 #include <sstream>
@@ -18,11 +19,27 @@ namespace {
 
 constexpr double any_number = std::numeric_limits<double>::infinity();
 
+/// Backends that are never chosen for scenes with edits: they rebuild their tables at every edit, which takes
+/// long if the body is large.
+const std::set<std::string> never_edited = {"cuda_march"};
+/// Backends that are never chosen if a tool moves, although they accept one: cuda_resident would take few
+/// steps per launch instead of thousands. Backends that refuse every tool need not be listed.
+const std::set<std::string> never_held = {"cuda_resident"};
+
 /// Why a backend is fast, as text for users.
-std::string reason_for(const BackendEntry& backend) {
-    if (!backend.strength.empty()) return backend.strength;
-    return backend.addressing == Addressing::by_grid ? "a lattice needs no lists"
-                                                     : "lists, which take springs beyond the lattice";
+std::string reason_for(const std::string& backend) {
+    static const std::map<std::string, std::string> reasons = {
+        {"cuda_resident", "state stays on the chip from step to step"},
+        {"cuda_bricks", "what multiprocessors hold together stays there from step to step"},
+        {"cuda_march", "each thread marches along a column and reads a particle once"},
+        {"cuda_tiles", "a list of active tiles alone, each stepped by one or two threads"},
+        {"cuda_explicit_delta",
+         "only active particles have neighbour lists, and all particles of a run share one list"},
+        {"gl_fragment_implicit", "a lattice needs no lists, and the stencil mask skips what is empty"},
+        {"cpu_parallel", "it steps on every core, with SIMD instructions"}};
+    if (const auto found = reasons.find(backend); found != reasons.end()) return found->second;
+    return backend.find("implicit") != std::string::npos ? "a lattice needs no lists"
+                                                         : "lists, which take springs beyond the lattice";
 }
 
 bool is_software(const nlohmann::json& backend) { return capabilities_of(backend).is_software; }
@@ -71,14 +88,11 @@ const std::vector<Rule>& rules() {
             for (const std::string contender : block.at("order")) {
                 const auto colon = contender.find(':');
                 const std::string backend = contender.substr(0, colon);
-                const auto known = registry().find(backend);
-                if (known == registry().end()) continue;  // this build left the backend out
-                const BackendEntry& entry = known->second;
                 all.push_back({backend, colon == std::string::npos ? "" : contender.substr(colon + 1),
                                bound(particles[0]), bound(particles[1]), bound(occupancy[0]),
                                bound(occupancy[1]),
-                               entry.slow_edits ? any_number : edited.value(backend, 0.0),
-                               block.at("increments"), !entry.slow_with_tool, reason_for(entry)});
+                               never_edited.contains(backend) ? any_number : edited.value(backend, 0.0),
+                               block.at("increments"), !never_held.contains(backend), reason_for(backend)});
             }
         }
         return all;
@@ -132,7 +146,7 @@ Chosen choose_by_rules(const std::string& text, const Scene& scene,
     const Workload workload = workload_of(scene, check_auto(text));
     const std::string options = options_of(text);
     for (const Rule& rule : rules()) {
-        if (!holds(rule, workload)) continue;
+        if (!holds(rule, workload) || registry().count(rule.backend) == 0) continue;
         const std::string both = options + (options.empty() || rule.tuning.empty() ? "" : ",") + rule.tuning;
         try {
             BackendSpec spec = BackendSpec::parse(rule.backend + (both.empty() ? "" : ":" + both));
