@@ -776,7 +776,9 @@ TEST_F(StudyKinds, TimedStepsBeginAtAStrainedStartIfTheFileAsks) {
                        "steps": 3, "start_times": false, "scenes": [{"scene": "box@6x6x24")" +
                    keys + "}]}");
     };
-    const nlohmann::json plain = of(""), strained = of(R"(, "strained_start": true)");
+    const nlohmann::json plain = of(""),
+                         strained = of(
+                             R"(, "strained_start": true}, {"scene": "box@6x6x24", "strained_start": true)");
     EXPECT_TRUE(plain.at("verification")[0].contains("strained_start"));
     EXPECT_FALSE(plain.at("context").at("voxspring").at("study").contains("strained_starts"));
     const nlohmann::json& verdict = strained.at("verification")[0];

@@ -288,9 +288,11 @@ void StudyRun::begin_result() {
     context() = build_context();
     context()["gpu"] = context()["driver"] = context()["gl_renderer"] = nullptr;
     context()["study"] = {{"name", study_.name}, {"kind", study_.kind}, {"repetitions", study_.repetitions}};
+    std::set<std::string> strained;  // a study may have several items of one scene
     for (const StudyScene& item : study_.scenes) {
-        if (item.is_strained()) context()["study"]["strained_starts"].push_back(item.scene);
+        if (item.is_strained()) strained.insert(item.scene);
     }
+    if (!strained.empty()) context()["study"]["strained_starts"] = strained;
     context()["backends"] = nlohmann::json::object();
     context()["unfinished"] = true;
 }
