@@ -124,6 +124,10 @@ public:
     void read(JsonObject& study) override {
         if (const auto seconds = study.find("seconds")) seconds_ = seconds->number(min_seconds, 3600);
     }
+    std::string read_scene(JsonObject& item) const override {
+        if (const auto strained = item.find(StudyScene::strained_key)) (void)strained->boolean();
+        return StudyKind::read_scene(item);
+    }
     void check(const Study& study, const StudyScene&, const Scene& scene) const override {
         if (!scene.edits.empty())
             throw BadInput("study " + study.name, "scene " + scene.name, counted(scene.edits.size(), "edit"),
