@@ -1,5 +1,7 @@
 #include "backends/registry.h"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cctype>
 #include <set>
@@ -16,15 +18,6 @@ std::map<std::string, BackendEntry>& mutable_registry() {
     static std::map<std::string, BackendEntry> entries;
     return entries;
 }
-
-template <class Range, class Name>
-std::string joined(const Range& range, Name name, const std::string& separator = ", ") {
-    std::string text;
-    for (const auto& item : range) text += (text.empty() ? "" : separator) + std::string(name(item));
-    return text;
-}
-
-constexpr auto itself = [](const std::string& s) { return s; };
 
 template <class Value>
 std::vector<std::string> names_of(const std::map<std::string, Value>& entries) {
@@ -43,8 +36,8 @@ bool is_positive_integer(const std::string& text) {
 std::string checked(const std::string& backend, const std::string& key, const std::string& value,
                     const std::vector<std::string>& accepted) {
     if (std::find(accepted.begin(), accepted.end(), value) == accepted.end()) {
-        throw BadSpecification("backend " + backend + ": " + key + "=" + value +
-                               " is not one of: " + joined(accepted, itself));
+        throw BadSpecification(fmt::format("backend {}: {}={} is not one of: {}", backend, key, value,
+                                           fmt::join(accepted, ", ")));
     }
     return value;
 }
@@ -59,9 +52,9 @@ const BackendEntry& entry_named(const std::string& name) {
         throw BadSpecification(
             "'auto' cannot be used here, where a backend must be named: it stands for the one that is chosen "
             "for a scene");
-    throw BadSpecification("no backend '" + name +
-                           "'; known: " + joined(registry(), [](const auto& e) { return e.first; }) +
-                           did_you_mean(name, names_of(registry())));
+    const std::vector<std::string> known = names_of(registry());
+    throw BadSpecification(
+        fmt::format("no backend '{}'; known: {}{}", name, fmt::join(known, ", "), did_you_mean(name, known)));
 }
 
 void set_tuning(const BackendEntry& entry, Options& options, const std::string& key,
@@ -70,8 +63,8 @@ void set_tuning(const BackendEntry& entry, Options& options, const std::string& 
     if (parameter == entry.tuning.end()) {
         std::vector<std::string> known = names_of(entry.tuning);
         known.insert(known.begin(), {"precision", "formulation"});
-        throw BadSpecification("backend " + entry.name + " has no parameter '" + key +
-                               "'; known: " + joined(known, itself) + did_you_mean(key, known));
+        throw BadSpecification(fmt::format("backend {} has no parameter '{}'; known: {}{}", entry.name, key,
+                                           fmt::join(known, ", "), did_you_mean(key, known)));
     }
     if (!parameter->second.empty()) {
         options.tuning[key] = checked(entry.name, key, value, parameter->second);
@@ -154,8 +147,9 @@ BackendSpec BackendSpec::parse(const std::string& text) {
 }
 
 std::string BackendSpec::tuning() const {
-    return joined(
-        options.tuning, [](const auto& t) { return t.first + "=" + t.second; }, ",");
+    std::string text;
+    for (const auto& [key, value] : options.tuning) text += (text.empty() ? "" : ",") + key + "=" + value;
+    return text;
 }
 
 std::string BackendSpec::text() const {

@@ -4,6 +4,7 @@
 #include <omp.h>
 
 #include <algorithm>
+#include <array>
 #include <atomic>
 #include <chrono>
 #include <cstddef>
@@ -93,6 +94,10 @@ HWY_FLATTEN void stream_copy(const float* first, const float*, float* written, s
     hwy::FlushStream();
 }
 
+std::array<void (*)(const float*, const float*, float*, std::size_t), 5> passes() {
+    return {read, overwrite, stream_difference, negate, stream_copy};
+}
+
 }  // namespace
 }  // namespace voxspring::HWY_NAMESPACE
 HWY_AFTER_NAMESPACE();
@@ -103,34 +108,13 @@ namespace {
 
 HWY_EXPORT(multiply_add_float32);
 HWY_EXPORT(multiply_add_float64);
-HWY_EXPORT(read);
-HWY_EXPORT(overwrite);
-HWY_EXPORT(stream_difference);
-HWY_EXPORT(negate);
-HWY_EXPORT(stream_copy);
+HWY_EXPORT(passes);
 
 std::size_t multiply_add_on_best_target(std::size_t count, float* result) {
     return HWY_DYNAMIC_DISPATCH(multiply_add_float32)(count, result);
 }
 std::size_t multiply_add_on_best_target(std::size_t count, double* result) {
     return HWY_DYNAMIC_DISPATCH(multiply_add_float64)(count, result);
-}
-
-void read_on_best_target(const float* first, const float* second, float* written, std::size_t count) {
-    HWY_DYNAMIC_DISPATCH(read)(first, second, written, count);
-}
-void overwrite_on_best_target(const float* first, const float* second, float* written, std::size_t count) {
-    HWY_DYNAMIC_DISPATCH(overwrite)(first, second, written, count);
-}
-void stream_difference_on_best_target(const float* first, const float* second, float* written,
-                                      std::size_t count) {
-    HWY_DYNAMIC_DISPATCH(stream_difference)(first, second, written, count);
-}
-void negate_on_best_target(const float* first, const float* second, float* written, std::size_t count) {
-    HWY_DYNAMIC_DISPATCH(negate)(first, second, written, count);
-}
-void stream_copy_on_best_target(const float* first, const float* second, float* written, std::size_t count) {
-    HWY_DYNAMIC_DISPATCH(stream_copy)(first, second, written, count);
 }
 
 /// Seconds that the slowest thread takes for `work(thread, threads)`, counted from the moment when all
@@ -206,19 +190,17 @@ public:
     /// Measures the bandwidth at one footprint for three mixes: none, a third, or half of the moved bytes are
     /// written.
     void add(std::size_t footprint, std::vector<Bandwidth>& table) const {
+        const auto [read_only, overwrite, stream_difference, negate, stream_copy] =
+            HWY_DYNAMIC_DISPATCH(passes)();
         const auto bytes = double(floats_of(footprint) * memory_.size() * sizeof(float));
         // `moves`: how often a byte of the footprint is moved on average. It is moved once, or twice if it is
         // overwritten in place.
         const auto rate = [&](std::size_t arrays, double moves, Pass pass) {
             return moves * bytes / pass_seconds(footprint, arrays, pass);
         };
-        table.push_back({bytes, 0, rate(1, 1, &read_on_best_target)});
-        table.push_back({bytes, 1.0 / 3,
-                         std::max(rate(2, 1.5, &overwrite_on_best_target),
-                                  rate(3, 1, &stream_difference_on_best_target))});
-        table.push_back(
-            {bytes, 1.0 / 2,
-             std::max(rate(1, 2, &negate_on_best_target), rate(2, 1, &stream_copy_on_best_target))});
+        table.push_back({bytes, 0, rate(1, 1, read_only)});
+        table.push_back({bytes, 1.0 / 3, std::max(rate(2, 1.5, overwrite), rate(3, 1, stream_difference))});
+        table.push_back({bytes, 1.0 / 2, std::max(rate(1, 2, negate), rate(2, 1, stream_copy))});
     }
 
 private:

@@ -1,17 +1,43 @@
-// The state of a problem and what acts on its particles, as arrays over the padded grid.
+// How cpu_parallel lays out the lattice in memory, and the state of a problem and what acts on its particles,
+// as arrays over that grid.
 #pragma once
 
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <glm/vec3.hpp>
 #include <limits>
 
 #include "backends/backend.h"
-#include "backends/cpu/padded_grid.h"
+#include "backends/cpu/array.h"
+#include "backends/cpu/kernel.h"
 #include "backends/cpu/parallel_options.h"
 #include "backends/physics/stored.h"
 
 namespace voxspring::cpu_parallel {
+
+/// The lattice in memory. Each row is padded to whole blocks of block_size elements. Before the lattice and
+/// after it lies a guard, at least as long as the distance of the farthest neighbour. So a SIMD register can
+/// be loaded with the neighbours of any block.
+template <class T>
+struct PaddedGrid {
+    glm::ivec3 dims;
+    std::ptrdiff_t row, slice, guard;
+
+    explicit PaddedGrid(glm::ivec3 d)
+        : dims(d),
+          row((d.x + block_size<T> - 1) / block_size<T> * block_size<T>),
+          slice(row * d.y),
+          guard(slice + row + block_size<T>) {}
+
+    std::ptrdiff_t size() const { return guard + slice * dims.z + guard; }
+    std::ptrdiff_t element(glm::ivec3 c) const { return guard + slice * c.z + row * c.y + c.x; }
+    /// Blocks per row, rows per slice, and slices.
+    glm::ivec3 blocks() const { return {int(row / block_size<T>), dims.y, dims.z}; }
+    std::ptrdiff_t density_guard() const { return row + block_size<T>; }
+    /// Elements for the force densities of one direction in one slice: a guard, the slice, and a guard.
+    std::ptrdiff_t densities() const { return density_guard() + slice + density_guard(); }
+};
 
 /// The state and what acts on particles. An array is null if the formulation or the problem has no such part.
 /// Elements without a particle are NaN (masks: 0), so that a leak into a particle's force cannot go unseen.

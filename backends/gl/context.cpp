@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <array>
+#include <mutex>
 #include <vector>
 
 #include "backends/api.h"
@@ -154,7 +155,81 @@ SurfaceContext shared_context;
 
 std::string text(GLenum name) { return reinterpret_cast<const char*>(glGetString(name)); }
 
+std::string name_of_error(GLenum error) {
+    switch (error) {
+        case GL_INVALID_ENUM:
+            return "GL_INVALID_ENUM";
+        case GL_INVALID_VALUE:
+            return "GL_INVALID_VALUE";
+        case GL_INVALID_OPERATION:
+            return "GL_INVALID_OPERATION";
+        case GL_INVALID_FRAMEBUFFER_OPERATION:
+            return "GL_INVALID_FRAMEBUFFER_OPERATION";
+        case GL_OUT_OF_MEMORY:
+            return "GL_OUT_OF_MEMORY";
+        case GL_CONTEXT_LOST:
+            return "GL_CONTEXT_LOST";
+        default:
+            return "GL error " + std::to_string(error);
+    }
+}
+
 }  // namespace
+
+/// Collects the errors of one context. A driver may call back from one of its threads.
+class Context::ErrorLog {
+public:
+    /// Errors of the current context go to this log, which must outlive that context.
+    void attach();
+
+    /// Throws DeviceError if the current context has reported an error, run out of memory or been reset since
+    /// the last call. `doing` says what was going on ("uploading").
+    void check(const std::string& doing);
+
+private:
+    static void APIENTRY receive(GLenum source, GLenum type, GLuint id, GLenum severity, GLsizei length,
+                                 const GLchar* message, const void* log);
+
+    std::mutex mutex_;
+    std::string first_;  ///< the first message since the last check; the rest follow from it
+};
+
+void Context::ErrorLog::attach() {
+    glDebugMessageCallback(receive, this);
+    glDebugMessageControl(GL_DONT_CARE, GL_DONT_CARE, GL_DONT_CARE, 0, nullptr, GL_FALSE);
+    glDebugMessageControl(GL_DONT_CARE, GL_DEBUG_TYPE_ERROR, GL_DONT_CARE, 0, nullptr, GL_TRUE);
+    // Program reads a shader's compile status and log itself. They say more than these messages.
+    glDebugMessageControl(GL_DEBUG_SOURCE_SHADER_COMPILER, GL_DONT_CARE, GL_DONT_CARE, 0, nullptr, GL_FALSE);
+    glEnable(GL_DEBUG_OUTPUT);
+}
+
+void APIENTRY Context::ErrorLog::receive(GLenum, GLenum, GLuint, GLenum, GLsizei, const GLchar* message,
+                                         const void* log) {
+    auto* self = static_cast<ErrorLog*>(const_cast<void*>(log));
+    try {
+        const std::lock_guard lock(self->mutex_);
+        if (self->first_.empty()) self->first_ = message;
+    } catch (...) {
+        // An exception must not pass through the driver. check() still finds the error by glGetError().
+    }
+}
+
+void Context::ErrorLog::check(const std::string& doing) {
+    std::string reason;
+    if (const GLenum status = glGetGraphicsResetStatus(); status != GL_NO_ERROR) {
+        throw DeviceError("GL context was reset while " + doing);
+    }
+    // Only a debug context has to send messages, so the error flags decide whether there was an error, and a
+    // message only explains it. Reading a flag clears it, but a lost context raises one for ever.
+    if (const GLenum error = glGetError(); error != GL_NO_ERROR) {
+        reason = name_of_error(error);
+        while (error != GL_CONTEXT_LOST && glGetError() != GL_NO_ERROR) continue;
+    }
+    const std::lock_guard lock(mutex_);
+    if (!first_.empty()) reason += (reason.empty() ? "" : ": ") + first_;
+    first_.clear();
+    if (!reason.empty()) throw DeviceError(reason + " (while " + doing + ")");
+}
 
 void Context::Destroy::operator()(EGLContext context) const noexcept {
     if (eglGetCurrentContext() == context) {
@@ -236,6 +311,8 @@ void Context::describe(const std::string& uuid, bool software) {
 }
 
 Context::~Context() = default;
+
+void Context::check(const std::string& doing) const { errors_->check(doing); }
 
 std::optional<std::uint64_t> Context::free_memory_bytes() const {
     // Both extensions count in units of 1024 bytes. The first of ATI's four numbers is the total of the pool.

@@ -10,7 +10,6 @@
 #include <string>
 
 #include "backends/backend.h"
-#include "backends/gl/check.h"
 
 namespace voxspring::gl {
 
@@ -41,8 +40,9 @@ public:
     /// Like make_current(), but for destructors: returns false if the driver refuses.
     bool try_make_current() const noexcept;
 
-    /// Calls ErrorLog::check for this context, which must be current.
-    void check(const std::string& doing) const { errors_->check(doing); }
+    /// Throws DeviceError if this context, which must be current, has reported an error, run out of memory or
+    /// been reset since the last call. `doing` says what was going on ("uploading").
+    void check(const std::string& doing) const;
 
     /// Whether this context shares buffers and textures with another one (class Sharing).
     bool shares() const { return shares_; }
@@ -63,6 +63,7 @@ public:
 
 private:
     friend class Sharing;
+    class ErrorLog;
     struct Destroy {
         EGLDisplay display;
         void operator()(EGLContext context) const noexcept;

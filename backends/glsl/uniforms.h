@@ -1,7 +1,6 @@
 // Values of a shader's uniforms by name, for any API.
 #pragma once
 
-#include <array>
 #include <cstddef>
 #include <glm/vec3.hpp>
 #include <map>
@@ -15,8 +14,8 @@ namespace voxspring::glsl {
 /// The value of a uniform: whole or real numbers, vectors of them, or an array of either.
 class UniformValue {
 public:
-    template <class T>
-    explicit UniformValue(std::span<const T> elements)
+    template <class T, std::size_t extent>
+    explicit UniformValue(std::span<const T, extent> elements)
         : UniformValue(std::as_bytes(elements), sizeof(T), Kind<T>::components, Kind<T>::whole) {}
 
     std::span<const std::byte> bytes() const { return bytes_; }
@@ -48,21 +47,14 @@ private:
     bool whole_;
 };
 
+/// `value`: a number, a vector of numbers, or an array of either.
 template <class T>
 UniformValue uniform_value(const T& value) {
-    return UniformValue(std::span<const T>(&value, 1));
-}
-template <class T, std::size_t count>
-UniformValue uniform_value(const std::array<T, count>& values) {
-    return UniformValue(std::span<const T>(values));
-}
-template <class T, std::size_t count>
-UniformValue uniform_value(const T (&values)[count]) {
-    return UniformValue(std::span<const T>(values));
-}
-template <class T>
-UniformValue uniform_value(const std::vector<T>& values) {
-    return UniformValue(std::span<const T>(values));
+    if constexpr (requires { std::span(value); }) {
+        return UniformValue(std::span(value));
+    } else {
+        return UniformValue(std::span(&value, 1));
+    }
 }
 
 /// Uniforms of one shader. Those that the shader does not have are ignored.
