@@ -8,7 +8,7 @@
 #include <vector>
 
 #include "backends/layout/brick_layout.h"
-#include "backends/layout/march_work.h"
+#include "backends/layout/work.h"
 #include "backends/registry.h"
 #include "cuda/common/axes_backend.h"
 #include "cuda/common/edit.h"

@@ -2,6 +2,7 @@
 #include <memory>
 #include <optional>
 
+#include "backends/by_precision.h"
 #include "backends/layout/delta_lists.h"
 #include "cuda/common/measure.h"
 #include "cuda/common/particles.h"
@@ -47,8 +48,8 @@ std::uint64_t max_delta_bytes(const Problem& problem, Formulation formulation) {
 template <class Real>
 class DeltaBackend final : public ParticleBackend<Real, DeltaStep<Real>> {
 public:
-    DeltaBackend(const KernelFamily& family, const Options& options)
-        : ParticleBackend<Real, DeltaStep<Real>>(family),
+    explicit DeltaBackend(const Options& options)
+        : ParticleBackend<Real, DeltaStep<Real>>(KernelFamily(options, Fetch::through_l1)),
           options_(options),
           block_(unsigned(std::stoul(options.tuning.at("block")))),
           registers_(options.tuning.at("registers")),
@@ -192,17 +193,12 @@ const Registered entry({
                       {"registers", {"auto", "32", "40", "48", "64", "80"}},
                       // Whether a warp whose particles all have all neighbours runs code without masks.
                       {"interior", {"vote", "mask"}}}),
-    .make = [](const Options& options) -> std::unique_ptr<Backend> {
-        const KernelFamily family(options, Fetch::through_l1);
-        if (options.precision == Precision::float32)
-            return std::make_unique<DeltaBackend<float>>(family, options);
-        return std::make_unique<DeltaBackend<double>>(family, options);
-    },
+    .make = [](const Options& options) { return make_by_precision<DeltaBackend>(options, options); },
     .bytes =
         [](const Problem& problem, const Options& options) {
-            return options.precision == Precision::float32
-                       ? delta_bytes<float>(problem, options.formulation)
-                       : delta_bytes<double>(problem, options.formulation);
+            return by_precision(options.precision, [&]<class Real>(Real) {
+                return delta_bytes<Real>(problem, options.formulation);
+            });
         },
 });
 

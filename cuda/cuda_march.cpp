@@ -11,9 +11,10 @@
 #include <string>
 #include <vector>
 
+#include "backends/by_precision.h"
 #include "backends/layout/march_layout.h"
 #include "backends/layout/march_plan.h"
-#include "backends/layout/march_work.h"
+#include "backends/layout/work.h"
 #include "backends/registry.h"
 #include "cuda/common/axes_backend.h"
 
@@ -284,15 +285,11 @@ private:
 
 /// An upper bound of the device memory.
 std::uint64_t march_bytes(const Problem& problem, const Options& options) {
-    return (options.precision == Precision::float32
-                ? AxesBackend<float>::state_bytes(problem.lattice, options.formulation)
-                : AxesBackend<double>::state_bytes(problem.lattice, options.formulation)) +
+    return by_precision(options.precision,
+                        [&]<class Real>(Real) {
+                            return AxesBackend<Real>::state_bytes(problem.lattice, options.formulation);
+                        }) +
            max_plan_bytes(problem.lattice, tiles_of(options.tuning.at("tile"), options.precision));
-}
-
-std::unique_ptr<Backend> make_march(const Options& options) {
-    if (options.precision == Precision::float32) return std::make_unique<MarchBackend<float>>(options);
-    return std::make_unique<MarchBackend<double>>(options);
 }
 
 /// Tiles by their width and height in particles. With `auto`, the default, plan_march() chooses the tile.
@@ -310,7 +307,7 @@ const Registered entry({
     // How windows are filled. `auto`: by the tensor copy engine from compute capability 9.0 on, otherwise by
     // threads. `async`: by threads.
     .tuning = {{"tile", tiles}, {"copies", {"auto", "async"}}},
-    .make = make_march,
+    .make = [](const Options& options) { return make_by_precision<MarchBackend>(options, options); },
     .bytes = march_bytes,
 });
 

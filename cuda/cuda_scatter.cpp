@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <memory>
 
+#include "backends/by_precision.h"
 #include "backends/layout/spring_array.h"
 #include "backends/layout/springs.h"
 #include "cuda/common/measure.h"
@@ -27,8 +28,9 @@ std::uint64_t scatter_bytes(const Problem& problem, Formulation formulation) {
 template <class Real>
 class ScatterBackend final : public ParticleBackend<Real, ScatterStep<Real>> {
 public:
-    ScatterBackend(const KernelFamily& family, unsigned block)
-        : ParticleBackend<Real, ScatterStep<Real>>(family), block_(block) {}
+    explicit ScatterBackend(const Options& options)
+        : ParticleBackend<Real, ScatterStep<Real>>(KernelFamily(options, Fetch::through_l1)),
+          block_(unsigned(std::stoul(options.tuning.at("block")))) {}
 
     Capabilities capabilities() const override {
         Capabilities capabilities = CudaBackend::capabilities();
@@ -135,18 +137,12 @@ const Registered entry({
     .precisions = {Precision::float32, Precision::float64},
     .formulations = every_formulation,
     .tuning = tuning({{"block", {"256", "64", "128", "512"}}}),
-    .make = [](const Options& options) -> std::unique_ptr<Backend> {
-        const auto block = unsigned(std::stoul(options.tuning.at("block")));
-        const KernelFamily family(options, Fetch::through_l1);
-        if (options.precision == Precision::float32)
-            return std::make_unique<ScatterBackend<float>>(family, block);
-        return std::make_unique<ScatterBackend<double>>(family, block);
-    },
+    .make = [](const Options& options) { return make_by_precision<ScatterBackend>(options, options); },
     .bytes =
         [](const Problem& problem, const Options& options) {
-            return options.precision == Precision::float32
-                       ? scatter_bytes<float>(problem, options.formulation)
-                       : scatter_bytes<double>(problem, options.formulation);
+            return by_precision(options.precision, [&]<class Real>(Real) {
+                return scatter_bytes<Real>(problem, options.formulation);
+            });
         },
 });
 

@@ -5,7 +5,8 @@
 #include <string>
 #include <vector>
 
-#include "backends/layout/border_blocks.h"
+#include "backends/by_precision.h"
+#include "backends/layout/blocks.h"
 #include "backends/layout/tile_lists.h"
 #include "backends/registry.h"
 #include "cuda/common/axes_backend.h"
@@ -170,15 +171,12 @@ const Registered entry({
     .precisions = {Precision::float32, Precision::float64},
     .formulations = {Formulation::increment, Formulation::position, Formulation::displacement},
     .tuning = {{"threads", {"auto", "1", "2"}}},
-    .make = [](const Options& options) -> std::unique_ptr<Backend> {
-        if (options.precision == Precision::float32) return std::make_unique<TilesBackend<float>>(options);
-        return std::make_unique<TilesBackend<double>>(options);
-    },
+    .make = [](const Options& options) { return make_by_precision<TilesBackend>(options, options); },
     .bytes =
         [](const Problem& problem, const Options& options) {
-            return options.precision == Precision::float32
-                       ? needed_bytes<float>(problem, options.formulation)
-                       : needed_bytes<double>(problem, options.formulation);
+            return by_precision(options.precision, [&]<class Real>(Real) {
+                return needed_bytes<Real>(problem, options.formulation);
+            });
         },
 });
 

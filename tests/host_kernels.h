@@ -14,13 +14,11 @@
 #include <vector>
 
 #include "backends/layout/blocks.h"
-#include "backends/layout/border_blocks.h"
 #include "backends/layout/delta_lists.h"
 #include "backends/layout/neighbour_lists.h"
 #include "backends/layout/particles.h"
 #include "backends/layout/spring_array.h"
 #include "backends/layout/springs.h"
-#include "backends/layout/tool.h"
 #include "backends/layout/vectors.h"
 #include "cuda/kernels/border.h"
 #include "cuda/kernels/delta.h"

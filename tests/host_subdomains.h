@@ -8,7 +8,7 @@
 #include <utility>
 #include <vector>
 
-#include "backends/layout/border_blocks.h"
+#include "backends/layout/blocks.h"
 #include "backends/layout/decomposition.h"
 #include "cuda/kernels/border.h"
 #include "tests/support.h"

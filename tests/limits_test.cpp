@@ -17,7 +17,6 @@
 #include <vector>
 
 #include "backends/layout/delta_lists.h"
-#include "backends/layout/march_work.h"
 #include "backends/layout/spring_array.h"
 #include "backends/layout/work.h"
 #include "backends/limits.h"

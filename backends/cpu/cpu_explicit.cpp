@@ -15,10 +15,12 @@
 #include <utility>
 #include <vector>
 
+#include "backends/by_precision.h"
 #include "backends/cpu/barrier.h"
 #include "backends/cpu/cpu_backend.h"
 #include "backends/cpu/parallel_options.h"
 #include "backends/cpu/subnormals.h"
+#include "backends/layout/springs.h"
 #include "backends/physics/spring.h"
 #include "backends/physics/stored.h"
 #include "backends/registry.h"
@@ -59,14 +61,7 @@ public:
             rest_.push_back(
                 rest_of(problem.lattice.mask.empty() ? RestSpring{} : rest_spring(problem, direction)));
         const std::size_t particles = problem.particle_count();
-        std::vector<std::uint32_t> degree(particles);
-        for (std::size_t i = 0; i < particles; ++i)
-            visit_directions(problem.lattice.mask.empty() ? 0 : problem.lattice.mask[i],
-                             [&](const Direction&) { ++degree[i]; });
-        for (const Spring& spring : problem.springs) {
-            ++degree[spring.first];
-            ++degree[spring.second];
-        }
+        const std::vector<std::uint32_t> degree = layout::degrees(problem);
         ranges_.resize(particles);
         std::size_t size = 0;
         for (std::size_t i = 0; i < particles; ++i) {
@@ -418,15 +413,16 @@ private:
     Vectors tool_forces_;  ///< of the latest step, in the order of Tool::particles
 };
 
-template <class Real>
-std::uint64_t bytes(const Problem& problem, Formulation formulation) {
-    const std::uint64_t vectors = 2 + (by_increments(formulation) ? 1 : 0) +
-                                  (formulation == Formulation::compensated ? 3 : 0) +
+std::uint64_t bytes(const Problem& problem, const Options& options) {
+    const std::uint64_t vectors = 2 + (by_increments(options.formulation) ? 1 : 0) +
+                                  (options.formulation == Formulation::compensated ? 3 : 0) +
                                   (problem.load.empty() ? 0 : 1);
-    return problem.particle_count() *
-               (vectors * sizeof(glm::vec<3, Real>) + sizeof(Real) + sizeof(ListRange)) +
-           2 * count_springs(problem).total() * sizeof(Link<Real>) +
-           (neighbour_count + 2 * problem.springs.size()) * sizeof(RestState<Real>);
+    return by_precision(options.precision, [&]<class Real>(Real) {
+        return problem.particle_count() *
+                   (vectors * sizeof(glm::vec<3, Real>) + sizeof(Real) + sizeof(ListRange)) +
+               2 * count_springs(problem).total() * sizeof(Link<Real>) +
+               (neighbour_count + 2 * problem.springs.size()) * sizeof(RestState<Real>);
+    });
 }
 
 const Registered entry({
@@ -435,15 +431,8 @@ const Registered entry({
     .precisions = {Precision::float32, Precision::float64},
     .formulations = every_formulation,
     .tuning = {{"threads", {}}},
-    .make = [](const Options& options) -> std::unique_ptr<Backend> {
-        if (options.precision == Precision::float32) return std::make_unique<CpuExplicit<float>>(options);
-        return std::make_unique<CpuExplicit<double>>(options);
-    },
-    .bytes =
-        [](const Problem& problem, const Options& options) {
-            return options.precision == Precision::float32 ? bytes<float>(problem, options.formulation)
-                                                           : bytes<double>(problem, options.formulation);
-        },
+    .make = [](const Options& options) { return make_by_precision<CpuExplicit>(options, options); },
+    .bytes = bytes,
 });
 
 }  // namespace

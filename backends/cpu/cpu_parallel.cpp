@@ -23,6 +23,7 @@
 #include <string>
 #include <vector>
 
+#include "backends/by_precision.h"
 #include "backends/cpu/barrier.h"
 #include "backends/cpu/cpu_backend.h"
 #include "backends/cpu/kernel.h"
@@ -546,14 +547,11 @@ const Registered entry({
                {"rest", {"auto", "step", "skip", "flush"}},
                {"sleep", {"off", "1e-3", "1e-4", "1e-5", "1e-6"}},
                {"subnormals", {"flush", "keep"}}},
-    .make = [](const Options& options) -> std::unique_ptr<Backend> {
-        if (options.precision == Precision::float32) return std::make_unique<CpuParallel<float>>(options);
-        return std::make_unique<CpuParallel<double>>(options);
-    },
+    .make = [](const Options& options) { return make_by_precision<CpuParallel>(options, options); },
     .bytes =
         [](const Problem& problem, const Options& options) {
-            return options.precision == Precision::float32 ? bytes<float>(problem, options)
-                                                           : bytes<double>(problem, options);
+            return by_precision(options.precision,
+                                [&]<class Real>(Real) { return bytes<Real>(problem, options); });
         },
     // The particles of a sleeping tile stand still, although each may have moved by up to this much per step.
     .admitted_spacings_per_step = sleep_threshold,

@@ -29,21 +29,8 @@ glm::ivec2 compact_size(std::size_t particles, int limit) {
     return {int(width), int((particles + width - 1) / width)};
 }
 
-/// The number of springs of each particle.
-std::vector<std::uint32_t> degrees(const Problem& problem) {
-    std::vector<std::uint32_t> degree(problem.particle_count(), 0);
-    for (std::size_t i = 0; i < problem.lattice.mask.size(); ++i) {
-        degree[i] = std::uint32_t(std::popcount(problem.lattice.mask[i] & NEIGHBOUR_BITS));
-    }
-    for (const Spring& spring : problem.springs) {
-        ++degree[spring.first];
-        ++degree[spring.second];
-    }
-    return degree;
-}
-
 int layer_count(const Problem& problem) {
-    const auto degree = degrees(problem);
+    const auto degree = layout::degrees(problem);
     return degree.empty() ? 1 : std::max(1, int(*std::max_element(degree.begin(), degree.end())));
 }
 

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <string>
 
+#include "backends/by_precision.h"
+
 namespace voxspring::glsl {
 namespace {
 
@@ -28,16 +30,10 @@ template Operands<double> pack_operands(const Problem&, const layout::Placement&
 
 std::uint64_t compute_bytes(const Problem& problem, const Options& options,
                             const layout::Placement& placement) {
-    const bool all = options.tuning.at("terms") == "all";
-    const bool split = options.formulation == Formulation::compensated;
-    const bool single = options.precision == Precision::float32;
-    const std::size_t real = single ? sizeof(float) : sizeof(double);
-    const std::size_t word =
-        single ? sizeof(layout::ParticleRecord<float>) : sizeof(layout::ParticleRecord<double>);
-    const std::uint64_t axes = 3 * layout::increment_pitch(placement) * real;
-    return placement.words * ((split ? 4 : 2) * word + (needs_loads(problem, all) ? 3 * real : 0) +
-                              (needs_materials(problem, all) ? real : 0)) +
-           (by_increments(options.formulation) ? axes : 0) + (split ? axes : 0);
+    return by_precision(options.precision, [&]<class Real>(Real) {
+        return layout::particle_bytes<Real>(problem, placement, options.formulation,
+                                            options.tuning.at("terms") == "all");
+    });
 }
 
 glm::ivec3 rows_of_groups(int groups) {

@@ -5,9 +5,7 @@
 #include <utility>
 
 #include "backends/glsl/limits.h"
-#include "backends/layout/feed.h"
 #include "backends/layout/state_hash.h"
-#include "backends/layout/tool.h"
 #include "backends/physics/huge_pages.h"
 
 namespace voxspring::glsl {

@@ -7,6 +7,7 @@
 #include <glm/vec4.hpp>
 #include <optional>
 
+#include "backends/by_precision.h"
 #include "backends/glsl/compute_backend.h"
 #include "backends/layout/neighbour_lists.h"
 #include "backends/layout/springs.h"
@@ -185,7 +186,7 @@ std::vector<std::pair<const char*, std::uint64_t>> list_bytes(const Problem& pro
     const ListKind kind = list_kind(problem, options.formulation);
     const std::uint64_t elements =
         layout::list_size(problem.particle_count(), list_slots(problem), layout::ListLayout::vertical);
-    const std::size_t real = options.precision == Precision::float32 ? sizeof(float) : sizeof(double);
+    const std::size_t real = scalar_bytes(options.precision);
     return {{"neighbour lists", elements * sizeof(std::uint32_t)},
             {"lists of springs' constants", kind.secondary ? elements * 2 * real : 0},
             {"lists of rest offsets", kind.off_lattice_rest ? elements * 4 * real : 0}};
@@ -218,9 +219,7 @@ std::string lists_refusal(const Problem& problem, const Options& options, const 
 }
 
 std::unique_ptr<Backend> make_explicit(const Options& options, std::unique_ptr<Device> device) {
-    if (options.precision == Precision::float32)
-        return std::make_unique<ExplicitBackend<float>>(options, std::move(device));
-    return std::make_unique<ExplicitBackend<double>>(options, std::move(device));
+    return make_by_precision<ExplicitBackend>(options, options, std::move(device));
 }
 
 }  // namespace voxspring::glsl

@@ -5,6 +5,7 @@
 #include <optional>
 #include <span>
 
+#include "backends/by_precision.h"
 #include "backends/glsl/compute_backend.h"
 #include "backends/layout/work.h"
 #include "backends/physics/addressing.h"
@@ -161,7 +162,7 @@ private:
 std::uint64_t implicit_bytes(const Problem& problem, const Options& options) {
     const layout::Placement placement = layout::place_on_grid(problem.lattice);
     const auto shape = layout::BlockShape::parse(options.tuning.at("block"));
-    const std::size_t real = options.precision == Precision::float32 ? sizeof(float) : sizeof(double);
+    const std::size_t real = scalar_bytes(options.precision);
     return compute_bytes(problem, options, placement) +
            (needs_materials(problem, options.tuning.at("terms") == "all") ? placement.words * real : 0) +
            layout::occupied_blocks(problem.lattice, shape).size() * sizeof(layout::BlockOrigin);
@@ -173,9 +174,7 @@ bool votes(const Options& options, bool is_software) {
 }
 
 std::unique_ptr<Backend> make_implicit(const Options& options, std::unique_ptr<Device> device) {
-    if (options.precision == Precision::float32)
-        return std::make_unique<ImplicitBackend<float>>(options, std::move(device));
-    return std::make_unique<ImplicitBackend<double>>(options, std::move(device));
+    return make_by_precision<ImplicitBackend>(options, options, std::move(device));
 }
 
 }  // namespace voxspring::glsl

@@ -7,6 +7,7 @@
 #include <queue>
 #include <utility>
 
+#include "backends/by_precision.h"
 #include "backends/layout/rounding.h"
 
 namespace voxspring::layout {
@@ -81,16 +82,8 @@ MarchTile march_tile(const std::string& name, Precision precision) {
     return found == tiles.end() ? MarchTile{} : *found;
 }
 
-namespace {
-
-int real_bytes(Precision precision) {
-    return precision == Precision::float32 ? sizeof(float) : sizeof(double);
-}
-
-}  // namespace
-
 int resident_blocks(const MarchTile& tile, Precision precision, const MarchDevice& device) {
-    const auto bytes = std::size_t(tile.shape.shared_bytes(real_bytes(precision)));
+    const auto bytes = std::size_t(tile.shape.shared_bytes(int(scalar_bytes(precision))));
     if (bytes > device.block_shared_bytes) return 0;
     const auto fit = int(device.shared_bytes / (bytes + device.reserved_bytes));
     // Threads that copy windows need 128 registers or spill. Other threads get what `tile.blocks` blocks per
@@ -116,7 +109,7 @@ MarchCost::MarchCost(const MarchTile& tile, Precision precision, Formulation for
       device_(device),
       warps_(tile.shape.warps()),
       resident_(std::max(1, resident_blocks(tile, precision, device))) {
-    const int real = real_bytes(precision);
+    const int real = int(scalar_bytes(precision));
     if (!device.tensor_copies) {
         const int bytes_at_once = 16 * tile.shape.threads();
         const int copies = units_of(3 * tile.shape.axis(real) * real, bytes_at_once) +

@@ -10,6 +10,7 @@
 #include <set>
 #include <utility>
 
+#include "backends/by_precision.h"
 #include "backends/layout/march_columns.h"
 #include "backends/layout/rounding.h"
 #include "backends/layout/springs.h"
@@ -214,7 +215,7 @@ public:
           cost_(tile, precision, formulation, device),
           lattice_(&cells.lattice()),
           increments_(by_increments(formulation)),
-          real_(precision == Precision::float32 ? sizeof(float) : sizeof(double)) {
+          real_(int(scalar_bytes(precision))) {
         cut(interior);
         predict();
     }

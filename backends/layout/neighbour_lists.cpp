@@ -1,7 +1,6 @@
 #include "backends/layout/neighbour_lists.h"
 
 #include <algorithm>
-#include <bit>
 
 #include "backends/layout/particles.h"
 #include "backends/layout/rounding.h"
@@ -61,13 +60,7 @@ std::size_t list_size(std::size_t particles, std::uint32_t slots, ListLayout lay
 std::uint32_t slots_by_groups(const Problem& problem) { return group_slots_of(problem)[3]; }
 
 std::uint32_t slots_by_springs(const Problem& problem) {
-    std::vector<std::uint32_t> degree(problem.particle_count());
-    for (std::size_t i = 0; i < degree.size(); ++i)
-        degree[i] = std::uint32_t(std::popcount(mask_of(problem, i) & NEIGHBOUR_BITS));
-    for (const Spring& spring : problem.springs) {
-        ++degree[spring.first];
-        ++degree[spring.second];
-    }
+    const std::vector<std::uint32_t> degree = degrees(problem);
     const std::uint32_t most = degree.empty() ? 0 : *std::max_element(degree.begin(), degree.end());
     return std::uint32_t(rounded_up(std::max(most, 1U), std::uint32_t(list_chunk)));
 }

@@ -1,7 +1,6 @@
 #include "backends/layout/particles.h"
 
 #include "backends/layout/rounding.h"
-#include "backends/layout/vectors.h"
 #include "backends/physics/huge_pages.h"
 #include "backends/physics/neighbours.h"
 #include "backends/physics/stored.h"
@@ -112,6 +111,17 @@ std::vector<Real> pack_compliance(const Problem& problem, const Placement& place
 }
 
 template <class Real>
+std::uint64_t particle_bytes(const Problem& problem, const Placement& placement, Formulation formulation,
+                             bool all_terms) {
+    const bool split = formulation == Formulation::compensated;
+    const std::uint64_t axes = 3 * increment_pitch(placement) * sizeof(Real);
+    return placement.words * ((split ? 4 : 2) * sizeof(ParticleRecord<Real>) +
+                              (all_terms || !problem.load.empty() ? sizeof(Vector<Real>) : 0) +
+                              (all_terms || problem.has_materials() ? sizeof(Real) : 0)) +
+           (by_increments(formulation) ? axes : 0) + (split ? axes : 0);
+}
+
+template <class Real>
 Motion<Real> make_motion(const Problem& problem) {
     return {.gravity = vector_of<Real>(problem.gravity),
             .inverse_mass = Real(1 / problem.materials.front().mass),
@@ -138,15 +148,40 @@ std::uint32_t terms_of(const Problem& problem) {
            (problem.load.empty() ? 0 : term_loads);
 }
 
+template <class Real>
+std::vector<HeldWord<Real>> pack_held(const Problem& problem, const Placement& placement,
+                                      Formulation formulation) {
+    std::vector<HeldWord<Real>> held;
+    held.reserve(problem.tool.particles.size());
+    for (std::size_t n = 0; n < problem.tool.particles.size(); ++n) {
+        const std::uint32_t i = problem.tool.particles[n];
+        glm::dvec3 anchor = problem.tool.held_at(n);
+        if (on_positions(formulation)) anchor += problem.rest_position[i];
+        held.push_back(
+            {vector_of<Real>(anchor), std::uint32_t(placement.at(i)), vector_of<Real>(problem.load[i])});
+    }
+    return held;
+}
+
+template <class Real>
+glm::dvec3 force_on_tool(const std::vector<HeldForce<Real>>& forces) {
+    glm::dvec3 sum(0);
+    for (const HeldForce<Real>& force : forces) sum -= dvec_of(force.force);
+    return sum;
+}
+
 // NOLINTBEGIN(bugprone-macro-parentheses): a type cannot be put in parentheses.
-#define FOR_PRECISION(Real)                                                                         \
-    template PackedState<Real> pack(const Problem&, const State&, const Placement&,                 \
-                                    std::span<const std::uint32_t>, Formulation);                   \
-    template State unpack(const Problem&, const PackedState<Real>&, const Placement&, Formulation); \
-    template std::vector<Vector<Real>> pack_load(const Problem&, const Placement&);                 \
-    template std::vector<Real> pack_inverse_masses(const Problem&, const Placement&);               \
-    template std::vector<Real> pack_compliance(const Problem&, const Placement&);                   \
-    template Motion<Real> make_motion(const Problem&);
+#define FOR_PRECISION(Real)                                                                           \
+    template PackedState<Real> pack(const Problem&, const State&, const Placement&,                   \
+                                    std::span<const std::uint32_t>, Formulation);                     \
+    template State unpack(const Problem&, const PackedState<Real>&, const Placement&, Formulation);   \
+    template std::vector<Vector<Real>> pack_load(const Problem&, const Placement&);                   \
+    template std::vector<Real> pack_inverse_masses(const Problem&, const Placement&);                 \
+    template std::vector<Real> pack_compliance(const Problem&, const Placement&);                     \
+    template std::uint64_t particle_bytes<Real>(const Problem&, const Placement&, Formulation, bool); \
+    template Motion<Real> make_motion(const Problem&);                                                \
+    template std::vector<HeldWord<Real>> pack_held(const Problem&, const Placement&, Formulation);    \
+    template glm::dvec3 force_on_tool(const std::vector<HeldForce<Real>>&);
 // NOLINTEND(bugprone-macro-parentheses)
 FOR_PRECISION(float)
 FOR_PRECISION(double)

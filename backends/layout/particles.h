@@ -1,12 +1,16 @@
-// How particles lie in memory: words, state, loads and masses. Built on the host, without a device.
+// How particles lie in memory: words, state, loads, masses, and those that a tool holds or a feed shows.
+// Built on the host, without a device.
 #pragma once
 
 #include <cstdint>
 #include <span>
 #include <vector>
 
+#include "backends/layout/records/feed.h"
 #include "backends/layout/records/motion.h"
 #include "backends/layout/records/terms.h"
+#include "backends/layout/records/tool.h"
+#include "backends/layout/vectors.h"
 #include "backends/physics/formulation.h"
 #include "backends/physics/problem.h"
 
@@ -61,6 +65,12 @@ std::vector<Real> pack_inverse_masses(const Problem& problem, const Placement& p
 template <class Real>
 std::vector<Real> pack_compliance(const Problem& problem, const Placement& placement);
 
+/// Bytes of the arrays of a problem's state, loads and masses. With `all_terms` there are loads and masses
+/// even if the problem has none.
+template <class Real>
+std::uint64_t particle_bytes(const Problem& problem, const Placement& placement, Formulation formulation,
+                             bool all_terms = false);
+
 /// All of Motion but the pointers `load` and `inverse_masses`, which the caller sets to device memory.
 template <class Real>
 Motion<Real> make_motion(const Problem& problem);
@@ -71,5 +81,27 @@ std::vector<std::uint32_t> state_bits(const Problem& problem);
 /// The terms (records/terms.h) of a step that `problem` has. Terms that say how neighbour lists are stored
 /// are not among them.
 std::uint32_t terms_of(const Problem& problem);
+
+/// Every particle that the tool holds, in the order of Tool::particles; empty without a tool.
+template <class Real>
+std::vector<HeldWord<Real>> pack_held(const Problem& problem, const Placement& placement,
+                                      Formulation formulation);
+
+/// The force on the tool (ToolFacet::tool_force()) from its forces on the held particles.
+template <class Real>
+glm::dvec3 force_on_tool(const std::vector<HeldForce<Real>>& forces);
+
+/// The words of `particles`, in their order. word_of(i): the index of particle i's word.
+template <class Real, class WordOf>
+std::vector<FedWord<Real>> pack_fed(const Problem& problem, const std::vector<std::uint32_t>& particles,
+                                    Formulation formulation, WordOf word_of) {
+    std::vector<FedWord<Real>> fed;
+    fed.reserve(particles.size());
+    for (const std::uint32_t i : particles) {
+        const glm::dvec3 rest = on_positions(formulation) ? problem.rest_position[i] : glm::dvec3(0);
+        fed.push_back({vector_of<Real>(rest), std::uint32_t(word_of(i))});
+    }
+    return fed;
+}
 
 }  // namespace voxspring::layout

@@ -59,6 +59,17 @@ std::array<SpringRest<Real>, direction_codes> rest_by_code(const Problem& proble
     return rest;
 }
 
+std::vector<std::uint32_t> degrees(const Problem& problem) {
+    std::vector<std::uint32_t> degree(problem.particle_count());
+    for (std::size_t i = 0; i < degree.size(); ++i)
+        degree[i] = std::uint32_t(std::popcount(mask_of(problem, i) & NEIGHBOUR_BITS));
+    for (const Spring& spring : problem.springs) {
+        ++degree[spring.first];
+        ++degree[spring.second];
+    }
+    return degree;
+}
+
 std::string list_entry_refusal(const Problem& problem, Formulation formulation) {
     if (on_positions(formulation) || problem.particle_count() <= LISTED_INDEX) return {};
     return std::to_string(problem.particle_count()) + " particles exceed the " +

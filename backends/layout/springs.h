@@ -46,6 +46,9 @@ std::string list_entry_refusal(const Problem& problem, Formulation formulation);
 /// Empty, or why lists cannot have one stiffness and one rest length for all springs of a group.
 std::string grouped_list_refusal(const Problem& problem);
 
+/// The number of springs of each particle.
+std::vector<std::uint32_t> degrees(const Problem& problem);
+
 /// The neighbour mask of a particle; 0 without a lattice.
 inline std::uint32_t mask_of(const Problem& problem, std::size_t particle) {
     return problem.lattice.mask.empty() ? 0 : problem.lattice.mask[particle];

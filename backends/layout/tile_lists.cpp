@@ -4,9 +4,9 @@
 #include <glm/common.hpp>
 
 #include "backends/layout/boxes.h"
-#include "backends/layout/march_work.h"
 #include "backends/layout/records/resident.h"
 #include "backends/layout/rounding.h"
+#include "backends/layout/work.h"
 
 namespace voxspring::layout {
 namespace {

@@ -1,8 +1,10 @@
-// The least work of a step, counted from the sources in kernels/: the part that all strategies have, and the
-// two ways to find neighbours (by grid and by list) that OpenGL has too. What only one strategy does is
-// counted beside its layout. Host code without a device.
+// The least work of a step, counted from the sources in kernels/: the part that all strategies have, the two
+// ways to find neighbours (by grid and by list) that OpenGL has too, and springs evaluated by class
+// (kernels/march.h), some of them only once for both ends. What only one strategy does is counted beside its
+// layout. Host code without a device.
 #pragma once
 
+#include <array>
 #include <cstdint>
 
 #include "backends/limits.h"
@@ -44,5 +46,19 @@ StepWork implicit_work(const Problem& problem, Formulation formulation);
 /// count.
 template <class Real>
 StepWork explicit_work(const Problem& problem, bool secondary, Formulation formulation);
+
+/// `springs` springs take `evaluations` evaluations: one for a spring within a thread, two for any other.
+struct SharedSprings {
+    std::uint64_t evaluations, springs;
+};
+/// The work of a step whose state is a structure of arrays. Masks do not count. `shares`: evaluations of face
+/// springs, then of edge springs.
+template <class Real>
+StepWork shared_springs_work(const Problem& problem, Formulation formulation,
+                             const std::array<SharedSprings, 2>& shares);
+
+/// The work of a step of cuda_march.
+template <class Real>
+StepWork march_work(const Problem& problem, Formulation formulation);
 
 }  // namespace voxspring::layout

@@ -10,6 +10,7 @@
 #include <string>
 #include <vector>
 
+#include "backends/by_precision.h"
 #include "backends/layout/march_cost.h"
 #include "backends/layout/march_layout.h"
 #include "backends/layout/particles.h"
@@ -44,8 +45,7 @@ inline std::string class_refusal(const Problem& problem, Precision precision, Fo
     if ((problem.group_bits & CORNER_BITS) != 0) return strategy + " cannot step corner springs";
     if (!has_inverse_lengths(problem, precision, formulation))
         return strategy + " cannot step springs whose rest length is zero or nearly zero";
-    const std::size_t elements =
-        march_strides(problem.lattice, precision == Precision::float32 ? sizeof(float) : sizeof(double)).axis;
+    const std::size_t elements = march_strides(problem.lattice, scalar_bytes(precision)).axis;
     if (!problem.ghosts.empty() && elements > std::numeric_limits<std::uint32_t>::max())
         return "an axis of this part has " + std::to_string(elements) +
                " elements, and its border can index at most " +

@@ -10,7 +10,7 @@
 #include <vector>
 
 #include "backends/backend.h"
-#include "backends/layout/border_blocks.h"
+#include "backends/layout/blocks.h"
 #include "backends/layout/records/resident.h"
 #include "cuda/common/borders_first.h"
 #include "cuda/common/divergence_check.h"

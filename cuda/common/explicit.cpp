@@ -4,6 +4,7 @@
 #include <numeric>
 #include <utility>
 
+#include "backends/by_precision.h"
 #include "backends/layout/springs.h"
 #include "backends/layout/work.h"
 #include "cuda/common/measure.h"
@@ -188,18 +189,16 @@ private:
 
 BackendEntry explicit_entry(const std::string& name, const std::string& summary, const TuningValues& fetches,
                             Secondary secondary) {
-    const auto make = [secondary](const Options& options) -> std::unique_ptr<Backend> {
+    const auto make = [secondary](const Options& options) {
         const ListOptions chosen(secondary, options);
         const KernelFamily family(options, fetch_path(options.tuning.at("fetch")));
-        if (options.precision == Precision::float32)
-            return std::make_unique<ExplicitBackend<float>>(family, chosen);
-        return std::make_unique<ExplicitBackend<double>>(family, chosen);
+        return make_by_precision<ExplicitBackend>(options, family, chosen);
     };
     const auto bytes = [secondary](const Problem& problem, const Options& options) {
         const ListOptions chosen(secondary, options);
-        return options.precision == Precision::float32
-                   ? explicit_bytes<float>(problem, chosen, options.formulation)
-                   : explicit_bytes<double>(problem, chosen, options.formulation);
+        return by_precision(options.precision, [&]<class Real>(Real) {
+            return explicit_bytes<Real>(problem, chosen, options.formulation);
+        });
     };
     std::map<std::string, TuningValues> own = {
         // Whether a step is launched while the step before it still runs.

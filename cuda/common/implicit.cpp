@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <optional>
 
+#include "backends/by_precision.h"
 #include "backends/layout/springs.h"
 #include "backends/layout/work.h"
 #include "backends/physics/addressing.h"
@@ -259,18 +260,16 @@ private:
 BackendEntry implicit_entry(const std::string& name, const std::string& summary, const TuningValues& fetches,
                             const TuningValues& blocks) {
     const bool tiled = fetches.empty();
-    const auto make = [tiled](const Options& options) -> std::unique_ptr<Backend> {
+    const auto make = [tiled](const Options& options) {
         // The tile in shared memory is the cache, so it is filled by loads past L1.
         const KernelFamily family(options, tiled ? Fetch::past_l1 : fetch_path(options.tuning.at("fetch")));
-        if (options.precision == Precision::float32)
-            return std::make_unique<ImplicitBackend<float>>(family, options, tiled);
-        return std::make_unique<ImplicitBackend<double>>(family, options, tiled);
+        return make_by_precision<ImplicitBackend>(options, family, options, tiled);
     };
     const auto bytes = [](const Problem& problem, const Options& options) {
         const BlockShape shape = BlockShape::parse(options.tuning.at("block"));
-        return options.precision == Precision::float32
-                   ? implicit_bytes<float>(problem, shape, options.formulation)
-                   : implicit_bytes<double>(problem, shape, options.formulation);
+        return by_precision(options.precision, [&]<class Real>(Real) {
+            return implicit_bytes<Real>(problem, shape, options.formulation);
+        });
     };
     std::map<std::string, TuningValues> own = {
         // Whether a step is launched while the step before it still runs.

@@ -48,16 +48,6 @@ KernelSource KernelFamily::source(const std::string& file, const Problem& proble
 }
 
 template <class Real>
-std::uint64_t particle_bytes(const Problem& problem, const Placement& placement, Formulation formulation) {
-    const bool split = formulation == Formulation::compensated;
-    const std::uint64_t axes = 3 * increment_pitch(placement) * sizeof(Real);
-    return placement.words * ((split ? 4 : 2) * sizeof(ParticleRecord<Real>) +
-                              (problem.load.empty() ? 0 : sizeof(Vector<Real>)) +
-                              (problem.has_materials() ? sizeof(Real) : 0)) +
-           (by_increments(formulation) ? axes : 0) + (split ? axes : 0);
-}
-
-template <class Real>
 std::string too_many_words(std::size_t words, const Device& device, Fetch fetch) {
     if (words > max_words)
         return std::to_string(words) + " words of positions exceed the index limit of " +
@@ -69,8 +59,6 @@ std::string too_many_words(std::size_t words, const Device& device, Fetch fetch)
     return {};
 }
 
-template std::uint64_t particle_bytes<float>(const Problem&, const Placement&, Formulation);
-template std::uint64_t particle_bytes<double>(const Problem&, const Placement&, Formulation);
 template std::string too_many_words<float>(std::size_t, const Device&, Fetch);
 template std::string too_many_words<double>(std::size_t, const Device&, Fetch);
 

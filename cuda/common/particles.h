@@ -11,10 +11,8 @@
 #include <string>
 #include <vector>
 
-#include "backends/layout/feed.h"
 #include "backends/layout/particles.h"
 #include "backends/layout/rounding.h"
-#include "backends/layout/tool.h"
 #include "backends/layout/vectors.h"
 #include "backends/physics/huge_pages.h"
 #include "backends/registry.h"
@@ -81,10 +79,6 @@ struct RegisterChoice {
         return formulation == Formulation::increment ? increment : compensated;
     }
 };
-
-/// Bytes of the arrays that ParticleBackend keeps.
-template <class Real>
-std::uint64_t particle_bytes(const Problem& problem, const Placement& placement, Formulation formulation);
 
 /// Empty, or why kernels cannot index an array of `words` words, or not fetch it through a texture.
 template <class Real>
