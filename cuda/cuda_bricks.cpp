@@ -51,7 +51,7 @@ public:
         : AxesBackend(options.formulation),
           options_(options),
           size_(size_of(options.tuning.at("tile"))),
-          joint_(device().ends_long_kernels()) {}
+          joint_(device().ends_long_kernels) {}
 
     void upload(const Problem& problem, const State& state) override {
         begin_upload<float>();
@@ -85,14 +85,8 @@ public:
         return Choice{"tile=" + name_of({s.tx, s.ty, s.tz}), plan_.seconds};
     }
 
-    /// The work of the march without its memory traffic: the state leaves the chip only at the end of a
-    /// launch.
     StepWork step_work(const Problem& problem) const override {
-        StepWork work = march_work<float>(problem, formulation());
-        work.bytes = work.written_bytes = work.footprint_bytes = 0;
-        work.launches = 0;
-        work.exchanges = 1;
-        return work;
+        return without_traffic(march_work<float>(problem, formulation()));
     }
 
 private:
@@ -104,7 +98,7 @@ private:
             return latest_->plan;
         latest_ = {problem.lattice.dims, problem.lattice.voxel,
                    plan_bricks(problem, formulation(), march_device(device()),
-                               moves_registers(device().architecture()), size_)};
+                               moves_registers(device().architecture), size_)};
         return latest_->plan;
     }
 
@@ -167,7 +161,7 @@ private:
     std::string refused(const Problem& problem) const override {
         if (std::string why = class_refusal(problem, precision, formulation(), "bricks"); !why.empty())
             return why;
-        if (!device().launches_together()) return "the device has no cooperative launches, which bricks need";
+        if (!device().launches_together) return "the device has no cooperative launches, which bricks need";
         return planned(problem) ? "" : too_large;
     }
     std::uint64_t bytes_needed(const Problem& problem) const override {

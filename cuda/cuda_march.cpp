@@ -97,7 +97,7 @@ public:
           tuned_(options.tuning.at("tile")),
           tiles_(tiles_of(tuned_, precision)),
           chooses_copies_(options.tuning.at("copies") == "auto"),
-          tensor_copies_(chooses_copies_ && this->device().architecture() >= first_with_tensor_copies) {}
+          tensor_copies_(chooses_copies_ && this->device().architecture >= first_with_tensor_copies) {}
 
     void upload(const Problem& problem, const State& state) override {
         this->template begin_upload<Real>();
@@ -189,20 +189,20 @@ private:
 
     std::string refused(const Problem& problem) const override {
         if (tiles_.empty()) return "tiles of " + tuned_ + " do not support " + to_string(precision);
-        const int architecture = this->device().architecture();
+        const int architecture = this->device().architecture;
         if (architecture < first_with_async_copies)
-            return "compute capability " + std::to_string(architecture / 10) + "." +
-                   std::to_string(architecture % 10) + " has no asynchronous copies, which came with 8.0";
+            return "compute capability " + version_of(architecture) +
+                   " has no asynchronous copies, which came with 8.0";
         if (std::string why = class_refusal(problem, precision, this->formulation(), "the march");
             !why.empty())
             return why;
         std::size_t needed = std::numeric_limits<std::size_t>::max();
         for (const MarchTile& tile : tiles_)
             needed = std::min(needed, std::size_t(tile.shape.shared_bytes(sizeof(Real))));
-        if (needed > this->device().shared_bytes())
+        if (needed > this->device().shared_bytes)
             return "the smallest tile needs " + std::to_string(needed) +
                    " bytes of shared memory, but a block may have at most " +
-                   std::to_string(this->device().shared_bytes());
+                   std::to_string(this->device().shared_bytes);
         return {};
     }
     std::uint64_t bytes_needed(const Problem& problem) const override {

@@ -81,7 +81,7 @@ public:
                     const Stream& stream, int steps_per_call)
         : layout_(layout),
           exchange_(exchange),
-          device_(device.number()),
+          device_(device.number),
           stream_(stream),
           steps_per_call_(steps_per_call) {
         for (const SharedParticles& shared : borders) {
@@ -167,7 +167,7 @@ public:
           partition_(partition_of(options.tuning.at("partition"))),
           pollers_(std::stoi(options.tuning.at("pollers"))),
           in_ticks_(options.tuning.at("ticks") == "resident"),
-          joint_(device().ends_long_kernels()),
+          joint_(device().ends_long_kernels),
           ticks_(
               stream(), [this](const TickLine& line, std::uint32_t again) { launch_ticks(line, again); },
               [this] { wait_for_stream(); }) {}
@@ -203,7 +203,7 @@ public:
             return {};
         const MarchDevice planned = march_device(device());
         return outpaced_by_bricks(
-            *layout, plan_bricks(problem, formulation(), planned, moves_registers(device().architecture())),
+            *layout, plan_bricks(problem, formulation(), planned, moves_registers(device().architecture)),
             planned.hertz);
     }
 
@@ -247,14 +247,8 @@ public:
         return choice_of_auto(options_, {{"partition", layout_->in_rows ? "rows" : "bisection"}});
     }
 
-    /// The work of an implicit step without its memory traffic: the state leaves registers only at the end of
-    /// a launch.
     StepWork step_work(const Problem& problem) const override {
-        StepWork work = implicit_work<float>(problem, formulation());
-        work.bytes = work.written_bytes = work.footprint_bytes = 0;
-        work.launches = 0;
-        work.exchanges = 1;
-        return work;
+        return without_traffic(implicit_work<float>(problem, formulation()));
     }
 
 private:
@@ -262,9 +256,7 @@ private:
     bool gives_borders() const override { return false; }
 
     /// This part's share of the device. The blocks of all parts on it wait for each other, so all need room.
-    ResidentCard card() const {
-        return {device().multiprocessors() / device().parts(), device().shared_bytes()};
-    }
+    ResidentCard card() const { return {device().multiprocessors / device().parts, device().shared_bytes}; }
 
     ToolMode tool_mode_for(const Problem& problem) const {
         if (!problem.has_tool()) return ToolMode::none;
@@ -389,12 +381,12 @@ private:
     void let_end() override { ticks_.end(); }
 
     std::string refused(const Problem& problem) const override {
-        if (std::string why = resident_refusal(problem, card().blocks, device().launches_together());
+        if (std::string why = resident_refusal(problem, card().blocks, device().launches_together);
             !why.empty())
             return why;
         const ToolMode mode = tool_mode_for(problem);
         if (std::string why = part_refusal(problem, mode); !why.empty()) return why;
-        if (mode == ToolMode::ticks && device().ends_long_kernels())
+        if (mode == ToolMode::ticks && device().ends_long_kernels)
             return "ticks=resident: the driver ends kernels that run for seconds on a device with a display";
         return block_refusal(*layout_of(problem, stressed_at_rest(problem)), card(), mode);
     }
@@ -406,10 +398,10 @@ private:
         if (options_.tuning.at("overlap") == "on")
             return "overlap=on adds the springs across a block's border last, and the blocks of a part have "
                    "other borders than those of the whole, so that bits would differ; overlap=off does not";
-        if (device().ends_long_kernels())
+        if (device().ends_long_kernels)
             return "the driver ends kernels that run for seconds on a device with a display, and a part "
                    "of a body waits for the other parts";
-        if (const std::string why = serialised_by(device().parts()); !why.empty())
+        if (const std::string why = serialised_by(device().parts); !why.empty())
             return why + ", and a part of a body waits for others";
         return {};
     }

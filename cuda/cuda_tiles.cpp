@@ -99,11 +99,7 @@ private:
         const Real* const at = this->positions(std::size_t(reading));
         const MarchOutput<Real> output{this->positions(std::size_t(1 - reading)), this->increment()};
         const dim3 grid{unsigned(blocks)}, block{block_threads};
-        if (dependent) {
-            kernel.launch_dependent(in, grid, block, 0, step_, at, output, reading == 1, listed...);
-        } else {
-            kernel.launch(in, grid, block, 0, step_, at, output, reading == 1, listed...);
-        }
+        kernel.launch_dependent_if(dependent, in, grid, block, 0, step_, at, output, reading == 1, listed...);
     }
     void enqueue_step(int reading) override {
         launch(*kernel_, this->stream(), lists_->blocks(), reading, dependent_);
@@ -144,7 +140,7 @@ private:
 
     /// How many tiles the card steps at once in float32 if each thread steps one.
     std::size_t resident_tiles() const {
-        return std::size_t(this->device().multiprocessors()) * whole_tile_blocks * block_threads;
+        return std::size_t(this->device().multiprocessors) * whole_tile_blocks * block_threads;
     }
 
     const std::string tuned_threads_;

@@ -239,8 +239,8 @@ int fake_nccl_transfer(void* memory, std::size_t bytes, int peer, void* communic
 namespace voxspring::cuda {
 
 Device::Device() {
-    number_ = DeviceOfThread::now().number;
-    check(cudaSetDevice(number_));
+    number = DeviceOfThread::now().number;
+    check(cudaSetDevice(number));
 }
 
 template <class Real>
@@ -315,10 +315,10 @@ public:
         : place_(place), parts_(int(numbers.size())) {
         for (auto& buffer : state_) buffer.fill(nan);
         if (overlaps(way)) first_.emplace(stream_);
-        std::vector<SharedElements> shared;
+        std::vector<SharedParticles> shared;
         if (has_before()) shared.push_back({numbers[std::size_t(place) - 1], {1}, {0}});
         if (has_behind()) shared.push_back({numbers[std::size_t(place) + 1], {4}, {5}});
-        std::sort(shared.begin(), shared.end(), [](const SharedElements& one, const SharedElements& other) {
+        std::sort(shared.begin(), shared.end(), [](const SharedParticles& one, const SharedParticles& other) {
             return one.part < other.part;
         });
         const DeviceOfThread taken({device, false});

@@ -27,14 +27,14 @@ namespace voxspring::cuda {
 
 /// The numbers of `device` from which plan_march() and plan_bricks() predict times.
 inline MarchDevice march_device(const Device& device) {
-    return {.multiprocessors = device.multiprocessors(),
-            .threads = device.threads_per_multiprocessor(),
-            .shared_bytes = device.multiprocessor_shared_bytes(),
-            .reserved_bytes = device.reserved_shared_bytes(),
-            .block_shared_bytes = device.shared_bytes(),
-            .hertz = 1e6 * device.sm_mhz(),
-            .bytes_per_second = device.memory_bytes_per_second(),
-            .cache_bytes = double(device.cache_bytes())};
+    return {.multiprocessors = device.multiprocessors,
+            .threads = device.threads_per_multiprocessor,
+            .shared_bytes = device.multiprocessor_shared_bytes,
+            .reserved_bytes = device.reserved_shared_bytes,
+            .block_shared_bytes = device.shared_bytes,
+            .hertz = 1e6 * device.sm_mhz,
+            .bytes_per_second = device.memory_bytes_per_second,
+            .cache_bytes = double(device.cache_bytes)};
 }
 
 /// Empty, or why a kernel that evaluates springs by class (spring_class()) cannot step `problem`. `strategy`:
@@ -101,14 +101,12 @@ public:
 
     BorderFacet* borders() override { return gives_borders() ? this : nullptr; }
     std::unique_ptr<Border> border(const std::vector<std::uint32_t>& particles) override {
-        return make_border(elements_of(particles), border_state());
+        return make_border(elements_of(particles, places().element), border_state());
     }
     std::shared_ptr<DeviceBorders> device_borders(const std::vector<SharedParticles>& borders,
                                                   const std::string& way) override {
-        std::vector<SharedElements> elements;
-        for (const SharedParticles& shared : borders)
-            elements.push_back({shared.part, elements_of(shared.sent), elements_of(shared.received)});
-        return make_device_borders(elements, way, device(), border_state(enable_border_stream(borders, way)));
+        return make_device_borders(in_elements(borders, places().element), way, device(),
+                                   border_state(enable_border_stream(borders, way)));
     }
 
 protected:
@@ -164,12 +162,6 @@ protected:
     }
 
 private:
-    std::vector<std::uint32_t> elements_of(const std::vector<std::uint32_t>& particles) const {
-        const SoaPlaces places = this->places();
-        std::vector<std::uint32_t> elements;
-        for (const std::uint32_t i : particles) elements.push_back(std::uint32_t(places.element(i)));
-        return elements;
-    }
     BorderState<Real> border_state(BordersFirst* first = nullptr) {
         return {.stream = stream(),
                 .now =

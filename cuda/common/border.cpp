@@ -63,11 +63,8 @@ void exchange_places(const BorderPlaces<Real>& places, const BorderLinks<Real>& 
     const Kernel& kernel = *support_kernels<Real>().exchange_borders;
     const dim3 grid(launch.blocks, unsigned(links.size())), block(ExchangeLaunch::threads_per_block);
     const BorderLink<Real>* const first = links.data();
-    if (launch.dependent) {
-        kernel.launch_dependent(stream, grid, block, 0, places, first, launch.stores, launch.takes, limit);
-    } else {
-        kernel.launch(stream, grid, block, 0, places, first, launch.stores, launch.takes, limit);
-    }
+    kernel.launch_dependent_if(launch.dependent, stream, grid, block, 0, places, first, launch.stores,
+                               launch.takes, limit);
 }
 
 template <class Real>

@@ -24,18 +24,18 @@ void copy(void* to, const void* from, std::size_t bytes, const Stream& stream) {
 
 Capabilities CudaBackend::capabilities() const {
     return {.api = Device::runtime_version(),
-            .device = device_.name(),
+            .device = device_.name,
             .driver = Device::driver_version(),
-            .uuid = device_.uuid(),
+            .uuid = device_.uuid,
             .clock = "CUDA event",
             .deterministic = true,
-            .highest_mhz = {{"sm", device_.sm_mhz()}, {"memory", device_.memory_mhz()}},
-            .kernel_compiler = compiler_and_options(device_.architecture()),
+            .highest_mhz = {{"sm", device_.sm_mhz}, {"memory", device_.memory_mhz}},
+            .kernel_compiler = compiler_and_options(device_.architecture),
             .family = "cuda",
             .limits_of = "CUDA",
             .has_borders = gives_borders(),
             .border_ways = gives_borders() ? border_ways(splits_steps()) : std::vector<std::string>(),
-            .devices = device_.count()};
+            .devices = device_.count};
 }
 
 std::string CudaBackend::unsupported(const Problem& problem) const {

@@ -23,7 +23,7 @@ namespace {
 template <class Real>
 class Side {
 public:
-    Side(const SharedElements& elements, const BorderState<Real>& state)
+    Side(const SharedParticles& elements, const BorderState<Real>& state)
         : part_(elements.part), state_(state) {
         sent_.upload(elements.sent, state.lane());
         received_.upload(elements.received, state.lane());
@@ -102,10 +102,10 @@ void say_once(const std::string& line) {
 template <class Real>
 class PeerBorders final : public DeviceBorders {
 public:
-    PeerBorders(const std::vector<SharedElements>& borders, const Device& device,
+    PeerBorders(const std::vector<SharedParticles>& borders, const Device& device,
                 const BorderState<Real>& state)
-        : device_(device.number()), state_(state), stream_(state.lane()) {
-        for (const SharedElements& elements : borders) {
+        : device_(device.number), state_(state), stream_(state.lane()) {
+        for (const SharedParticles& elements : borders) {
             Link& link = links_.emplace_back(elements, state);
             link.own = std::make_shared<BorderInbox>();
             for (Buffer<Real>& message : link.own->arrived) message.resize(link.side.to_receive());
@@ -152,7 +152,7 @@ private:
         std::array<Event, 2> sent{Event::without_time(), Event::without_time()};
     };
     struct Link {
-        Link(const SharedElements& elements, const BorderState<Real>& state) : side(elements, state) {}
+        Link(const SharedParticles& elements, const BorderState<Real>& state) : side(elements, state) {}
         Side<Real> side;
         Buffer<Real> leaving;  ///< the message before it is copied
         std::shared_ptr<BorderInbox> own, theirs = nullptr;
@@ -185,15 +185,15 @@ private:
 template <class Real>
 class StoredBorders final : public DeviceBorders {
 public:
-    StoredBorders(const std::vector<SharedElements>& borders, const Device& device,
+    StoredBorders(const std::vector<SharedParticles>& borders, const Device& device,
                   const BorderState<Real>& state)
-        : device_(device.number()),
+        : device_(device.number),
           state_(state),
           launch_{.blocks = blocks_for(borders, device),
                   .stores = true,
                   .takes = true,
                   .dependent = device.has_dependent_launches()} {
-        for (const SharedElements& elements : borders) {
+        for (const SharedParticles& elements : borders) {
             Side& side = sides_.emplace_back();
             side.part = elements.part;
             side.sent.upload(elements.sent, state.lane());
@@ -270,13 +270,13 @@ private:
     };
 
     /// Blocks per link: enough for one thread per particle, but at most one block per multiprocessor.
-    static unsigned blocks_for(const std::vector<SharedElements>& borders, const Device& device) {
+    static unsigned blocks_for(const std::vector<SharedParticles>& borders, const Device& device) {
         constexpr std::size_t threads = ExchangeLaunch::threads_per_block;
         std::size_t most = 1;
-        for (const SharedElements& elements : borders)
+        for (const SharedParticles& elements : borders)
             most = std::max({most, elements.sent.size(), elements.received.size()});
         return unsigned(
-            std::min((most + threads - 1) / threads, std::size_t(std::max(1, device.multiprocessors()))));
+            std::min((most + threads - 1) / threads, std::size_t(std::max(1, device.multiprocessors))));
     }
     void enqueue(bool stores, bool takes) {
         ExchangeLaunch launch = launch_;
@@ -298,11 +298,11 @@ private:
 template <class Real>
 class NcclBorders final : public DeviceBorders {
 public:
-    NcclBorders(const std::vector<SharedElements>& borders, const Device& device,
+    NcclBorders(const std::vector<SharedParticles>& borders, const Device& device,
                 const BorderState<Real>& state)
-        : device_(device.number()), state_(state), stream_(state.lane()) {
+        : device_(device.number), state_(state), stream_(state.lane()) {
         Nccl::load();
-        for (const SharedElements& elements : borders) {
+        for (const SharedParticles& elements : borders) {
             Link& link = links_.emplace_back(elements, state);
             link.leaving.resize(link.side.to_send());
             link.arrived.resize(link.side.to_receive());
@@ -355,7 +355,7 @@ public:
 
 private:
     struct Link {
-        Link(const SharedElements& elements, const BorderState<Real>& state) : side(elements, state) {}
+        Link(const SharedParticles& elements, const BorderState<Real>& state) : side(elements, state) {}
         Side<Real> side;
         Buffer<Real> leaving, arrived;
     };
@@ -412,7 +412,7 @@ std::vector<std::string> border_ways(bool splits_steps) {
 bool overlaps(const std::string& way) { return way.ends_with(overlap); }
 
 template <class Real>
-std::shared_ptr<DeviceBorders> make_device_borders(const std::vector<SharedElements>& borders,
+std::shared_ptr<DeviceBorders> make_device_borders(const std::vector<SharedParticles>& borders,
                                                    const std::string& way, const Device& device,
                                                    const BorderState<Real>& state) {
     if (way.starts_with("nccl")) return std::make_shared<NcclBorders<Real>>(borders, device, state);
@@ -420,10 +420,10 @@ std::shared_ptr<DeviceBorders> make_device_borders(const std::vector<SharedEleme
     return std::make_shared<PeerBorders<Real>>(borders, device, state);
 }
 
-template std::shared_ptr<DeviceBorders> make_device_borders(const std::vector<SharedElements>&,
+template std::shared_ptr<DeviceBorders> make_device_borders(const std::vector<SharedParticles>&,
                                                             const std::string&, const Device&,
                                                             const BorderState<float>&);
-template std::shared_ptr<DeviceBorders> make_device_borders(const std::vector<SharedElements>&,
+template std::shared_ptr<DeviceBorders> make_device_borders(const std::vector<SharedParticles>&,
                                                             const std::string&, const Device&,
                                                             const BorderState<double>&);
 

@@ -28,16 +28,30 @@ void require_whole_words(int own, int other);
 /// Calls enable_peer_access(), and throws Unavailable if that returns false.
 void require_peer_access(int own, int other);
 
-/// Like SharedParticles, but `sent` and `received` have the indices of the particles' elements in the state.
-struct SharedElements {
-    int part;  ///< as in SharedParticles
-    std::vector<std::uint32_t> sent, received;
-};
+/// The elements of a state's arrays that hold `particles`. element_of(i): the index of particle i's element.
+template <class ElementOf>
+std::vector<std::uint32_t> elements_of(const std::vector<std::uint32_t>& particles,
+                                       const ElementOf& element_of) {
+    std::vector<std::uint32_t> elements;
+    for (const std::uint32_t i : particles) elements.push_back(std::uint32_t(element_of(i)));
+    return elements;
+}
 
-/// The result of BorderFacet::device_borders() for a state that is stepped on `device`. For a way that
+/// `borders` with elements in place of particles.
+template <class ElementOf>
+std::vector<SharedParticles> in_elements(std::vector<SharedParticles> borders, const ElementOf& element_of) {
+    for (SharedParticles& shared : borders) {
+        shared.sent = elements_of(shared.sent, element_of);
+        shared.received = elements_of(shared.received, element_of);
+    }
+    return borders;
+}
+
+/// The result of BorderFacet::device_borders() for a state that is stepped on `device`. `borders`: those of
+/// in_elements(). For a way that
 /// overlaps(), the caller has to set `state.first`, which steps the borders before the rest.
 template <class Real>
-std::shared_ptr<DeviceBorders> make_device_borders(const std::vector<SharedElements>& borders,
+std::shared_ptr<DeviceBorders> make_device_borders(const std::vector<SharedParticles>& borders,
                                                    const std::string& way, const Device& device,
                                                    const BorderState<Real>& state);
 

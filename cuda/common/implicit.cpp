@@ -67,7 +67,7 @@ public:
             resting_kernel_->allow_shared(launch.shared_bytes);
             // No more blocks of threads are launched than can run at once: only the device knows how many
             // blocks of voxels have to be stepped, and each block of threads steps several of these in turn.
-            const int at_once = this->device().multiprocessors() *
+            const int at_once = this->device().multiprocessors *
                                 this->blocks_with(resting_registers, shape_.x * shape_.y * shape_.z);
             resting_grid_ = dim3(unsigned(std::min(resting_.blocks(), std::size_t(at_once))));
         }
@@ -120,10 +120,10 @@ public:
 private:
     std::string refused(const Problem& problem) const override {
         if (std::string why = implicit_refusal(problem); !why.empty()) return why;
-        if (tiled_ && tile_bytes() > this->device().shared_bytes())
+        if (tiled_ && tile_bytes() > this->device().shared_bytes)
             return "a tile needs " + std::to_string(tile_bytes()) +
                    " bytes of shared memory, but a block may have at most " +
-                   std::to_string(this->device().shared_bytes());
+                   std::to_string(this->device().shared_bytes);
         if (launches_all_ && !fits_launch(problem.lattice, shape_))
             return "launched=all: the grid has more blocks along y or z than one launch allows; use "
                    "launched=occupied";
@@ -179,13 +179,9 @@ private:
         ImplicitStep<Real> step = launch.step;
         step.active = active;
         this->with_arguments(step, reading, [&](const auto&... arguments) {
-            if (this->family().dependent_launch) {
-                resting_kernel_->launch_dependent(this->stream(), resting_grid_, launch.block,
-                                                  launch.shared_bytes, arguments...);
-            } else {
-                resting_kernel_->launch(this->stream(), resting_grid_, launch.block, launch.shared_bytes,
-                                        arguments...);
-            }
+            resting_kernel_->launch_dependent_if(this->family().dependent_launch, this->stream(),
+                                                 resting_grid_, launch.block, launch.shared_bytes,
+                                                 arguments...);
         });
     }
     void enqueue_steps(int count) override {

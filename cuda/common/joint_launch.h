@@ -88,6 +88,15 @@ private:
     std::uint32_t launches_ = 0;  ///< since start_anew()
 };
 
+/// The work of a step within such a launch, if `work` is its work with memory traffic. The state leaves the
+/// multiprocessors only at the end of the launch.
+inline StepWork without_traffic(StepWork work) {
+    work.bytes = work.written_bytes = work.footprint_bytes = 0;
+    work.launches = 0;
+    work.exchanges = 1;
+    return work;
+}
+
 /// The most steps per launch. `monitored`: the state is checked for divergence between launches. A launch
 /// then has few enough steps to find a divergence early. It costs as much as some ten steps, so 1% at most.
 inline int longest_joint_launch(bool monitored) { return monitored ? 1024 : JointLaunch::most_steps; }

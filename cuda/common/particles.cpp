@@ -53,9 +53,9 @@ std::string too_many_words(std::size_t words, const Device& device, Fetch fetch)
         return std::to_string(words) + " words of positions exceed the index limit of " +
                std::to_string(max_words);
     const std::size_t texels = fetch == Fetch::texture ? words * texels_per_word<Real> : 0;
-    if (texels > device.max_texels())
+    if (texels > device.max_texels)
         return std::to_string(texels) + " texels of positions exceed the device's limit of " +
-               std::to_string(device.max_texels()) + " for a texture on linear memory";
+               std::to_string(device.max_texels) + " for a texture on linear memory";
     return {};
 }
 
@@ -64,10 +64,9 @@ template std::string too_many_words<double>(std::size_t, const Device&, Fetch);
 
 template <class Real>
 std::string launch_refusal(std::size_t words, const Device& device, const KernelFamily& family) {
-    const int architecture = device.architecture();
     if (family.dependent_launch && !device.has_dependent_launches())
-        return "compute capability " + std::to_string(architecture / 10) + "." +
-               std::to_string(architecture % 10) + " has no dependent launches, which came with 9.0";
+        return "compute capability " + version_of(device.architecture) +
+               " has no dependent launches, which came with 9.0";
     return too_many_words<Real>(words, device, family.fetch);
 }
 template std::string launch_refusal<float>(std::size_t, const Device&, const KernelFamily&);

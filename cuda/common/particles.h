@@ -134,13 +134,13 @@ public:
 
     BorderFacet* borders() override { return this; }
     std::unique_ptr<Border> border(const std::vector<std::uint32_t>& particles) override {
-        return this->gives_borders() ? make_border(elements_of(particles), border_state()) : nullptr;
+        if (!this->gives_borders()) return nullptr;
+        return make_border(elements_of(particles, [this](std::uint32_t i) { return placement_.at(i); }),
+                           border_state());
     }
     std::shared_ptr<DeviceBorders> device_borders(const std::vector<SharedParticles>& borders,
                                                   const std::string& way) override {
-        std::vector<SharedElements> elements;
-        for (const SharedParticles& shared : borders)
-            elements.push_back({shared.part, elements_of(shared.sent), elements_of(shared.received)});
+        const auto elements = in_elements(borders, [this](std::uint32_t i) { return placement_.at(i); });
         return make_device_borders(elements, way, this->device(),
                                    border_state(enable_border_stream(borders, way)));
     }
@@ -176,7 +176,7 @@ protected:
     /// twice as many in float64.
     int blocks_with(int registers, int threads) const {
         constexpr int registers_per_sm = 65536;  // on every architecture
-        const int at_most = device().threads_per_multiprocessor() / threads;
+        const int at_most = device().threads_per_multiprocessor / threads;
         const int width = sizeof(Real) / sizeof(float);
         return std::clamp(registers_per_sm / (threads * registers * width), 1, at_most);
     }
@@ -184,7 +184,7 @@ protected:
     /// Whether all of `threads` threads run at once, in blocks of `block` with `registers` registers per
     /// thread.
     bool run_at_once(std::size_t threads, int registers, int block) const {
-        return threads <= std::size_t(device().multiprocessors()) * std::size_t(block) *
+        return threads <= std::size_t(device().multiprocessors) * std::size_t(block) *
                               std::size_t(blocks_with(registers, block));
     }
     /// Registers per thread: `tuned`, unless that is "auto". With "auto" the result is the first number of
@@ -314,14 +314,9 @@ protected:
     }
 
     void enqueue_step(int reading) override {
-        if (!family_.dependent_launch) {
-            launch_kernel(stream(), *launch_.kernel, launch_.grid, launch_.block, launch_.shared_bytes,
-                          launch_.step, reading);
-            return;
-        }
         with_arguments(launch_.step, reading, [&](const auto&... arguments) {
-            launch_.kernel->launch_dependent(stream(), launch_.grid, launch_.block, launch_.shared_bytes,
-                                             arguments...);
+            launch_.kernel->launch_dependent_if(family_.dependent_launch, stream(), launch_.grid,
+                                                launch_.block, launch_.shared_bytes, arguments...);
         });
     }
 
@@ -382,11 +377,6 @@ private:
                                                : reinterpret_cast<std::uintptr_t>(buffer.data());
     }
 
-    std::vector<std::uint32_t> elements_of(const std::vector<std::uint32_t>& particles) const {
-        std::vector<std::uint32_t> elements;
-        for (const std::uint32_t i : particles) elements.push_back(std::uint32_t(placement_.at(i)));
-        return elements;
-    }
     std::vector<FedWord<Real>> fed_words(const std::vector<std::uint32_t>& particles) const {
         return pack_fed<Real>(problem(), particles, family_.formulation,
                               [&](std::uint32_t i) { return placement_.at(i); });

@@ -42,7 +42,7 @@ void load_support_kernels(const Device& device, CompileTime& time) {
     static std::mutex mutex;
     static std::deque<SupportKernels> loaded;
     const std::lock_guard lock(mutex);
-    std::atomic<const SupportKernels*>& kernels = kernels_by_device<Real>.at(std::size_t(device.number()));
+    std::atomic<const SupportKernels*>& kernels = kernels_by_device<Real>.at(std::size_t(device.number));
     if (kernels == nullptr) kernels = &loaded.emplace_back(load<Real>(device, time));
 }
 

@@ -105,11 +105,6 @@ std::vector<int> known_architectures() {
     return known;
 }
 
-/// Compute capability 90 is 9.0.
-std::string version_of(int architecture) {
-    return std::to_string(architecture / 10) + "." + std::to_string(architecture % 10);
-}
-
 /// The architecture to compile for, and whether its machine code will run on the card. If not, PTX is
 /// compiled.
 std::pair<int, bool> nearest(int architecture) {
@@ -182,6 +177,10 @@ const std::string& compiler_build() {
         return text + search.id;
     }();
     return build;
+}
+
+std::string version_of(int architecture) {
+    return std::to_string(architecture / 10) + "." + std::to_string(architecture % 10);
 }
 
 int oldest_architecture() { return std::max(75, known_architectures().front()); }

@@ -25,6 +25,9 @@ struct CompiledKernel {
 /// DeviceError with NVRTC's log if the source is wrong.
 CompiledKernel compile(const KernelSource& source, int architecture);
 
+/// A compute capability as text: "9.0" for 90.
+std::string version_of(int architecture);
+
 /// The oldest compute capability that NVRTC compiles for and kernels run on: kernels/exchange.h loads 16
 /// bytes at once, which needs 7.5.
 int oldest_architecture();

@@ -24,11 +24,6 @@ std::string version_text(int version) {
     return std::to_string(version / 1000) + "." + std::to_string(version % 1000 / 10);
 }
 
-/// Compute capability 90 is 9.0.
-std::string version_of(int architecture) {
-    return std::to_string(architecture / 10) + "." + std::to_string(architecture % 10);
-}
-
 int attribute(cudaDeviceAttr which, int device) {
     int value = 0;
     check(cudaDeviceGetAttribute(&value, which, device));
@@ -60,33 +55,33 @@ Device::Device() {
     int driver = 0;
     require(cudaDriverGetVersion(&driver), "no CUDA driver");
     if (driver == 0) throw Unavailable("no NVIDIA driver is installed");
-    require(cudaGetDeviceCount(&count_), "no CUDA device");
-    if (count_ == 0) throw Unavailable("no CUDA device");
-    number_ = DeviceOfThread::now().among(count_, "CUDA");
-    parts_ = DeviceOfThread::now().parts_among(count_);
-    require(cudaSetDevice(number_), "no CUDA context");
+    require(cudaGetDeviceCount(&count), "no CUDA device");
+    if (count == 0) throw Unavailable("no CUDA device");
+    number = DeviceOfThread::now().among(count, "CUDA");
+    parts = DeviceOfThread::now().parts_among(count);
+    require(cudaSetDevice(number), "no CUDA context");
     cudaDeviceProp properties{};
-    require(cudaGetDeviceProperties(&properties, number_), "no CUDA context");
-    name_ = properties.name;
-    uuid_ = uuid_of(properties);
-    multiprocessors_ = properties.multiProcessorCount;
-    threads_per_multiprocessor_ = properties.maxThreadsPerMultiProcessor;
-    shared_bytes_ = properties.sharedMemPerBlockOptin;
-    multiprocessor_shared_bytes_ = properties.sharedMemPerMultiprocessor;
-    reserved_shared_bytes_ = properties.reservedSharedMemPerBlock;
-    cache_bytes_ = std::size_t(properties.l2CacheSize);
-    architecture_ = 10 * properties.major + properties.minor;
-    launches_together_ = attribute(cudaDevAttrCooperativeLaunch, number_) != 0;
-    ends_long_kernels_ = attribute(cudaDevAttrKernelExecTimeout, number_) != 0;
-    if (const int oldest = oldest_architecture(); architecture_ < oldest)
-        throw Unavailable(name_ + " has compute capability " + version_of(architecture_) +
+    require(cudaGetDeviceProperties(&properties, number), "no CUDA context");
+    name = properties.name;
+    uuid = uuid_of(properties);
+    multiprocessors = properties.multiProcessorCount;
+    threads_per_multiprocessor = properties.maxThreadsPerMultiProcessor;
+    shared_bytes = properties.sharedMemPerBlockOptin;
+    multiprocessor_shared_bytes = properties.sharedMemPerMultiprocessor;
+    reserved_shared_bytes = properties.reservedSharedMemPerBlock;
+    cache_bytes = std::size_t(properties.l2CacheSize);
+    architecture = 10 * properties.major + properties.minor;
+    launches_together = attribute(cudaDevAttrCooperativeLaunch, number) != 0;
+    ends_long_kernels = attribute(cudaDevAttrKernelExecTimeout, number) != 0;
+    if (const int oldest = oldest_architecture(); architecture < oldest)
+        throw Unavailable(name + " has compute capability " + version_of(architecture) +
                           ", and this build needs " + version_of(oldest) + " or later");
     const cudaChannelFormatDesc texel = cudaCreateChannelDesc(32, 32, 32, 32, cudaChannelFormatKindFloat);
-    check(cudaDeviceGetTexture1DLinearMaxWidth(&max_texels_, &texel, number_));
-    sm_mhz_ = megahertz(cudaDevAttrClockRate, number_);
-    memory_mhz_ = megahertz(cudaDevAttrMemoryClockRate, number_);
+    check(cudaDeviceGetTexture1DLinearMaxWidth(&max_texels, &texel, number));
+    sm_mhz = megahertz(cudaDevAttrClockRate, number);
+    memory_mhz = megahertz(cudaDevAttrMemoryClockRate, number);
     // Each pin carries two bits per clock, one at either edge.
-    memory_bytes_per_second_ = 2e6 * memory_mhz_ * properties.memoryBusWidth / 8;
+    memory_bytes_per_second = 2e6 * memory_mhz * properties.memoryBusWidth / 8;
 }
 
 std::size_t Device::free_bytes() const {

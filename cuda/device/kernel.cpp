@@ -32,12 +32,12 @@ std::shared_ptr<const Kernel> Kernel::get(const KernelSource& source, const Devi
     static std::mutex mutex;
     const std::lock_guard lock(mutex);
     auto found = std::find_if(loaded.begin(), loaded.end(), [&](const Loaded& known) {
-        return known.source == source && known.architecture == device.architecture();
+        return known.source == source && known.architecture == device.architecture;
     });
     if (found == loaded.end()) {
-        const CompiledKernel compiled = compile(source, device.architecture());
+        const CompiledKernel compiled = compile(source, device.architecture);
         time += {compiled.found ? 0 : compiled.seconds, compiled.seconds};
-        loaded.push_back({source, device.architecture(), load_library(compiled), {}});
+        loaded.push_back({source, device.architecture, load_library(compiled), {}});
         found = std::prev(loaded.end());
     }
     std::shared_ptr<const Kernel>& kernel = found->kernels[name];
@@ -59,7 +59,7 @@ unsigned Kernel::blocks_at_once(const Device& device, unsigned block) const {
     if (blocks < 1)
         throw DeviceError("a multiprocessor has no room for a block of " + std::to_string(block) +
                           " threads");
-    return unsigned(blocks * device.multiprocessors());
+    return unsigned(blocks * device.multiprocessors);
 }
 
 void Kernel::load() const {

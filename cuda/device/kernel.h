@@ -39,15 +39,16 @@ public:
         check(cudaLaunchKernel(kernel_, grid, block, pointers.data(), shared_bytes, stream.get()));
     }
 
-    /// Launches the kernel so that it may begin before earlier work in the stream has ended. The kernel
-    /// itself has to wait for that work (programmatic dependent launch). Needs compute capability 9.0.
+    /// Launches the kernel. If `dependent`, it may begin before earlier work in the stream has ended, and has
+    /// to wait for that work itself (programmatic dependent launch). This needs compute capability 9.0.
     template <class... Arguments>
-    void launch_dependent(const Stream& stream, dim3 grid, dim3 block, std::size_t shared_bytes,
-                          const Arguments&... arguments) const {
-        cudaLaunchAttribute dependent{};
-        dependent.id = cudaLaunchAttributeProgrammaticStreamSerialization;
-        dependent.val.programmaticStreamSerializationAllowed = 1;
-        launch_with(dependent, stream, grid, block, shared_bytes, arguments...);
+    void launch_dependent_if(bool dependent, const Stream& stream, dim3 grid, dim3 block,
+                             std::size_t shared_bytes, const Arguments&... arguments) const {
+        if (!dependent) return launch(stream, grid, block, shared_bytes, arguments...);
+        cudaLaunchAttribute early{};
+        early.id = cudaLaunchAttributeProgrammaticStreamSerialization;
+        early.val.programmaticStreamSerializationAllowed = 1;
+        launch_with(early, stream, grid, block, shared_bytes, arguments...);
     }
 
     /// Launches all blocks at once, so that they may wait for each other (a cooperative launch).

@@ -148,7 +148,7 @@ private:
 /// Fills in the table of bandwidths and the two rates of copies that are taken from it.
 void measure_bandwidth(DeviceLimits& limits, const LimitKernels& kernels, const Stream& stream,
                        Stopwatch& stopwatch) {
-    const auto cache = std::size_t(kernels.device().cache_bytes());
+    const auto cache = std::size_t(kernels.device().cache_bytes);
     const auto whole = [](std::size_t bytes) {
         return std::max<std::size_t>(bytes / Sweeps::unit, 1) * Sweeps::unit;
     };
@@ -177,9 +177,9 @@ void measure_bandwidth(DeviceLimits& limits, const LimitKernels& kernels, const 
 
 std::optional<double> grid_barrier_seconds(const LimitKernels& kernels, const Stream& stream,
                                            Stopwatch& stopwatch) {
-    if (!kernels.device().launches_together()) return std::nullopt;
+    if (!kernels.device().launches_together) return std::nullopt;
     const auto kernel = kernels.get("meet");
-    const auto blocks = unsigned(kernels.device().multiprocessors());
+    const auto blocks = unsigned(kernels.device().multiprocessors);
     Buffer<std::uint32_t> arrived;
     arrived.resize(1);
     arrived.fill_with_zeros(stream);
@@ -195,9 +195,9 @@ std::optional<double> grid_barrier_seconds(const LimitKernels& kernels, const St
 
 std::optional<double> exchange_seconds(const LimitKernels& kernels, const Stream& stream,
                                        Stopwatch& stopwatch) {
-    if (!kernels.device().launches_together()) return std::nullopt;
+    if (!kernels.device().launches_together) return std::nullopt;
     const auto kernel = kernels.get("exchange");
-    const auto blocks = unsigned(kernels.device().multiprocessors());
+    const auto blocks = unsigned(kernels.device().multiprocessors);
     Buffer<layout::TaggedPoint> points;
     points.resize(std::size_t(2) * blocks * block);
     points.fill_with_zeros(stream);
