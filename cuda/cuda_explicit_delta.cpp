@@ -4,7 +4,7 @@
 
 #include "backends/by_precision.h"
 #include "backends/layout/delta_lists.h"
-#include "cuda/common/measure.h"
+#include "cuda/common/between_steps.h"
 #include "cuda/common/particles.h"
 
 namespace voxspring::cuda {

@@ -5,7 +5,7 @@
 #include "backends/by_precision.h"
 #include "backends/layout/spring_array.h"
 #include "backends/layout/springs.h"
-#include "cuda/common/measure.h"
+#include "cuda/common/between_steps.h"
 #include "cuda/common/particles.h"
 
 namespace voxspring::cuda {

@@ -16,12 +16,10 @@
 #include "backends/layout/particles.h"
 #include "backends/physics/addressing.h"
 #include "backends/physics/huge_pages.h"
+#include "cuda/common/between_steps.h"
 #include "cuda/common/border.h"
 #include "cuda/common/cuda_backend.h"
 #include "cuda/common/device_borders.h"
-#include "cuda/common/divergence_check.h"
-#include "cuda/common/measure.h"
-#include "cuda/common/state_hash.h"
 
 namespace voxspring::cuda {
 

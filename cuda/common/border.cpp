@@ -4,8 +4,8 @@
 #include <utility>
 
 #include "cuda/common/support_kernels.h"
-#include "cuda/device/event.h"
-#include "cuda/device/pinned.h"
+#include "cuda/device/buffer.h"
+#include "cuda/device/stream.h"
 
 namespace voxspring::cuda {
 namespace {

@@ -4,7 +4,6 @@
 
 #include <utility>
 
-#include "cuda/device/event.h"
 #include "cuda/device/stream.h"
 
 namespace voxspring::cuda {

@@ -12,16 +12,14 @@
 #include "backends/backend.h"
 #include "backends/layout/blocks.h"
 #include "backends/layout/records/resident.h"
+#include "cuda/common/between_steps.h"
 #include "cuda/common/borders_first.h"
-#include "cuda/common/divergence_check.h"
 #include "cuda/common/support_kernels.h"
 #include "cuda/device/buffer.h"
 #include "cuda/device/device.h"
-#include "cuda/device/event.h"
-#include "cuda/device/graph.h"
 #include "cuda/device/kernel.h"
 #include "cuda/device/limits.h"
-#include "cuda/device/pinned.h"
+#include "cuda/device/stream.h"
 #include "cuda/kernels/layout.h"
 
 namespace voxspring::cuda {

@@ -13,8 +13,8 @@
 
 #include "cuda/device/buffer.h"
 #include "cuda/device/check.h"
-#include "cuda/device/event.h"
 #include "cuda/device/nccl.h"
+#include "cuda/device/stream.h"
 
 namespace voxspring::cuda {
 namespace {

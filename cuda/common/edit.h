@@ -10,8 +10,8 @@
 
 #include "backends/layout/neighbour_lists.h"
 #include "cuda/common/support_kernels.h"
-#include "cuda/device/event.h"
-#include "cuda/device/pinned.h"
+#include "cuda/device/buffer.h"
+#include "cuda/device/stream.h"
 #include "cuda/kernels/edit.h"
 
 namespace voxspring::cuda {

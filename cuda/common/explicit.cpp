@@ -7,7 +7,7 @@
 #include "backends/by_precision.h"
 #include "backends/layout/springs.h"
 #include "backends/layout/work.h"
-#include "cuda/common/measure.h"
+#include "cuda/common/between_steps.h"
 #include "cuda/common/particles.h"
 
 namespace voxspring::cuda {

@@ -13,7 +13,6 @@
 #include "cuda/device/buffer.h"
 #include "cuda/device/check.h"
 #include "cuda/device/handle.h"
-#include "cuda/device/pinned.h"
 
 namespace voxspring::cuda {
 namespace {

@@ -8,7 +8,7 @@
 #include "backends/layout/work.h"
 #include "backends/physics/addressing.h"
 #include "backends/rest_policy.h"
-#include "cuda/common/measure.h"
+#include "cuda/common/between_steps.h"
 #include "cuda/common/particles.h"
 #include "cuda/common/resting.h"
 

@@ -10,7 +10,6 @@
 #include "backends/layout/records/resident.h"
 #include "backends/pace.h"
 #include "cuda/device/buffer.h"
-#include "cuda/device/pinned.h"
 #include "cuda/kernels/layout.h"
 
 namespace voxspring::cuda {

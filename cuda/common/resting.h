@@ -9,8 +9,7 @@
 #include "backends/layout/blocks.h"
 #include "backends/rest_policy.h"
 #include "cuda/device/buffer.h"
-#include "cuda/device/event.h"
-#include "cuda/device/pinned.h"
+#include "cuda/device/stream.h"
 #include "cuda/kernels/layout.h"
 
 namespace voxspring::cuda {

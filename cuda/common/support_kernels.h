@@ -2,6 +2,7 @@
 // device.
 #pragma once
 
+#include <algorithm>
 #include <memory>
 
 #include "backends/backend.h"
@@ -46,6 +47,17 @@ void launch_for_each(const Kernel& kernel, std::size_t count, const Stream& stre
     constexpr unsigned block = 128;
     if (count == 0) return;
     kernel.launch(stream, dim3(unsigned((count + block - 1) / block)), dim3(block), 0, arguments...);
+}
+
+/// Launches few blocks, whose threads stride over `count` elements. So few that one atomic operation per warp
+/// costs nothing. Launches nothing if there are no elements.
+template <class... Arguments>
+void launch_striding(const Kernel& kernel, std::size_t count, const Stream& stream,
+                     const Arguments&... arguments) {
+    constexpr std::size_t block = 256, max_blocks = 1024;
+    if (count == 0) return;
+    const auto blocks = unsigned(std::min(max_blocks, (count + block - 1) / block));
+    kernel.launch(stream, dim3(blocks), dim3(unsigned(block)), 0, arguments...);
 }
 
 }  // namespace voxspring::cuda

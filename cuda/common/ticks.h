@@ -10,7 +10,6 @@
 
 #include "backends/layout/tick_desk.h"
 #include "cuda/device/buffer.h"
-#include "cuda/device/pinned.h"
 #include "cuda/kernels/layout.h"
 
 namespace voxspring::cuda {

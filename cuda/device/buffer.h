@@ -1,4 +1,4 @@
-// An array in device memory.
+// Arrays in device memory, and in host memory for copies.
 #pragma once
 
 #include <cstddef>
@@ -11,6 +11,7 @@
 
 namespace voxspring::cuda {
 
+/// An array in device memory.
 template <class T>
 class Buffer : public Memory<T, cudaMalloc, cudaFree> {
 public:
@@ -36,6 +37,19 @@ public:
     void fill_with_zeros(const Stream& stream) {
         if (this->size() != 0) check(cudaMemsetAsync(this->data(), 0, this->bytes(), stream.get()));
     }
+};
+
+/// Host memory to and from which the device copies while the host goes on.
+template <class T>
+class Pinned : public Memory<T, cudaMallocHost, cudaFreeHost> {
+public:
+    /// Takes the size of `buffer` and enqueues a copy of its elements to this memory.
+    void copy(const Buffer<T>& buffer, const Stream& stream) {
+        this->resize(buffer.size());
+        check(cudaMemcpyAsync(this->data(), buffer.data(), buffer.bytes(), cudaMemcpyDeviceToHost,
+                              stream.get()));
+    }
+    std::span<const T> values() const { return {this->data(), this->size()}; }
 };
 
 }  // namespace voxspring::cuda

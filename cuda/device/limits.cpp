@@ -12,9 +12,8 @@
 
 #include "backends/layout/records/resident.h"
 #include "cuda/device/buffer.h"
-#include "cuda/device/event.h"
-#include "cuda/device/graph.h"
 #include "cuda/device/kernel.h"
+#include "cuda/device/stream.h"
 #include "cuda/kernels/limits.h"
 
 namespace voxspring::cuda {

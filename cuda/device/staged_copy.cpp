@@ -7,8 +7,8 @@
 #include <memory>
 
 #include "backends/backend.h"
-#include "cuda/device/event.h"
 #include "cuda/device/memory.h"
+#include "cuda/device/stream.h"
 
 namespace voxspring::cuda {
 namespace {

@@ -1,4 +1,4 @@
-// A stream, in which work runs in order.
+// Streams, in which work runs in order, points in them, and work that is captured from them.
 #pragma once
 
 #include "cuda/device/handle.h"
@@ -36,6 +36,71 @@ private:
     explicit Stream(cudaStream_t stream) : handle_(stream) {}
 
     Handle<cudaStream_t, cudaStreamDestroy> handle_;
+};
+
+/// A point in a stream. Streams and the host can wait until the device has passed that point, and two such
+/// events tell the time between them.
+class Event {
+public:
+    /// An event of the current device, to be recorded in streams of that device.
+    Event() : Event(cudaEventDefault) {}
+    /// A cheaper event, for which seconds_since() does not work.
+    static Event without_time() { return Event(cudaEventDisableTiming); }
+
+    void record(const Stream& stream) { check(cudaEventRecord(handle_.get(), stream.get())); }
+    /// Makes `stream`, of any device, wait until the device has passed the point where this event was last
+    /// recorded.
+    void hold(const Stream& stream) const { check(cudaStreamWaitEvent(stream.get(), handle_.get(), 0)); }
+    void wait() const { check(cudaEventSynchronize(handle_.get())); }
+    /// Seconds from `begin` to this event. The device must have passed both.
+    double seconds_since(const Event& begin) const {
+        float milliseconds = 0;
+        check(cudaEventElapsedTime(&milliseconds, begin.handle_.get(), handle_.get()));
+        return 1e-3 * double(milliseconds);
+    }
+
+private:
+    explicit Event(unsigned flags) {
+        cudaEvent_t event{};
+        check(cudaEventCreateWithFlags(&event, flags));
+        handle_ = Handle<cudaEvent_t, cudaEventDestroy>(event);
+    }
+
+    Handle<cudaEvent_t, cudaEventDestroy> handle_;
+};
+
+/// Work captured once and replayed with one call.
+class Graph {
+public:
+    /// Captures the work that `enqueue()` puts into `stream`. The work does not run until launch().
+    template <class Enqueue>
+    static Graph capture(const Stream& stream, Enqueue enqueue) {
+        check(cudaStreamBeginCapture(stream.get(), cudaStreamCaptureModeThreadLocal));
+        cudaGraph_t graph{};
+        try {
+            enqueue();
+        } catch (...) {
+            // Ends the capture, so that the stream can be destroyed.
+            if (cudaStreamEndCapture(stream.get(), &graph) == cudaSuccess)
+                static_cast<void>(cudaGraphDestroy(graph));
+            // The error is already on its way as an exception. Clear it, so that no later call reports it.
+            static_cast<void>(cudaGetLastError());
+            throw;
+        }
+        check(cudaStreamEndCapture(stream.get(), &graph));
+        const Handle<cudaGraph_t, cudaGraphDestroy> owner(graph);
+        cudaGraphExec_t executable{};
+        check(cudaGraphInstantiate(&executable, graph, 0));
+        Graph captured;
+        captured.handle_ = Handle<cudaGraphExec_t, cudaGraphExecDestroy>(executable);
+        check(cudaGraphUpload(executable, stream.get()));
+        return captured;
+    }
+    void launch(const Stream& stream) const { check(cudaGraphLaunch(handle_.get(), stream.get())); }
+
+private:
+    Graph() = default;
+    Handle<cudaGraphExec_t, cudaGraphExecDestroy> handle_;
 };
 
 }  // namespace voxspring::cuda
