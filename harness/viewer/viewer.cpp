@@ -1,5 +1,5 @@
-#include "harness/viewer/viewer.h"
-
+// The program voxspring-view, which `voxspring view` starts: a window with the live body. It has every
+// command of voxspring as well.
 #include <fmt/format.h>
 #include <imgui.h>
 
@@ -9,6 +9,7 @@
 #include <exception>
 #include <memory>
 #include <optional>
+#include <ostream>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -20,6 +21,7 @@
 #include "harness/base/interruption.h"
 #include "harness/base/progress.h"
 #include "harness/choice/auto_choice.h"
+#include "harness/cli/arguments.h"
 #include "harness/drawing/body_painter.h"
 #include "harness/mesh/carried_mesh.h"
 #include "harness/scene/parts.h"
@@ -447,8 +449,8 @@ private:
     Activity activity_;
 };
 
-}  // namespace
-
+/// Shows the scene and returns the exit code once the window is closed. Throws BadInput, BadSpecification,
+/// Unavailable if there is no display, and DeviceError if the card that draws the window fails.
 int view_scene(const std::string& scene, const ViewOptions& options, std::ostream& out) {
     // Bad arguments are refused before a window opens.
     if (options.save) check_writable(*options.save, "--save", ".npz");
@@ -469,4 +471,7 @@ int view_scene(const std::string& scene, const ViewOptions& options, std::ostrea
     }
 }
 
+}  // namespace
 }  // namespace voxspring
+
+int main(int argc, char** argv) { return voxspring::run_program(argc, argv, voxspring::view_scene); }
