@@ -11,6 +11,10 @@ inline std::size_t index_in(const glm::ivec3& dims, const glm::ivec3& at) {
     return (std::size_t(at.z) * std::size_t(dims.y) + std::size_t(at.y)) * std::size_t(dims.x) +
            std::size_t(at.x);
 }
+/// Whether a box of `dims` voxels has the voxel `at`.
+inline bool has_voxel(const glm::ivec3& dims, const glm::ivec3& at) {
+    return at.x >= 0 && at.y >= 0 && at.z >= 0 && at.x < dims.x && at.y < dims.y && at.z < dims.z;
+}
 inline std::size_t volume(const glm::ivec3& dims) {
     return std::size_t(dims.x) * std::size_t(dims.y) * std::size_t(dims.z);
 }

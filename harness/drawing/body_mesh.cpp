@@ -10,6 +10,7 @@
 #include <unordered_map>
 #include <utility>
 
+#include "backends/layout/boxes.h"
 #include "backends/physics/neighbours.h"
 
 namespace voxspring {
@@ -69,11 +70,7 @@ private:
     /// The particle at a voxel, or no_particle. The voxel may lie outside the lattice.
     std::uint32_t at(glm::ivec3 voxel) const {
         const glm::ivec3 dims = problem_.lattice.dims;
-        for (int a = 0; a < 3; ++a) {
-            if (voxel[a] < 0 || voxel[a] >= dims[a]) return no_particle;
-        }
-        return at_[(std::size_t(voxel.z) * std::size_t(dims.y) + std::size_t(voxel.y)) * std::size_t(dims.x) +
-                   std::size_t(voxel.x)];
+        return layout::has_voxel(dims, voxel) ? at_[layout::index_in(dims, voxel)] : no_particle;
     }
 
     /// If a spring of Problem::springs connects grid neighbours, sets their bits in mask_ as for a lattice

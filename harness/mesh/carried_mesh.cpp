@@ -9,6 +9,7 @@
 #include <unordered_map>
 #include <utility>
 
+#include "backends/layout/boxes.h"
 #include "backends/physics/neighbours.h"
 
 namespace voxspring {
@@ -176,27 +177,18 @@ private:
         Box box;
         double least = std::numeric_limits<double>::infinity();
         int cell = 0;
-        for (int z = first.z; z < first.z + width; ++z) {
-            for (int y = first.y; y < first.y + width; ++y) {
-                for (int x = first.x; x < first.x + width; ++x, ++cell) {
-                    const auto n = std::size_t(cell);
-                    const bool is_inside =
-                        x >= 0 && y >= 0 && z >= 0 && x < dims.x && y < dims.y && z < dims.z;
-                    box.particle[n] =
-                        is_inside ? particle_[(std::size_t(z) * std::size_t(dims.y) + std::size_t(y)) *
-                                                  std::size_t(dims.x) +
-                                              std::size_t(x)]
-                                  : no_particle;
-                    if (box.particle[n] == no_particle) continue;
-                    box.offset[n] = glm::dvec3(x, y, z) - place;
-                    const double squared = glm::dot(box.offset[n], box.offset[n]);
-                    if (squared < least) {
-                        least = squared;
-                        box.nearest = cell;
-                    }
-                }
+        layout::visit_box(first, first + width, [&](const glm::ivec3& at) {
+            const auto n = std::size_t(cell++);
+            box.particle[n] =
+                layout::has_voxel(dims, at) ? particle_[layout::index_in(dims, at)] : no_particle;
+            if (box.particle[n] == no_particle) return;
+            box.offset[n] = glm::dvec3(at) - place;
+            const double squared = glm::dot(box.offset[n], box.offset[n]);
+            if (squared < least) {
+                least = squared;
+                box.nearest = int(n);
             }
-        }
+        });
         return box;
     }
 
@@ -239,10 +231,7 @@ private:
                         glm::ivec3 to = at;
                         to[axis] += step;
                         if (to[axis] < 0 || to[axis] >= dims[axis]) continue;
-                        const auto there =
-                            std::uint32_t((std::size_t(to.z) * std::size_t(dims.y) + std::size_t(to.y)) *
-                                              std::size_t(dims.x) +
-                                          std::size_t(to.x));
+                        const auto there = std::uint32_t(layout::index_in(dims, to));
                         if (nearest[there] != no_particle) continue;
                         nearest[there] = nearest[voxel];
                         next.push_back(there);
@@ -254,9 +243,7 @@ private:
             if (is_alone[v] == 0) continue;
             const glm::ivec3 at = glm::clamp(glm::ivec3(glm::floor(in_voxels(source_.mesh.points[v]) + 0.5)),
                                              glm::ivec3(0), dims - 1);
-            items[v] = vertices_.of_particle(
-                nearest[(std::size_t(at.z) * std::size_t(dims.y) + std::size_t(at.y)) * std::size_t(dims.x) +
-                        std::size_t(at.x)]);
+            items[v] = vertices_.of_particle(nearest[layout::index_in(dims, at)]);
         }
     }
 

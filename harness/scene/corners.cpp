@@ -1,75 +1,52 @@
 #include "harness/scene/corners.h"
 
 #include <cmath>
+#include <glm/vector_relational.hpp>
 #include <map>
 #include <stdexcept>
+
+#include "backends/layout/boxes.h"
 
 namespace voxspring {
 namespace {
 
-/// The voxels around a corner or around a spring between two corners.
-class VoxelsAround {
-public:
-    VoxelsAround(const VoxelGrid& voxels, const std::vector<VoxelMaterial>& materials)
-        : voxels_(voxels), materials_(materials) {}
-
-    /// Calls visit(material) for each active voxel that has both corner `at` and corner `at + offset`, and
-    /// returns the number of places where such a voxel could be.
-    template <class Visit>
-    int visit(glm::ivec3 at, glm::ivec3 offset, Visit visit) const {
-        int places = 0;
-        // Voxel v has the corners v and v + 1 along each axis.
-        const auto low = [&](int axis) { return at[axis] - (offset[axis] > 0 ? 0 : 1); };
-        const auto high = [&](int axis) { return at[axis] - (offset[axis] < 0 ? 1 : 0); };
-        for (int z = low(2); z <= high(2); ++z) {
-            for (int y = low(1); y <= high(1); ++y) {
-                for (int x = low(0); x <= high(0); ++x) {
-                    ++places;
-                    const std::uint8_t label = label_at({x, y, z});
-                    if (label != 0) visit(materials_[label - 1]);
-                }
-            }
-        }
-        return places;
-    }
-
-private:
-    std::uint8_t label_at(glm::ivec3 v) const {
-        const glm::ivec3 dims = voxels_.dims;
-        if (v.x < 0 || v.y < 0 || v.z < 0 || v.x >= dims.x || v.y >= dims.y || v.z >= dims.z) return 0;
-        return voxels_
-            .label[(std::size_t(v.z) * std::size_t(dims.y) + std::size_t(v.y)) * std::size_t(dims.x) +
-                   std::size_t(v.x)];
-    }
-
-    const VoxelGrid& voxels_;
-    const std::vector<VoxelMaterial>& materials_;
-};
+/// Calls visit(voxel) for each voxel that has both corner `at` and corner `at + offset`, and returns their
+/// number. Some may lie outside of the grid.
+template <class Visit>
+int visit_voxels(glm::ivec3 at, glm::ivec3 offset, Visit visit) {
+    // Voxel v has the corners v and v + 1 along each axis.
+    const glm::ivec3 begin = at - glm::ivec3(glm::lessThanEqual(offset, glm::ivec3(0)));
+    const glm::ivec3 end = at + 1 - glm::ivec3(glm::lessThan(offset, glm::ivec3(0)));
+    layout::visit_box(begin, end, visit);
+    return int(layout::volume(end - begin));
+}
 
 }  // namespace
 
 Problem make_corner_problem(const VoxelGrid& voxels, std::uint32_t group_bits,
                             const std::vector<VoxelMaterial>& materials) {
-    const VoxelsAround around(voxels, materials);
+    /// The material of a voxel; null if it is inactive or outside of the grid.
+    const auto material_at = [&](const glm::ivec3& voxel) -> const VoxelMaterial* {
+        if (!layout::has_voxel(voxels.dims, voxel)) return nullptr;
+        const std::uint8_t label = voxels.label[layout::index_in(voxels.dims, voxel)];
+        return label != 0 ? &materials[label - 1] : nullptr;
+    };
     VoxelGrid corners{voxels.dims + 1, voxels.spacing, {}};
     std::map<double, std::uint8_t> label_of_mass;
-    for (int z = 0; z < corners.dims.z; ++z) {
-        for (int y = 0; y < corners.dims.y; ++y) {
-            for (int x = 0; x < corners.dims.x; ++x) {
-                double mass = 0;
-                around.visit({x, y, z}, glm::ivec3(0),
-                             [&](const VoxelMaterial& material) { mass += material.mass / 8; });
-                std::uint8_t label = 0;
-                if (mass > 0) {
-                    constexpr std::size_t most = 254;
-                    if (label_of_mass.size() == most && !label_of_mass.contains(mass))
-                        throw std::invalid_argument("the corners have more than 254 different masses");
-                    label = label_of_mass.emplace(mass, std::uint8_t(label_of_mass.size() + 1)).first->second;
-                }
-                corners.label.push_back(label);
-            }
+    layout::visit_box(glm::ivec3(0), corners.dims, [&](glm::ivec3 corner) {
+        double mass = 0;
+        visit_voxels(corner, glm::ivec3(0), [&](glm::ivec3 voxel) {
+            if (const auto* material = material_at(voxel)) mass += material->mass / 8;
+        });
+        std::uint8_t label = 0;
+        if (mass > 0) {
+            constexpr std::size_t most = 254;
+            if (label_of_mass.size() == most && !label_of_mass.contains(mass))
+                throw std::invalid_argument("the corners have more than 254 different masses");
+            label = label_of_mass.emplace(mass, std::uint8_t(label_of_mass.size() + 1)).first->second;
         }
-    }
+        corners.label.push_back(label);
+    });
 
     Problem problem = make_lattice_problem(corners, group_bits);
     const double full = materials.front().stiffness[0];
@@ -83,8 +60,9 @@ Problem make_corner_problem(const VoxelGrid& voxels, std::uint32_t group_bits,
         const glm::ivec3 at = problem.lattice.coordinates(problem.lattice.voxel[i]);
         lattice.of(i, [&](std::uint32_t j, const Direction& direction) {
             double sum = 0;
-            const int places = around.visit(at, direction.offset, [&](const VoxelMaterial& material) {
-                sum += material.stiffness[std::size_t(direction.group)];
+            const int places = visit_voxels(at, direction.offset, [&](glm::ivec3 voxel) {
+                if (const auto* material = material_at(voxel))
+                    sum += material->stiffness[std::size_t(direction.group)];
             });
             const double stiffness = sum / places;
             // Relative rounding error of a sum over up to eight springs, and of two half springs in series.

@@ -9,6 +9,7 @@
 #include <utility>
 #include <vector>
 
+#include "backends/layout/boxes.h"
 #include "backends/physics/neighbours.h"
 #include "harness/base/json.h"
 #include "harness/scene/scene.h"
@@ -55,10 +56,8 @@ void check_masks(const Problem& problem) {
                 "a mask has a bit that belongs to none of the problem's spring groups (group_bits)");
         const glm::ivec3 at = lattice.coordinates(lattice.voxel[i]);
         visit_directions(mask, [&](const Direction& direction) {
-            const glm::ivec3 to = at + direction.offset;
-            const bool is_inside = to.x >= 0 && to.y >= 0 && to.z >= 0 && to.x < lattice.dims.x &&
-                                   to.y < lattice.dims.y && to.z < lattice.dims.z;
-            require(is_inside, "a mask has a neighbour outside of its grid");
+            require(layout::has_voxel(lattice.dims, at + direction.offset),
+                    "a mask has a neighbour outside of its grid");
             const std::uint32_t j =
                 particle[std::size_t(std::ptrdiff_t(lattice.voxel[i]) + lattice.stride(direction))];
             require(j != no_particle, "a mask has a neighbour where there is no particle");
