@@ -17,7 +17,7 @@
 #include "harness/mesh/surface.h"
 #include "harness/mesh/voxelise.h"
 #include "harness/mesh/winding.h"
-#include "harness/volume/resample.h"
+#include "harness/volume/volume.h"
 #include "tests/mesh_bodies.h"
 #include "tests/surroundings.h"
 

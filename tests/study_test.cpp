@@ -38,7 +38,7 @@
 #include "harness/device/limits.h"
 #include "harness/process/case.h"
 #include "harness/process/journal.h"
-#include "harness/process/scene_stream.h"
+#include "harness/process/message.h"
 #include "harness/process/shared_state.h"
 #include "harness/process/signal_process.h"
 #include "harness/process/worker.h"

@@ -10,8 +10,12 @@
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
+#include <fstream>
+#include <stdexcept>
 #include <system_error>
+#include <vector>
 
+#include "backends/disk_cache.h"
 #include "harness/base/bad_input.h"
 
 namespace voxspring {
@@ -140,6 +144,19 @@ void check_writable(const std::filesystem::path& path, const std::string& option
         refuse(std::string("a path in a folder where a file can be created (") + std::strerror(errno) + ")");
     close(file);
     unlink(probe.c_str());
+}
+
+const std::string& fingerprint_of_executable() {
+    static const std::string fingerprint = [] {
+        std::ifstream program("/proc/self/exe", std::ios::binary);
+        std::vector<char> piece(std::size_t(1) << 16);
+        Hash hash;
+        while (program.read(piece.data(), std::streamsize(piece.size())) || program.gcount() > 0)
+            hash.add(piece.data(), std::size_t(program.gcount()));
+        if (!program.eof()) throw std::runtime_error("cannot read /proc/self/exe");
+        return hash.text();
+    }();
+    return fingerprint;
 }
 
 }  // namespace voxspring

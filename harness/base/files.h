@@ -1,4 +1,4 @@
-// Writes files so that no reader ever sees half of one.
+// Writes files so that no reader ever sees half of one, and identifies the program by its file.
 #pragma once
 
 #include <filesystem>
@@ -26,5 +26,9 @@ void sync_folder_of(const std::filesystem::path& file);
 /// folder) in a folder where files can be created. `option` is the name of the argument in the message.
 void check_writable(const std::filesystem::path& path, const std::string& option,
                     const std::string& extension);
+
+/// The hash of the executable's file. Unlike the commit's hash, it also changes with the compiler, the flags
+/// and code that is not committed. The file is read once per process.
+const std::string& fingerprint_of_executable();
 
 }  // namespace voxspring

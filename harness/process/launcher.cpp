@@ -22,7 +22,6 @@
 #include "harness/base/bad_input.h"
 #include "harness/base/json.h"
 #include "harness/process/message.h"
-#include "harness/process/scene_stream.h"
 #include "harness/process/signal_process.h"
 #include "harness/process/worker.h"
 #include "harness/process/worker_main.h"

@@ -1,5 +1,4 @@
-#include "harness/process/scene_stream.h"
-
+// Sends a scene from one process of this program to another.
 #include <sys/uio.h>
 
 #include <algorithm>

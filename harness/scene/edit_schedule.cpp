@@ -1,5 +1,4 @@
-#include "harness/scene/edit_schedule.h"
-
+// Finds the springs that cuts and sutures of a scene file change.
 #include <algorithm>
 #include <cstdint>
 #include <limits>
@@ -7,7 +6,8 @@
 #include <utility>
 #include <variant>
 
-#include "backends/physics/edit.h"
+#include "backends/layout/boxes.h"
+#include "harness/scene/scene_file.h"
 
 namespace voxspring {
 namespace {
@@ -65,15 +65,11 @@ std::vector<Due> by_step(const std::vector<EditSpec>& specs) {
 /// The pairs of particles that the suture `spec` names by their voxels.
 std::vector<std::pair<std::uint32_t, std::uint32_t>> pairs_of(const EditSpec& spec, const Lattice& lattice,
                                                               const std::vector<std::uint32_t>& particle) {
-    const auto particle_at = [&](const glm::ivec3& c) {
-        const glm::ivec3 d = lattice.dims;
-        std::uint32_t i = no_particle;
-        if (c.x < d.x && c.y < d.y && c.z < d.z) {
-            i = particle[(std::size_t(c.z) * std::size_t(d.y) + std::size_t(c.y)) * std::size_t(d.x) +
-                         std::size_t(c.x)];
-        }
-        if (i == no_particle) spec.source.refuse("pairs of active voxels in a grid of " + to_string(d));
-        return i;
+    const auto particle_at = [&](const glm::ivec3& voxel) {
+        const glm::ivec3 dims = lattice.dims;
+        if (!layout::has_voxel(dims, voxel) || particle[layout::index_in(dims, voxel)] == no_particle)
+            spec.source.refuse("pairs of active voxels in a grid of " + to_string(dims));
+        return particle[layout::index_in(dims, voxel)];
     };
     std::vector<std::pair<std::uint32_t, std::uint32_t>> pairs;
     for (const auto& [a, b] : spec.voxels) {

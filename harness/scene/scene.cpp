@@ -23,21 +23,13 @@
 #include "harness/base/json.h"
 #include "harness/mesh/voxelise.h"
 #include "harness/scene/corners.h"
-#include "harness/scene/edit_schedule.h"
 #include "harness/scene/scene_file.h"
 #include "harness/scene/stability.h"
-#include "harness/volume/resample.h"
 #include "harness/volume/text_header.h"
 #include "harness/volume/volume.h"
 
 namespace voxspring {
 namespace {
-
-std::string join(const std::vector<Label>& labels) {
-    std::vector<std::string> names;
-    for (const Label& label : labels) names.push_back(label.name);
-    return fmt::format("{}", fmt::join(names, ", "));
-}
 
 std::string file_name(const std::string& file) { return std::filesystem::path(file).filename().string(); }
 
@@ -170,11 +162,11 @@ std::vector<double> value_per_label(const Parameter& parameter, const std::vecto
             if (found != parameter.by_label.end()) value = found;
         }
         if (value == parameter.by_label.end())
-            parameter.source->refuse("a value for each of the labels " + join(labels));
+            parameter.source->refuse("a value for each of the labels " + names_of(labels));
         values.push_back(value->second);
     }
     if (values.size() != parameter.by_label.size())
-        parameter.source->refuse("values for no other labels than " + join(labels));
+        parameter.source->refuse("values for no other labels than " + names_of(labels));
     return values;
 }
 
@@ -684,13 +676,8 @@ void check(const VolumeOptions& options, const std::string& file) {
 
 /// Replaces what `scene` says by the options of the command line.
 void apply(const VolumeOptions& volume, SceneFile& scene) {
-    scene.dataset.pitch = volume.pitch;
-    scene.dataset.fill = volume.fill;
-    scene.dataset.labels = volume.labels;
-    scene.dataset.threshold = volume.threshold;
-    scene.dataset.frame = volume.frame;
+    static_cast<BodyChoice&>(scene.dataset) = volume;
     if (volume.spacing) scene.spacing = volume.spacing;
-    scene.dataset.parts = volume.parts;
     scene.gravity_in_voxels = !volume.gravity;
     if (volume.gravity) scene.gravity = *volume.gravity;
     scene.unit = volume.unit;

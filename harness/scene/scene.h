@@ -75,22 +75,27 @@ Scene load_scene(const std::string& argument,
 /// Whether `name` is that of a volume file or a mesh, for which load_scene() takes options.
 bool is_body_file(const std::string& name);
 
-/// Options for a volume file or a mesh without a scene file. Absent ones come from the file or from the scene
-/// `heart`.
-struct VolumeOptions {
-    /// Whole numbers or names of segments, without duplicates. Never given together with a threshold.
+/// The choice of the voxels that a volume file or a mesh gives, by options or by a scene file.
+struct BodyChoice {
+    /// Labels of a volume: whole numbers or names of segments, without duplicates. Never given together with
+    /// a threshold.
     std::optional<std::vector<std::string>> labels;
-    std::optional<double> threshold;
-    std::optional<std::int64_t> frame;  ///< which of several values per voxel, counted from 0
-    std::optional<glm::dvec3> spacing;
-    /// If it is absent, gravity is that of the scene `heart`, with each component multiplied by the spacing
-    /// along its axis. The body then sags by the same number of voxels in any unit of length.
-    std::optional<glm::dvec3> gravity;
-    std::optional<PartsToKeep> parts;  ///< absent: all parts
+    std::optional<double> threshold;    ///< for a volume
+    std::optional<std::int64_t> frame;  ///< for a volume: which of several values per voxel, counted from 0
+    std::optional<PartsToKeep> parts;   ///< for a box or a heart as well; absent: all parts
     /// Edge length of the voxels to make. Absent: a volume keeps its voxels, and a mesh gets default_pitch().
     std::optional<double> pitch;
     /// A voxel is active if at least this fraction of it is filled. For a volume only together with `pitch`.
     std::optional<double> fill;
+};
+
+/// Options for a volume file or a mesh without a scene file. Absent ones come from the file or from the scene
+/// `heart`.
+struct VolumeOptions : BodyChoice {
+    std::optional<glm::dvec3> spacing;
+    /// If it is absent, gravity is that of the scene `heart`, with each component multiplied by the spacing
+    /// along its axis. The body then sags by the same number of voxels in any unit of length.
+    std::optional<glm::dvec3> gravity;
     /// Young's modulus in Pa and density in kg/m^3: both or neither. With them `gravity` is in m/s^2, and if
     /// it is absent gravity is 9.81 m/s^2 in the direction of the gravity of the scene `heart`.
     std::optional<double> young, density;

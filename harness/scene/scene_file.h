@@ -1,5 +1,6 @@
 // The content of a scene file, before any voxel is made. The reader checks each key by itself and accepts
-// exactly what results/scene.schema.json accepts; scene.cpp checks what depends on the voxels.
+// exactly what results/scene.schema.json accepts; scene.cpp and edit_schedule.cpp check what depends on the
+// voxels.
 #pragma once
 
 #include <cstdint>
@@ -10,17 +11,14 @@
 #include <utility>
 #include <vector>
 
-#include "backends/physics/edit.h"
-#include "backends/physics/problem.h"
 #include "harness/base/json.h"
-#include "harness/scene/parts.h"
-#include "harness/volume/volume.h"
+#include "harness/scene/scene.h"
 
 namespace voxspring {
 
 enum class DatasetType : std::uint8_t { box, heart, volume, mesh };
 
-struct DatasetSpec {
+struct DatasetSpec : BodyChoice {
     DatasetType type = DatasetType::box;
     glm::ivec3 dims{0};      ///< number of voxels of a box or heart along each axis
     double missing = 0;      ///< fraction of the box's or heart's voxels that are left out at random
@@ -28,13 +26,6 @@ struct DatasetSpec {
     std::string file;        ///< path of a volume or mesh, relative to the scene file
     /// JSON value of `file`, for messages; absent without a scene file.
     std::optional<JsonValue> file_source;
-    /// For a volume or mesh, as VolumeOptions::pitch and fill. A volume that has `fill` also has `pitch`.
-    std::optional<double> pitch, fill;
-    std::optional<double> threshold;  ///< for a volume; never given together with labels
-    /// Labels of a volume: whole numbers or names of segments, without duplicates.
-    std::optional<std::vector<std::string>> labels;
-    std::optional<std::int64_t> frame;      ///< which of several values per voxel, counted from 0
-    std::optional<PartsToKeep> parts;       ///< absent: all parts
     std::optional<JsonValue> parts_source;  ///< JSON value of `parts`, for messages
 
     bool is_from_file() const { return type == DatasetType::volume || type == DatasetType::mesh; }
@@ -153,5 +144,11 @@ struct SceneFile {
 SceneFile read_scene_file(JsonObject document);
 
 std::string to_string(SpringGroup group);
+
+/// The edits of `specs` in the order in which they are made. Each is computed on `problem` as the edits
+/// before it have left it. Repetitions that change no spring are left out. Throws BadInput, also if no
+/// repetition of an edit changes a spring or the edits exceed `limits`.
+std::vector<ScheduledEdit> schedule_edits(const std::vector<EditSpec>& specs, const Problem& problem,
+                                          const SceneSizeLimits& limits);
 
 }  // namespace voxspring

@@ -15,7 +15,6 @@
 
 #include "backends/registry.h"
 #include "harness/base/bad_input.h"
-#include "harness/base/executable.h"
 #include "harness/base/files.h"
 #include "harness/base/interruption.h"
 #include "harness/base/json.h"

@@ -15,7 +15,7 @@
 
 #include "backends/cpu/perturbed_reference.h"
 #include "backends/registry.h"
-#include "harness/base/executable.h"
+#include "harness/base/files.h"
 #include "harness/scene/scene_runner.h"
 #include "harness/verification/error_threshold.h"
 #include "harness/verification/verify.h"

@@ -115,12 +115,6 @@ std::optional<std::int64_t> number_of(const std::string& word) {
     return is_label ? number : std::nullopt;
 }
 
-std::string names_of(const std::vector<Label>& labels) {
-    std::vector<std::string> names;
-    for (const Label& label : labels) names.push_back(label.name);
-    return fmt::format("{}", fmt::join(names, ", "));
-}
-
 /// Throws BadInput because no voxel carries `label`. `present` has the names of the labels that voxels carry.
 [[noreturn]] void refuse_absent(const Volume& volume, const std::string& label, const std::string& present) {
     throw BadInput(volume.file, "labels", label, "labels that some voxel carries: " + present);
@@ -308,6 +302,12 @@ LabelledGrid with_segments(const Volume& volume, const std::optional<std::vector
 }
 
 }  // namespace
+
+std::string names_of(const std::vector<Label>& labels) {
+    std::vector<std::string> names;
+    for (const Label& label : labels) names.push_back(label.name);
+    return fmt::format("{}", fmt::join(names, ", "));
+}
 
 Label numbered_label(std::int64_t number) { return {std::to_string(number), {std::to_string(number)}}; }
 

@@ -1,5 +1,4 @@
-#include "harness/volume/resample.h"
-
+// Resamples a grid of labels to another distance between voxels.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -10,6 +9,7 @@
 #include <vector>
 
 #include "harness/base/bad_input.h"
+#include "harness/volume/volume.h"
 
 namespace voxspring {
 namespace {

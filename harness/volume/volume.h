@@ -136,6 +136,8 @@ struct LabelledGrid {
 
 /// A label whose only word is its number.
 Label numbered_label(std::int64_t number);
+/// The names of the labels, with commas between them.
+std::string names_of(const std::vector<Label>& labels);
 
 /// Makes the voxels active whose value exceeds `threshold` (NaN does not). All of them have label 1. Throws
 /// BadInput if no voxel is active, and for a segmentation with several layers.
@@ -147,5 +149,13 @@ LabelledGrid above_threshold(const Volume& volume, double threshold);
 /// the one that comes last. Throws BadInput if no voxel is active, if one of `labels` does not occur, if
 /// there are more than 255 labels and, without `labels`, if a value is not a whole number.
 LabelledGrid with_labels(const Volume& volume, const std::optional<std::vector<std::string>>& labels);
+
+/// Replaces the grid of `labelled` by a grid of cubes of edge `pitch` with the same middle. A new voxel is
+/// active if at least the share `fill` of it, in (0, 1], lies in active voxels of the old grid. Its label is
+/// the one that fills most of it; if two fill the same share, the smaller one. Adds a note. Returns the
+/// offset from the centre of the old voxel (0, 0, 0) to that of the new one. Throws BadInput, which names
+/// `file` and --pitch, if the grid is too large for `limits` or no voxel is active.
+glm::dvec3 resample(LabelledGrid& labelled, double pitch, double fill, const std::string& file,
+                    const SceneSizeLimits& limits);
 
 }  // namespace voxspring
