@@ -19,11 +19,11 @@ namespace {
 bool is_terminal() { return isatty(STDERR_FILENO) != 0; }
 
 /// The pause between two lines if standard error is not a terminal.
-std::chrono::duration<double> pause() {
+Seconds pause() {
     constexpr double otherwise = 10, shortest = 0.01, longest = 1e6;
     const char* asked = std::getenv("VOXSPRING_PROGRESS_SECONDS");
     const double seconds = asked != nullptr ? std::strtod(asked, nullptr) : otherwise;
-    return std::chrono::duration<double>(seconds >= shortest ? std::min(seconds, longest) : otherwise);
+    return Seconds(seconds >= shortest ? std::min(seconds, longest) : otherwise);
 }
 
 void overwrite_line(const std::string& line) {
@@ -72,7 +72,7 @@ void Activity::end() {
 }
 
 void Activity::begin(const std::string& what) {
-    constexpr Ticker::Seconds unseen{1}, redrawn{0.2};
+    constexpr Seconds unseen{1}, redrawn{0.2};
     {
         const std::lock_guard lock(ticker_.mutex());
         what_ = what;
@@ -94,9 +94,9 @@ void Activity::done(double fraction, const std::string& detail) {
 }
 
 void Activity::write() {
-    const std::chrono::duration<double> took = Clock::now() - begin_;
-    std::string text = what_ + (detail_.empty() ? "" : ": " + detail_) + ", " + duration_text(took.count());
-    if (fraction_ > 0) text += ", " + duration_text(took.count() * (1 - fraction_) / fraction_) + " left";
+    const double took = seconds_since(begin_);
+    std::string text = what_ + (detail_.empty() ? "" : ": " + detail_) + ", " + duration_text(took);
+    if (fraction_ > 0) text += ", " + duration_text(took * (1 - fraction_) / fraction_) + " left";
     if (is_terminal()) {
         overwrite_line(text);
         drawn_ = true;
@@ -147,9 +147,9 @@ void Progress::end(int rows) {
     what_.clear();
     done_ = total_ = 1;
     if (terminal_) return;
-    const std::chrono::duration<double> took = Clock::now() - scene_begin_;
-    std::cerr << fmt::format("{}: {} in {:.3g} s{}\n", heading_, counted(std::uint64_t(rows), "row"),
-                             took.count(), number_ < scenes_.size() ? left() : "")
+    const double took = seconds_since(scene_begin_);
+    std::cerr << fmt::format("{}: {} in {:.3g} s{}\n", heading_, counted(std::uint64_t(rows), "row"), took,
+                             number_ < scenes_.size() ? left() : "")
               << std::flush;
     ticker_.postpone();
 }
@@ -157,8 +157,8 @@ void Progress::end(int rows) {
 /// Shows that a long task still goes on.
 void Progress::tick() {
     if (what_.empty()) return;
-    const std::chrono::duration<double> took = Clock::now() - what_begin_;
-    const std::string text = line() + (took.count() >= 1 ? ", " + duration_text(took.count()) : "");
+    const double took = seconds_since(what_begin_);
+    const std::string text = line() + (took >= 1 ? ", " + duration_text(took) : "");
     if (terminal_) {
         overwrite_line(text);
     } else {
@@ -182,8 +182,8 @@ double Progress::work_done() const {
 std::string Progress::left() const {
     const double work = work_done(), of_this_run = work - work_at_begin_;
     if (work_at_begin_ < 0 || of_this_run <= 0) return "";
-    const std::chrono::duration<double> took = Clock::now() - begin_;
-    return ", about " + duration_text(took.count() * (work_of_all() - work) / of_this_run) + " left";
+    const double took = seconds_since(begin_);
+    return ", about " + duration_text(took * (work_of_all() - work) / of_this_run) + " left";
 }
 
 std::string Progress::line() const {

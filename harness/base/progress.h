@@ -2,7 +2,6 @@
 // elsewhere a line is added every ten seconds (or every VOXSPRING_PROGRESS_SECONDS).
 #pragma once
 
-#include <chrono>
 #include <condition_variable>
 #include <functional>
 #include <mutex>
@@ -12,6 +11,8 @@
 #include <utility>
 #include <vector>
 
+#include "harness/base/clock.h"
+
 namespace voxspring {
 
 /// A duration as text: "3 h 20 min", "12 min", "45 s".
@@ -20,7 +21,6 @@ std::string duration_text(double seconds);
 /// Calls a function periodically from a separate thread, which receives no signals.
 class Ticker {
 public:
-    using Seconds = std::chrono::duration<double>;
     explicit Ticker(std::function<void()> tick) : tick_(std::move(tick)) {}
     Ticker(const Ticker&) = delete;
     Ticker& operator=(const Ticker&) = delete;
@@ -31,13 +31,11 @@ public:
     void start(Seconds first, Seconds between);
     void stop() { thread_ = {}; }
     /// Postpones the next call as if a call had been made now. The caller holds mutex().
-    void postpone() { next_ = std::chrono::steady_clock::now() + between_; }
+    void postpone() { next_ = Clock::now() + between_; }
     /// The mutex, which is held while the function is called.
     std::mutex& mutex() { return mutex_; }
 
 private:
-    using Clock = std::chrono::steady_clock;
-
     void run(const std::stop_token& stopped);
 
     const std::function<void()> tick_;
@@ -66,8 +64,6 @@ public:
     void end();
 
 private:
-    using Clock = std::chrono::steady_clock;
-
     void write();
 
     std::string what_, detail_;
@@ -105,8 +101,6 @@ public:
     void end(int rows);
 
 private:
-    using Clock = std::chrono::steady_clock;
-
     void tick();
     double work_of_all() const;
     double work_done() const;

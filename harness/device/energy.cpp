@@ -14,17 +14,12 @@
 #include <stop_token>
 #include <thread>
 
+#include "harness/base/clock.h"
 #include "harness/base/statistics.h"
 #include "harness/device/card.h"
 
 namespace voxspring {
 namespace {
-
-using Clock = std::chrono::steady_clock;
-
-double seconds_since(Clock::time_point begin) {
-    return std::chrono::duration<double>(Clock::now() - begin).count();
-}
 
 class CardMeter final : public EnergyMeter {
 public:

@@ -1,7 +1,6 @@
 #include "harness/device/noise.h"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <cstddef>
 #include <cstdint>
@@ -9,6 +8,7 @@
 #include <fstream>
 #include <limits>
 
+#include "harness/base/clock.h"
 #include "harness/base/statistics.h"
 
 namespace voxspring {
@@ -52,7 +52,6 @@ std::string percent(double fraction) { return std::to_string(std::lround(100 * f
 }  // namespace
 
 double spin_seconds() {
-    using Clock = std::chrono::steady_clock;
     constexpr int tries = 3, additions = 20000;
     double least = std::numeric_limits<double>::infinity();
     volatile std::uint64_t result = 1;
@@ -62,7 +61,7 @@ double spin_seconds() {
         // Each operation needs the result of the one before, so neither compiler nor core can overlap them.
         for (int k = 0; k < additions; ++k) x = x * 6364136223846793005u + 1442695040888963407u;
         result = x;
-        least = std::min(least, std::chrono::duration<double>(Clock::now() - begin).count());
+        least = std::min(least, seconds_since(begin));
     }
     return least;
 }
@@ -95,8 +94,7 @@ std::vector<std::string> reasons_of_noise(const Observed& observed) {
     // With fewer repetitions quartiles mean nothing.
     constexpr std::size_t fewest = 4;
     if (observed.seconds.size() >= fewest) {
-        const double median = voxspring::median(observed.seconds);
-        const double spread = (quantile(observed.seconds, 0.75) - quantile(observed.seconds, 0.25)) / median;
+        const double spread = 2 * relative_spread(observed.seconds);
         if (spread > max_spread)
             add("the middle half of the repetitions spreads", "over " + percent(spread) + " of their median");
         // If the values form two groups, their median only tells which group was more frequent.

@@ -24,10 +24,6 @@ BodyMesh mesh_or_absent(const Problem& problem) {
     }
 }
 
-double seconds_since(std::chrono::steady_clock::time_point begin) {
-    return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
-}
-
 std::optional<double> median_of(const std::vector<double>& values) {
     if (values.empty()) return std::nullopt;
     return median(values);

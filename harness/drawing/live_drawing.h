@@ -2,7 +2,6 @@
 // that costs.
 #pragma once
 
-#include <chrono>
 #include <condition_variable>
 #include <cstdint>
 #include <glm/vec2.hpp>
@@ -20,6 +19,7 @@
 #include "backends/backend.h"
 #include "backends/gl/context.h"
 #include "backends/gl/storage_buffer.h"
+#include "harness/base/clock.h"
 #include "harness/drawing/body_painter.h"
 #include "harness/drawing/orbit.h"
 
@@ -67,8 +67,6 @@ public:
     std::string displacements_by() const;
 
 private:
-    using Clock = std::chrono::steady_clock;
-
     void feed_mesh(std::unique_lock<std::mutex> lock);
     void run(const std::stop_token& stop, Problem& problem);
     void draw(const std::stop_token& stop, Problem& problem);

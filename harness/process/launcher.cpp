@@ -20,6 +20,7 @@
 #include <utility>
 
 #include "harness/base/bad_input.h"
+#include "harness/base/clock.h"
 #include "harness/base/json.h"
 #include "harness/process/message.h"
 #include "harness/process/signal_process.h"
@@ -28,9 +29,6 @@
 
 namespace voxspring {
 namespace {
-
-using Seconds = std::chrono::duration<double>;
-using Clock = std::chrono::steady_clock;
 
 Deadline after(Seconds patience) {
     return Clock::now() + std::chrono::duration_cast<Clock::duration>(patience);

@@ -10,10 +10,10 @@
 #include <nlohmann/json.hpp>
 #include <vector>
 
+#include "harness/base/clock.h"
+
 namespace voxspring {
 namespace {
-
-using Clock = std::chrono::steady_clock;
 
 /// Returns once there is something to receive or the other end is closed. Throws Late at the deadline.
 void wait_for_input(int socket, const Deadline& until) {

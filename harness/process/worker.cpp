@@ -17,13 +17,11 @@
 #include <utility>
 
 #include "backends/backend.h"
+#include "harness/base/clock.h"
 #include "harness/process/message.h"
 
 namespace voxspring {
 namespace {
-
-using Seconds = std::chrono::duration<double>;
-using Clock = std::chrono::steady_clock;
 
 /// If memory runs out, the system ends this process rather than the study, which has all finished
 /// measurements.

@@ -4,13 +4,6 @@
 #include <utility>
 
 namespace voxspring {
-namespace {
-
-double seconds_from(std::chrono::steady_clock::time_point begin, std::chrono::steady_clock::time_point end) {
-    return std::chrono::duration<double>(end - begin).count();
-}
-
-}  // namespace
 
 std::string RankBackend::unsupported(const Problem& problem) const {
     const Capabilities capabilities = inner_.capabilities();
@@ -69,16 +62,16 @@ void RankBackend::step_together(Enqueue enqueue) {
     enqueue();
     meet(exchange_);  // waits until all ranks have enqueued; the devices step meanwhile
     if (waits_) inner_.synchronize();
-    seconds_.waiting += seconds_from(begin, here);
-    seconds_.compute += seconds_from(here, Clock::now());
+    seconds_.waiting += Seconds(here - begin).count();
+    seconds_.compute += seconds_since(here);
 }
 
-/// Steps as if there were no ranks. A single rank is the baseline for several, and must not be slowed down.
+/// Steps without exchanging borders.
 void RankBackend::step_alone(int count) {
     const auto begin = Clock::now();
     inner_.step(count);
     if (waits_) inner_.synchronize();
-    seconds_.compute += seconds_from(begin, Clock::now());
+    seconds_.compute += seconds_since(begin);
 }
 
 void RankBackend::step(int count) {
@@ -91,12 +84,10 @@ void RankBackend::step(int count) {
         step_together([&] { inner_.borders()->step_and_exchange(*own_borders(), count); });
         return;
     }
+    // A single rank is the baseline for several, and must not be slowed down.
     if (subdomain_.borders.empty()) return step_alone(count);
     for (int n = 0; n < count; ++n) {
-        const auto begin = Clock::now();
-        inner_.step(1);
-        if (waits_) inner_.synchronize();
-        seconds_.compute += seconds_from(begin, Clock::now());
+        step_alone(1);
         exchange_borders();
     }
 }
@@ -116,7 +107,7 @@ void RankBackend::exchange_by_device() {
     borders.receive();
     for (const int rank : others) exchange_.release(rank);
     if (waits_) inner_.synchronize();
-    seconds_.exchange += seconds_from(begin, Clock::now());
+    seconds_.exchange += seconds_since(begin);
 }
 
 void RankBackend::exchange_by_host() {
@@ -126,15 +117,15 @@ void RankBackend::exchange_by_host() {
         exchange_.post(link.rank);
     }
     auto latest = Clock::now();
-    seconds_.exchange += seconds_from(begin, latest);
+    seconds_.exchange += Seconds(latest - begin).count();
     for (const Link& link : links_) {
         const std::byte* const message = exchange_.inbox(link.rank);
         const auto arrived = Clock::now();
         link.received->write(message);
         exchange_.release(link.rank);
-        seconds_.waiting += seconds_from(latest, arrived);
+        seconds_.waiting += Seconds(arrived - latest).count();
         latest = Clock::now();
-        seconds_.exchange += seconds_from(arrived, latest);
+        seconds_.exchange += Seconds(latest - arrived).count();
     }
 }
 

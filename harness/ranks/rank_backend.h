@@ -1,7 +1,6 @@
 // A subdomain on a backend. After each step it sends its borders and receives those of its neighbours.
 #pragma once
 
-#include <chrono>
 #include <cstddef>
 #include <memory>
 #include <optional>
@@ -11,6 +10,7 @@
 
 #include "backends/backend.h"
 #include "backends/layout/decomposition.h"
+#include "harness/base/clock.h"
 #include "harness/ranks/exchange.h"
 
 namespace voxspring {
@@ -81,7 +81,6 @@ public:
     std::size_t border_bytes() const;
 
 private:
-    using Clock = std::chrono::steady_clock;
     /// The border with another rank: own particles that are sent, and ghosts that are received.
     struct Link {
         int rank;
@@ -89,9 +88,7 @@ private:
     };
 
     void mark(Mark which) override { (which == Mark::begin ? begin_ : end_) = Clock::now(); }
-    double seconds_between_marks() const override {
-        return std::chrono::duration<double>(end_ - begin_).count();
-    }
+    double seconds_between_marks() const override { return Seconds(end_ - begin_).count(); }
 
     /// Requires goes_by_device().
     std::shared_ptr<DeviceBorders>& own_borders() const { return parts_->at(std::size_t(exchange_.rank())); }

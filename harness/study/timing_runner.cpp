@@ -4,7 +4,6 @@
 #include <sched.h>
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <ctime>
 #include <memory>
@@ -14,6 +13,7 @@
 #include <utility>
 #include <vector>
 
+#include "harness/base/clock.h"
 #include "harness/base/statistics.h"
 #include "harness/base/thread_count.h"
 #include "harness/device/energy.h"
@@ -25,12 +25,6 @@
 
 namespace voxspring {
 namespace {
-
-using Clock = std::chrono::steady_clock;
-
-double seconds_since(Clock::time_point begin) {
-    return std::chrono::duration<double>(Clock::now() - begin).count();
-}
 
 /// The CPU time of this thread, which Google Benchmark calls cpu_time.
 double cpu_seconds_of_thread() {

@@ -4,7 +4,6 @@
 #include <imgui.h>
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <exception>
 #include <memory>
@@ -17,6 +16,7 @@
 
 #include "backends/registry.h"
 #include "harness/base/bad_input.h"
+#include "harness/base/clock.h"
 #include "harness/base/files.h"
 #include "harness/base/interruption.h"
 #include "harness/base/progress.h"
@@ -33,12 +33,6 @@
 
 namespace voxspring {
 namespace {
-
-using Clock = std::chrono::steady_clock;
-
-double seconds_since(Clock::time_point begin) {
-    return std::chrono::duration<double>(Clock::now() - begin).count();
-}
 
 constexpr double frame_seconds = 1.0 / 60;
 /// The share of a frame's time that steps may take if the user wants as many steps as fit.

@@ -1,7 +1,6 @@
 // The kind of study `overhead`: the cost of a step apart from its work, if steps are handed over one by one
 // or many at once. Each state that a timed repetition left is judged.
 #include <algorithm>
-#include <chrono>
 #include <limits>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -11,6 +10,7 @@
 #include <utility>
 
 #include "harness/base/bad_input.h"
+#include "harness/base/clock.h"
 #include "harness/base/interruption.h"
 #include "harness/base/text.h"
 #include "harness/results/capabilities.h"
@@ -66,11 +66,6 @@ public:
     }
 
 private:
-    using Clock = std::chrono::steady_clock;
-    static double seconds_since(Clock::time_point begin) {
-        return std::chrono::duration<double>(Clock::now() - begin).count();
-    }
-
     /// Seconds per step: first for the calls alone, then until the last step is done. Each is the least of
     /// the repetitions after the first one, which includes work that only a first run does. All leave the
     /// same bits, so that judging the last state judges each.

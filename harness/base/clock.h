@@ -1,0 +1,13 @@
+// The clock of durations.
+#pragma once
+
+#include <chrono>
+
+namespace voxspring {
+
+using Clock = std::chrono::steady_clock;
+using Seconds = std::chrono::duration<double>;
+
+inline double seconds_since(Clock::time_point begin) { return Seconds(Clock::now() - begin).count(); }
+
+}  // namespace voxspring
