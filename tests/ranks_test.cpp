@@ -118,7 +118,7 @@ TEST(Routes, GoBothWaysAndFromEachRankToTheNext) {
     EXPECT_EQ(routes.capacities().at({3, 0}), 100u);
     EXPECT_EQ(routes.capacities().at({0, 3}), 40u);
     EXPECT_EQ(routes.capacities().at({1, 2}), 0u);
-    EXPECT_EQ(routes_from_json(to_json(routes)).capacities(), routes.capacities());
+    EXPECT_EQ(nlohmann::json(routes).get<Routes>().capacities(), routes.capacities());
     std::vector<Line> memory(Mailroom::lines(routes));
     const Mailroom mailroom(memory.data(), routes);
     Exchange one(mailroom, 0), other(mailroom, 3);
@@ -198,7 +198,7 @@ TEST(RankRuns, GiveTheBitsOfOneRank) {
             EXPECT_LE(batch.compute + batch.exchange + batch.waiting, batch.total);
             EXPECT_EQ(report.latency > 0, ranks > 1);
             EXPECT_EQ(report.border_bytes > 0, ranks > 1);
-            EXPECT_EQ(to_json(rank_report_of(to_json(report))), to_json(report));
+            EXPECT_EQ(nlohmann::json(nlohmann::json(report).get<RankReport>()), nlohmann::json(report));
         }
         EXPECT_EQ(own, whole.problem.particle_count());
     }
@@ -243,7 +243,7 @@ TEST(RankRuns, LeaveTheStateOfASample) {
     for (const glm::ivec3 cut : {glm::ivec3(1), {1, 1, 3}, {2, 1, 2}}) {
         RankPlan sampling = plan_of(cut);
         sampling.sampled = Sample::bricks(whole, 2);
-        EXPECT_EQ(to_json(rank_plan_of(to_json(sampling))), to_json(sampling));
+        EXPECT_EQ(nlohmann::json(nlohmann::json(sampling).get<RankPlan>()), nlohmann::json(sampling));
         const State state = run_ranks(backend, whole, sampling).state;
         expect_same_bits(state, part_of(all, Sample::particles(whole.problem, sampling.sampled)));
         std::vector<std::uint32_t> places;
@@ -754,8 +754,8 @@ TEST(RankRuns, SayWhichRanksAreOnOtherDevices) {
     EXPECT_EQ(different_devices({one, alike, other}),
               "rank 0 has a card, rank 2 another card: ranks on devices of different names are not measured "
               "together");
-    EXPECT_EQ(rank_report_of(to_json(other)).device, "another card");
-    EXPECT_EQ(rank_report_of(to_json(other)).uuid, "3");
+    EXPECT_EQ(nlohmann::json(other).get<RankReport>().device, "another card");
+    EXPECT_EQ(nlohmann::json(other).get<RankReport>().uuid, "3");
 }
 
 TEST(RankRuns, TakeTheDevicesThatAreAskedForOverAndOver) {

@@ -10,6 +10,7 @@
 
 #include "backends/outpaced.h"
 #include "harness/base/bad_input.h"
+#include "harness/base/clock.h"
 #include "harness/base/interruption.h"
 #include "harness/base/thread_count.h"
 #include "harness/device/limits.h"
@@ -17,18 +18,15 @@
 #include "harness/scene/scene_runner.h"
 
 namespace voxspring {
-namespace {
 
-using Clock = std::chrono::steady_clock;
+NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(DeviceNumber, number, wraps, parts)
+
+namespace {
 
 /// The registered runners, by name.
 std::map<std::string, CaseRunnerFactory>& factories() {
     static std::map<std::string, CaseRunnerFactory> all;
     return all;
-}
-
-DeviceNumber device_of(const nlohmann::json& device) {
-    return {.number = device.at("number"), .wraps = device.at("wraps"), .parts = device.at("parts")};
 }
 
 /// The part of a case that lives in the worker process. Answers what the study asks.
@@ -38,7 +36,7 @@ public:
         : spec_(BackendSpec::parse(description.at("backend"))),
           scene_(scene),
           program_(description.at("program")),
-          device_(device_of(program_.at("device"))) {
+          device_(program_.at("device").get<DeviceNumber>()) {
         // This folder cannot be created, so that the cache finds nothing and keeps nothing.
         if (program_.at("cold")) setenv("VOXSPRING_CACHE", "/dev/null/none", 1);
         const int threads = program_.at("threads");
@@ -63,11 +61,11 @@ private:
     nlohmann::json construct() {
         const auto begin = Clock::now();
         backend_ = spec_.make();
-        const std::chrono::duration<double> seconds = Clock::now() - begin;
+        const double seconds = seconds_since(begin);
         const std::string unsupported = scene_ != nullptr ? SceneRunner(*scene_).unsupported(*backend_) : "";
         const bool runs = scene_ != nullptr && unsupported.empty();
         return {{"capabilities", voxspring::to_json(backend_->capabilities())},
-                {"construct_seconds", seconds.count()},
+                {"construct_seconds", seconds},
                 {"unsupported", unsupported},
                 {"outpaced", runs ? outpaced_by_another(*backend_, scene_->problem) : ""}};
     }
@@ -254,10 +252,7 @@ nlohmann::json case_description(const BackendSpec& spec, const CaseProgram& prog
               {"shared", program.shared != nullptr ? program.shared->description() : nlohmann::json()},
               {"threads", program.threads},
               {"cold", program.cold},
-              {"device",
-               {{"number", program.device.number},
-                {"wraps", program.device.wraps},
-                {"parts", program.device.parts}}}}}};
+              {"device", program.device}}}};
 }
 
 Answerer case_answerer(const nlohmann::json& description, const Scene* scene) {

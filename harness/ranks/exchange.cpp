@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <array>
 #include <atomic>
-#include <nlohmann/json.hpp>
 #include <stdexcept>
 #include <thread>
 
@@ -79,19 +78,6 @@ std::vector<int> Routes::from(int rank) const {
         others.push_back(route->first.second);
     }
     return others;
-}
-
-nlohmann::json to_json(const Routes& routes) {
-    nlohmann::json capacities = nlohmann::json::array();
-    for (const auto& [ends, capacity] : routes.capacities())
-        capacities.push_back({ends.first, ends.second, capacity});
-    return {{"ranks", routes.ranks()}, {"capacities", capacities}};
-}
-
-Routes routes_from_json(const nlohmann::json& json) {
-    Routes routes(json.at("ranks"));
-    for (const auto& route : json.at("capacities")) routes.add(route.at(0), route.at(1), route.at(2));
-    return routes;
 }
 
 Mailroom::Mailroom(Line* memory, const Routes& routes) : memory_(memory), routes_(routes) {

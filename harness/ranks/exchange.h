@@ -11,7 +11,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <map>
-#include <nlohmann/json_fwd.hpp>
+#include <nlohmann/json.hpp>
 #include <stdexcept>
 #include <string>
 #include <unordered_map>
@@ -55,7 +55,7 @@ private:
 class Routes {
 public:
     /// Rank r always has routes to the ranks r - 1 and r + 1, if these exist, since meet() needs them.
-    explicit Routes(int ranks);
+    explicit Routes(int ranks = 1);
 
     /// Adds a route from one rank to another, for messages of up to `capacity` bytes. If there is no route
     /// back, adds one for empty messages.
@@ -67,12 +67,12 @@ public:
     /// The size of the largest message, in bytes, by {sender, receiver}.
     const std::map<std::pair<int, int>, std::size_t>& capacities() const { return capacity_; }
 
+    NLOHMANN_DEFINE_TYPE_INTRUSIVE(Routes, ranks_, capacity_)
+
 private:
     int ranks_;
     std::map<std::pair<int, int>, std::size_t> capacity_;
 };
-nlohmann::json to_json(const Routes& routes);
-Routes routes_from_json(const nlohmann::json& json);
 
 /// All mailboxes of a run, and the reason if the run failed.
 class Mailroom {

@@ -15,6 +15,7 @@
 
 #include "backends/layout/decomposition.h"
 #include "harness/base/bad_input.h"
+#include "harness/base/clock.h"
 #include "harness/base/json.h"
 #include "harness/process/case.h"
 #include "harness/process/signal_process.h"
@@ -37,22 +38,6 @@ std::string name_of_rank(int rank) {
     return "rank " + std::to_string(rank) + " on " + host.data();
 }
 
-nlohmann::json json_of(const RankTask& task) {
-    return {{"scene", task.scene},     {"strained", task.strained},  {"fingerprint", task.fingerprint},
-            {"backend", task.backend}, {"plan", to_json(task.plan)}, {"routes", to_json(task.routes)},
-            {"number", task.number}};
-}
-
-RankTask task_of(const nlohmann::json& json) {
-    return {.scene = json.at("scene"),
-            .strained = json.at("strained"),
-            .fingerprint = json.at("fingerprint"),
-            .backend = json.at("backend"),
-            .plan = rank_plan_of(json.at("plan")),
-            .routes = routes_from_json(json.at("routes")),
-            .number = json.at("number")};
-}
-
 // --- In a rank's worker ---------------------------------------------------------------------------------
 
 class RankRunner final : public CaseRunner {
@@ -61,9 +46,9 @@ public:
         : spec_(std::move(spec)),
           scene_(scene),
           rank_(parameters.at("rank")),
-          plan_(rank_plan_of(parameters.at("plan"))),
+          plan_(parameters.at("plan").get<RankPlan>()),
           memory_(parameters.at("segment").get<int>()),
-          mailroom_(static_cast<Line*>(memory_.data()), routes_from_json(parameters.at("routes"))),
+          mailroom_(static_cast<Line*>(memory_.data()), parameters.at("routes").get<Routes>()),
           shared_(shared) {}
 
     /// "prepare" only makes sure that the process exists and its id is known before the rank begins to "run".
@@ -74,7 +59,7 @@ public:
             State left = room_for_state(scene_.problem, plan_);
             const RankReport report = run_rank(spec_, scene_, plan_, exchange, left);
             const State own = part_of(left, places_of_rank(scene_.problem, plan_, rank_));
-            return {{"report", to_json(report)}, {"state", shared_.put(own)}};
+            return {{"report", report}, {"state", shared_.put(own)}};
         } catch (const std::exception& error) {
             exchange.fail(name_of_rank(rank_) + ": " + error.what());
             throw;
@@ -111,7 +96,6 @@ public:
     std::vector<nlohmann::json> carry(const std::function<nlohmann::json()>& ask);
 
 private:
-    using Clock = std::chrono::steady_clock;
     struct Link {
         int rank;
         std::unique_ptr<OpenMpi::Sending> sending;  ///< null: no message is on its way
@@ -259,8 +243,8 @@ void wait_a_little() { std::this_thread::sleep_for(std::chrono::milliseconds(1))
 CaseProgram rank_program(const RankTask& task, int rank, const SharedMemory& mailroom, SharedState* shared) {
     return {.runner = "rank",
             .parameters = {{"rank", rank},
-                           {"plan", to_json(task.plan)},
-                           {"routes", to_json(task.routes)},
+                           {"plan", task.plan},
+                           {"routes", task.routes},
                            {"segment", mailroom.segment()}},
             .shared = shared,
             // Rank 0's backend is first asked whether it takes the whole scene. So it is made as if no other
@@ -322,7 +306,7 @@ void MpiRanks::serve(const Means& means) {
     for (;;) {
         const nlohmann::json order = next_order();
         if (order.at("do") == "leave") return;
-        take_part(task_of(order.at("task")), means);
+        take_part(order.at("task").get<RankTask>(), means);
     }
 }
 
@@ -371,13 +355,13 @@ std::vector<RankReport> MpiRanks::run(RankTask task, const Scene& scene, const S
                                       pid_t worker, const std::function<nlohmann::json()>& ask, State& left) {
     task.number = ++tasks_;
     for (int other = 1; other < task.plan.ranks(); ++other)
-        mpi_->send_json(other, tag_order, {{"do", "run"}, {"task", json_of(task)}});
+        mpi_->send_json(other, tag_order, {{"do", "run"}, {"task", task}});
     const Mailroom mailroom(static_cast<Line*>(memory.data()), task.routes);
     const std::vector<nlohmann::json> verdicts = Carrier(*mpi_, task, mailroom, worker).carry(ask);
     if (mailroom.has_failed()) throw std::runtime_error(mailroom.reason());
     std::vector<RankReport> reports;
     for (int rank = 0; rank < task.plan.ranks(); ++rank) {
-        reports.push_back(rank_report_of(verdicts[std::size_t(rank)].at("report").at("report")));
+        reports.push_back(verdicts[std::size_t(rank)].at("report").at("report").get<RankReport>());
         if (rank == 0) continue;
         const std::vector<std::uint32_t> places = places_of_rank(scene.problem, task.plan, rank);
         receive_vectors(*mpi_, rank, places, left.displacement);

@@ -12,7 +12,7 @@
 #include <filesystem>
 #include <functional>
 #include <memory>
-#include <nlohmann/json_fwd.hpp>
+#include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 
@@ -36,6 +36,7 @@ struct RankTask {
     Routes routes{1};         ///< routes between the ranks
     int number = 0;           ///< number of the task within the study
 };
+NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(RankTask, scene, strained, fingerprint, backend, plan, routes, number)
 
 /// The program of a worker that is one rank of a task, on the rank's device. `shared` is room for the rank's
 /// part of the state.

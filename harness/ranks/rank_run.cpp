@@ -10,7 +10,6 @@
 #include <limits>
 #include <memory>
 #include <mutex>
-#include <nlohmann/json.hpp>
 #include <optional>
 #include <stdexcept>
 #include <system_error>
@@ -23,30 +22,8 @@
 #include "harness/scene/scene_runner.h"
 #include "harness/verification/divergence.h"
 
-namespace nlohmann {
-
-template <>
-struct adl_serializer<glm::ivec3> {
-    static void to_json(json& list, const glm::ivec3& v) { list = {v.x, v.y, v.z}; }
-    static void from_json(const json& list, glm::ivec3& v) {
-        for (int axis = 0; axis < 3; ++axis) v[axis] = list.at(std::size_t(axis));
-    }
-};
-template <>
-struct adl_serializer<std::chrono::duration<double>> {
-    static void to_json(json& number, std::chrono::duration<double> seconds) { number = seconds.count(); }
-    static void from_json(const json& number, std::chrono::duration<double>& seconds) {
-        seconds = std::chrono::duration<double>(number.get<double>());
-    }
-};
-
-}  // namespace nlohmann
-
 namespace voxspring {
 namespace {
-
-using Seconds = std::chrono::duration<double>;
-using Clock = std::chrono::steady_clock;
 
 /// Seconds that one `action` takes, which all ranks repeat at the same time. The fastest of several batches
 /// counts, since other activity of the machine only adds time.
@@ -58,7 +35,7 @@ double seconds_of(Exchange& exchange, RankBackend& backend, const std::function<
         const auto begin = Clock::now();
         for (int round = 0; round < rounds; ++round) action();
         backend.synchronize();
-        least = std::min(least, Seconds(Clock::now() - begin).count() / rounds);
+        least = std::min(least, seconds_since(begin) / rounds);
     }
     return least;
 }
@@ -81,8 +58,7 @@ void leave(const Subdomain& subdomain, const State& state, const Problem& whole,
 /// memory for only one rank of this process at a time. For a small scene the lock is empty.
 std::unique_lock<std::mutex> turn_of_rank(const Scene& scene) {
     static std::mutex turns;
-    constexpr std::size_t large = std::size_t(1) << 20;
-    return scene.problem.particle_count() > large ? std::unique_lock(turns) : std::unique_lock<std::mutex>();
+    return is_heavy(scene) ? std::unique_lock(turns) : std::unique_lock<std::mutex>();
 }
 
 /// Measures exchanges of borders. Must be called before the first step: the ghosts then equal the borders
@@ -182,13 +158,6 @@ void wait_for(Together& all) {
 
 }  // namespace
 
-NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(Decomposition::Brick, begin, end)
-NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(RankPlan, steps, repetitions, start_patience, patience, devices, way, cut,
-                                   sampled)
-
-nlohmann::json to_json(const RankPlan& plan) { return plan; }
-RankPlan rank_plan_of(const nlohmann::json& json) { return json.get<RankPlan>(); }
-
 DeviceNumber RankPlan::device_of(int rank) const {
     if (devices.empty()) return {.number = rank, .wraps = true, .parts = ranks()};
     const auto number_of = [&](int other) { return devices[std::size_t(other) % devices.size()]; };
@@ -202,13 +171,6 @@ DeviceNumber RankPlan::first_device() const {
     first.parts = 1;
     return first;
 }
-
-NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(RankBatch, total, compute, exchange, waiting)
-NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(RankReport, batches, own, ghosts, border_bytes, latency, seconds_per_byte,
-                                   device, uuid, card_mhz, other_users)
-
-nlohmann::json to_json(const RankReport& report) { return report; }
-RankReport rank_report_of(const nlohmann::json& json) { return json.get<RankReport>(); }
 
 std::string different_devices(const std::vector<RankReport>& reports) {
     const auto other = std::find_if(reports.begin(), reports.end(), [&](const RankReport& report) {

@@ -3,7 +3,7 @@
 
 #include <chrono>
 #include <glm/glm.hpp>
-#include <nlohmann/json_fwd.hpp>
+#include <nlohmann/json.hpp>
 #include <string>
 #include <vector>
 
@@ -13,6 +13,25 @@
 #include "harness/ranks/exchange.h"
 #include "harness/ranks/rank_backend.h"
 #include "harness/scene/scene.h"
+
+namespace nlohmann {
+
+template <>
+struct adl_serializer<glm::ivec3> {
+    static void to_json(json& list, const glm::ivec3& v) { list = {v.x, v.y, v.z}; }
+    static void from_json(const json& list, glm::ivec3& v) {
+        for (int axis = 0; axis < 3; ++axis) v[axis] = list.at(std::size_t(axis));
+    }
+};
+template <>
+struct adl_serializer<std::chrono::duration<double>> {
+    static void to_json(json& number, std::chrono::duration<double> seconds) { number = seconds.count(); }
+    static void from_json(const json& number, std::chrono::duration<double>& seconds) {
+        seconds = std::chrono::duration<double>(number.get<double>());
+    }
+};
+
+}  // namespace nlohmann
 
 namespace voxspring {
 
@@ -37,8 +56,9 @@ struct RankPlan {
     /// If not empty, only the state of Sample::particles() of these bricks is kept at the end of the run.
     std::vector<Decomposition::Brick> sampled = {};
 };
-nlohmann::json to_json(const RankPlan& plan);
-RankPlan rank_plan_of(const nlohmann::json& json);
+NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(Decomposition::Brick, begin, end)
+NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(RankPlan, steps, repetitions, start_patience, patience, devices, way, cut,
+                                   sampled)
 
 /// One batch of one rank, in seconds.
 struct RankBatch {
@@ -59,8 +79,10 @@ struct RankReport {
     /// watched. With MPI the other users of a card may be other ranks.
     std::vector<unsigned> card_mhz = {}, other_users = {};
 };
-nlohmann::json to_json(const RankReport& report);
-RankReport rank_report_of(const nlohmann::json& json);
+NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(RankBatch, total, compute, exchange, waiting)
+NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(RankReport, batches, own, ghosts, border_bytes, latency, seconds_per_byte,
+                                   device, uuid, card_mhz, other_users)
+
 /// Empty, or which ranks are on devices of different names. Such ranks are not measured together.
 std::string different_devices(const std::vector<RankReport>& reports);
 

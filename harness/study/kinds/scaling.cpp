@@ -49,14 +49,14 @@ public:
     ScalingRunner(BackendSpec spec, const Scene& scene, const nlohmann::json& parameters, SharedState& shared)
         : spec_(std::move(spec)),
           scene_(scene),
-          plan_(rank_plan_of(parameters.at("plan"))),
+          plan_(parameters.at("plan").get<RankPlan>()),
           shared_(shared) {}
 
     nlohmann::json answer(Backend&, const nlohmann::json&, const OnEvent&) override {
         State state = room_for_state(scene_.problem, plan_);
         nlohmann::json reports = nlohmann::json::array();
         for (const RankReport& report : run_ranks_as_threads(spec_, scene_, plan_, state))
-            reports.push_back(voxspring::to_json(report));
+            reports.push_back(report);
         return {{"reports", reports}, {"state", shared_.put(state)}};
     }
 
@@ -425,7 +425,7 @@ ScalingRow RankedCase::row_from(const std::vector<RankReport>& reports, const st
 Found RankedCase::run_as_threads(Case& entered, const SharedState& shared) const {
     const nlohmann::json answer = entered.ask({{"do", "run"}}, "stepping its parts");
     Found found;
-    for (const auto& report : answer.at("reports")) found.reports.push_back(rank_report_of(report));
+    for (const auto& report : answer.at("reports")) found.reports.push_back(report.get<RankReport>());
     shared.take(answer.at("state"), found.state);
     return found;
 }
@@ -507,7 +507,7 @@ void RankedCase::measure(glm::ivec3 cut, const std::string& way) {
         SharedMemory::of_bytes(by_mpi ? Mailroom::lines(task.routes) * sizeof(Line) : 0);
     const CaseProgram program = by_mpi ? rank_program(task, 0, mailroom, &shared)
                                        : CaseProgram{.runner = "scaling",
-                                                     .parameters = {{"plan", to_json(plan)}},
+                                                     .parameters = {{"plan", plan}},
                                                      .shared = &shared,
                                                      .device = plan.first_device()};
     auto entered = bench_.enter(spec_, program);
