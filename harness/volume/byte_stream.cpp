@@ -1,5 +1,4 @@
-#include "harness/volume/byte_stream.h"
-
+// Reads the bytes behind a header.
 #include <bzlib.h>
 #include <zlib.h>
 
@@ -10,6 +9,7 @@
 #include <utility>
 
 #include "harness/base/bad_input.h"
+#include "harness/volume/claims.h"
 
 namespace voxspring {
 
@@ -149,8 +149,7 @@ namespace {
 /// Receives data piece by piece and keeps the bytes that `kept` selects. `count` is the number of all bytes.
 class Keeper {
 public:
-    Keeper(const KeptBytes& kept, std::uint64_t count)
-        : kept_(kept), wanted_(count / kept.period * kept.length) {}
+    Keeper(const Kept& kept, std::uint64_t count) : kept_(kept), wanted_(count / kept.period * kept.length) {}
 
     void take(std::span<const std::byte> piece) {
         // The vector grows with the data that was really read, to at most twice its size.
@@ -172,7 +171,7 @@ public:
     std::vector<std::byte> bytes{};
 
 private:
-    const KeptBytes kept_;
+    const Kept kept_;
     const std::uint64_t wanted_;
     std::uint64_t at_ = 0;  ///< position within the current period
 };
@@ -222,9 +221,11 @@ Encoding encoding_at(std::istream& stream) {
     return gzip ? Encoding::gzip : Encoding::raw;
 }
 
-std::vector<std::byte> read_data(std::istream& behind_header, const std::string& file, const DataPlace& place,
-                                 std::uint64_t count, const KeptBytes& kept, std::string_view key,
-                                 const std::string& count_means, std::vector<std::string>& notes) {
+std::vector<std::byte> read_data(std::istream& behind_header, const VolumeClaims& claims, std::uint64_t count,
+                                 const Kept& kept, const std::string& count_means,
+                                 std::vector<std::string>& notes) {
+    const DataPlace& place = claims.place;
+    const std::string &file = claims.file, &key = claims.data_key;
     Keeper keeper(kept, count);
     std::uint64_t ignored = 0;
     const auto read_part = [&](std::istream& stream, const std::string& name, std::uint64_t part) {

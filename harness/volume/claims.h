@@ -1,4 +1,6 @@
-// The claims of a volume file's header. Readers, one per format, only report them; decide() interprets them.
+// The claims of a volume file's header, and the bytes behind it. Readers, one per format, only report claims;
+// decide() interprets them. The bytes are read, plain or compressed, without trusting what the header says
+// about them.
 #pragma once
 
 #include <array>
@@ -7,15 +9,81 @@
 #include <filesystem>
 #include <glm/vec3.hpp>
 #include <istream>
+#include <memory>
 #include <optional>
+#include <span>
 #include <string>
+#include <string_view>
 #include <variant>
 #include <vector>
 
-#include "harness/volume/byte_stream.h"
 #include "harness/volume/volume.h"
 
 namespace voxspring {
+
+enum class Encoding : std::uint8_t { raw, gzip, zlib, bzip2 };  ///< data called zlib may also be gzip
+
+/// Reads a stream from its current place to its end, and decodes it. Messages name `file`.
+class ByteStream {
+public:
+    ByteStream(std::istream& stream, Encoding encoding, std::string file);
+    ~ByteStream();
+    ByteStream(const ByteStream&) = delete;
+    ByteStream& operator=(const ByteStream&) = delete;
+
+    /// Fills `bytes` and returns the number of bytes read, which is smaller only at the end of the data.
+    /// Throws BadInput if a compressed stream is damaged or cut short.
+    std::size_t read(std::span<std::byte> bytes);
+
+    /// Skips up to `count` bytes and returns their number, which is smaller only at the end of the data.
+    std::uint64_t skip(std::uint64_t count);
+
+    /// The number of bytes behind the compressed data; valid once the end of the data was read.
+    std::uint64_t ignored() const { return ignored_; }
+
+private:
+    class Decoder;
+
+    std::size_t read_raw(std::span<std::byte> bytes);
+    void refill();
+    bool next_member();
+
+    std::istream& stream_;
+    const Encoding encoding_;
+    const std::string file_;
+    std::unique_ptr<Decoder> decoder_;  ///< null if the bytes are not compressed
+    std::array<char, 1 << 16> buffer_;
+    std::span<char> encoded_;     ///< the part of the buffer that is still to be decoded
+    bool at_member_end_ = false;  ///< whether a member ended; a compressed file has one or more members
+    bool at_end_ = false;
+    std::uint64_t ignored_ = 0;
+};
+
+/// The location of the data according to a header.
+struct DataPlace {
+    /// Files of the data in this order, each with an equal part. Empty: the data is in the file of the
+    /// header.
+    std::vector<std::filesystem::path> files{};
+    std::string files_key{};             ///< key in the header that names the files
+    std::optional<Encoding> encoding{};  ///< absent: gzip if the data begins like gzip, otherwise raw
+    std::int64_t skipped_lines = 0;      ///< lines to skip in each file before it is decoded
+    /// Offset of the encoded data from the start of its file. Absent: it begins behind the header, or at the
+    /// start of another file.
+    std::optional<std::int64_t> begin{};
+    std::string bytes_key{"byte skip"};  ///< key in the header that gives skipped_bytes
+    /// The number of decoded bytes to skip. at_end: all but the last ones, which are the data.
+    std::int64_t skipped_bytes = 0;
+    static constexpr std::int64_t at_end = -1;
+};
+
+/// Selects items of a sequence: in every `period` items, the `length` items from number `first` on.
+struct Kept {
+    std::uint64_t period = 1, first = 0, length = 1;
+};
+
+/// Returns gzip if the next bytes of `stream` are those of a gzip header, otherwise raw. Does not move the
+/// stream.
+Encoding encoding_at(std::istream& stream);
 
 /// Calls `use` with a zero of the C++ type that `type` stands for.
 template <class Use>
@@ -83,13 +151,19 @@ std::filesystem::path partner_of(const std::filesystem::path& file);
 struct DecidedVolume {
     Volume volume;
     std::uint64_t scalars = 0;  ///< number of scalars in the whole file
-    /// The scalars of the file that belong to the volume: in every `period` scalars, the `length` scalars
-    /// from number `first` on.
-    std::uint64_t period = 1, first = 0, length = 1;
+    Kept kept;                  ///< selects the scalars that belong to the volume
 };
 
 /// Applies the rules of docs/volumes.md, the same for all formats, to the claims. Throws BadInput.
 DecidedVolume decide(const VolumeClaims& claims, const VolumeChoice& choice, const SceneSizeLimits& limits);
+
+/// Returns the bytes that `kept` selects of the `count` bytes at claims.place. There must be exactly `count`
+/// bytes: otherwise throws BadInput, which names claims.data_key and `count_means`, the reason why the header
+/// requires them. `behind_header` is the stream of claims.file and stands behind its header. Memory is
+/// allocated in proportion to what was really read. Adds notes on ignored data to `notes`.
+std::vector<std::byte> read_data(std::istream& behind_header, const VolumeClaims& claims, std::uint64_t count,
+                                 const Kept& kept, const std::string& count_means,
+                                 std::vector<std::string>& notes);
 
 /// Interprets the claims and reads the voxels. The position of `stream` is behind the header. Throws
 /// BadInput.

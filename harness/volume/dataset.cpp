@@ -33,12 +33,13 @@ struct Ellipsoid {
     }
 };
 
-struct Chamber {
-    Ellipsoid outer;
-    Ellipsoid inner;
+/// A wall, between its outer and its inner surface.
+template <class Shape>
+struct Hollow {
+    Shape outer, inner;
 };
 
-Chamber chamber(glm::dvec3 centre, glm::dvec3 relative_axes, double walls) {
+Hollow<Ellipsoid> chamber(glm::dvec3 centre, glm::dvec3 relative_axes, double walls) {
     const glm::dvec3 axes = size * relative_axes;
     return {{centre, axes}, {centre, axes - walls * wall}};
 }
@@ -50,23 +51,18 @@ struct Tube {
     bool contains(const glm::dvec3& p) const { return square(p.y - y) + square(p.z - z) <= square(radius); }
 };
 
-struct Vessel {
-    Tube outer;
-    Tube lumen;
-};
-
-Vessel vessel(double y, double z, double relative_radius, double walls) {
+Hollow<Tube> vessel(double y, double z, double relative_radius, double walls) {
     const double radius = size * relative_radius;
     return {{y, z, radius}, {y, z, radius - walls * wall}};
 }
 
 bool in_heart(const glm::dvec3& p) {
-    static const Chamber left_ventricle = chamber({33.37, 32.11, 22.71}, {24.6, 16.2, 18.2}, 5.6);
-    static const Chamber right_ventricle = chamber({31.23, 17.59, 23.17}, {23.0, 16.2, 20.6}, 2.7);
-    static const Chamber left_atrium = chamber({12.41, 34.27, 17.33}, {11.0, 14.6, 15.0}, 2.1);
-    static const Chamber right_atrium = chamber({12.83, 16.71, 24.57}, {11.0, 14.6, 16.4}, 2.1);
-    static const Vessel aorta = vessel(29.31, 34.73, 6.3, 2.2);
-    static const Vessel pulmonary_artery = vessel(16.63, 38.21, 5.7, 2.0);
+    static const auto left_ventricle = chamber({33.37, 32.11, 22.71}, {24.6, 16.2, 18.2}, 5.6);
+    static const auto right_ventricle = chamber({31.23, 17.59, 23.17}, {23.0, 16.2, 20.6}, 2.7);
+    static const auto left_atrium = chamber({12.41, 34.27, 17.33}, {11.0, 14.6, 15.0}, 2.1);
+    static const auto right_atrium = chamber({12.83, 16.71, 24.57}, {11.0, 14.6, 16.4}, 2.1);
+    static const auto aorta = vessel(29.31, 34.73, 6.3, 2.2);
+    static const auto pulmonary_artery = vessel(16.63, 38.21, 5.7, 2.0);
     static const Tube mitral_valve{34.5, 17.5, 4.7 * size};
     static const Tube tricuspid_valve{12.5, 22.5, 4.7 * size};
 
@@ -87,7 +83,7 @@ bool in_heart(const glm::dvec3& p) {
         if (left_atrium.inner.contains(p)) return false;
         if (right_atrium.inner.contains(p) && !left_atrium.outer.contains(p)) return false;
     }
-    if (p.x < valve_plane + septum + 1 && (aorta.lumen.contains(p) || pulmonary_artery.lumen.contains(p))) {
+    if (p.x < valve_plane + septum + 1 && (aorta.inner.contains(p) || pulmonary_artery.inner.contains(p))) {
         return false;
     }
     const bool at_valves = p.x >= valve_plane - 2 && p.x < valve_plane + septum + 2;

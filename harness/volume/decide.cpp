@@ -144,7 +144,7 @@ private:
             }
             scalars *= std::uint64_t(size);
         }
-        decided_.scalars = decided_.period = decided_.length = scalars;
+        decided_.scalars = decided_.kept.period = decided_.kept.length = scalars;
         const std::int64_t values = several == none ? 1 : claims_.axes[several].size;
         std::uint64_t inner = 1;
         for (std::size_t a = 0; a < std::min(several, none); ++a)
@@ -166,9 +166,7 @@ private:
                     "to {}",
                     values - 1));
         }
-        decided_.period = inner * std::uint64_t(values);
-        decided_.first = inner * std::uint64_t(frame);
-        decided_.length = inner;
+        decided_.kept = {inner * std::uint64_t(values), inner * std::uint64_t(frame), inner};
         volume().facts.frame = frame;
         volume().facts.frames = values;
     }

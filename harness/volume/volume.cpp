@@ -101,12 +101,11 @@ Volume read_voxels(std::istream& stream, const VolumeClaims& claims, const Volum
     DecidedVolume decided = decide(claims, choice, limits);
     Volume& volume = decided.volume;
     const std::uint64_t each = bytes_of(volume.type);
-    const KeptBytes kept{each * decided.period, each * decided.first, each * decided.length};
+    const Kept kept{each * decided.kept.period, each * decided.kept.first, each * decided.kept.length};
     const std::string count_means =
         fmt::format("{} {} of {} as the header says", decided.scalars,
-                    decided.scalars > decided.length ? "values" : "voxels", claims.type_text);
-    volume.data = read_data(stream, claims.file, claims.place, each * decided.scalars, kept, claims.data_key,
-                            count_means, volume.notes);
+                    decided.scalars > decided.kept.length ? "values" : "voxels", claims.type_text);
+    volume.data = read_data(stream, claims, each * decided.scalars, kept, count_means, volume.notes);
     if (claims.big_endian != (std::endian::native == std::endian::big)) {
         const auto size = std::ptrdiff_t(each);
         for (auto scalar = volume.data.begin(); scalar != volume.data.end(); scalar += size)
