@@ -8,7 +8,6 @@
 #include <glm/geometric.hpp>
 #include <limits>
 
-#include "harness/simulation/measures.h"
 #include "tests/support.h"
 
 namespace voxspring::testing {

@@ -10,7 +10,7 @@
 #include "harness/export/saved_state.h"
 #include "harness/scene/scene_runner.h"
 #include "harness/scene/stability.h"
-#include "harness/simulation/measures.h"
+#include "harness/simulation/picking.h"
 #include "harness/simulation/simulation.h"
 #include "tests/simulated_box.h"
 #include "tests/wrapped_backend.h"

@@ -1,5 +1,5 @@
 // Finds what a hand, a blade and a needle meet: particles and springs at the places to which a state has
-// moved them.
+// moved them. Also measures how much the springs are stretched there.
 #pragma once
 
 #include <array>
@@ -48,5 +48,13 @@ private:
     const Problem& problem_;
     const State& state_;
 };
+
+/// Whether every number of the state is finite.
+bool finite(const State& state);
+
+/// For each particle the mean of |x_i - x_j| / l_ij - 1 over its springs: how much they are stretched, as a
+/// share of the rest length; negative if they are shortened. 0 for a particle without springs. Springs of
+/// rest length 0 are left out. Runs on all cores.
+std::vector<double> tensions(const Problem& problem, const State& state);
 
 }  // namespace voxspring

@@ -11,7 +11,6 @@
 #include "harness/base/files.h"
 #include "harness/export/export_formats.h"
 #include "harness/scene/stability.h"
-#include "harness/simulation/measures.h"
 #include "harness/simulation/picking.h"
 
 namespace voxspring {

@@ -25,7 +25,7 @@
 #include "harness/drawing/body_painter.h"
 #include "harness/mesh/carried_mesh.h"
 #include "harness/scene/parts.h"
-#include "harness/simulation/measures.h"
+#include "harness/simulation/picking.h"
 #include "harness/simulation/simulation.h"
 #include "harness/viewer/hand.h"
 #include "harness/viewer/panel.h"
