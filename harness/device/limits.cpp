@@ -214,17 +214,17 @@ void print_limits(const nlohmann::json& limits, std::ostream& out) {
             out << ", " << si(value("cached_copy_bytes_per_second"), "B/s") << " in "
                 << si(value("cache_bytes"), "B") << " of cache";
         }
-        if (value("launch_seconds") > 0) out << ", a launch " << si(value("launch_seconds"), "s");
-        if (value("grid_barrier_seconds") > 0)
-            out << ", a grid barrier " << si(value("grid_barrier_seconds"), "s");
-        if (value("exchange_seconds") > 0)
-            out << ", an exchange between blocks " << si(value("exchange_seconds"), "s");
+        const auto say = [&](const char* text, const char* name, const char* unit) {
+            if (value(name) > 0) out << text << si(value(name), unit);
+        };
+        say(", a launch ", "launch_seconds", "s");
+        say(", a grid barrier ", "grid_barrier_seconds", "s");
+        say(", an exchange between blocks ", "exchange_seconds", "s");
         const double fragment = value("float32_operations_per_second");
         const double compute = value("compute_shader_float32_operations_per_second");
         out << ", float32 " << si(fragment, "op/s");
-        if (value("float64_operations_per_second") > 0)
-            out << ", float64 " << si(value("float64_operations_per_second"), "op/s");
-        if (compute > 0) out << ", compute shaders " << si(compute, "op/s");
+        say(", float64 ", "float64_operations_per_second", "op/s");
+        say(", compute shaders ", "compute_shader_float32_operations_per_second", "op/s");
         out << " (" << device.at("device").get<std::string>() << ")\n";
         if (fragment < compute / 4) {
             out << "    " << family << " runs fragment shaders on this device with 1/"

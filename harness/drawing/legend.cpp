@@ -15,13 +15,11 @@ constexpr double decades = 3;
 /// The grey of text and ticks. Its contrast by WCAG is 5.1 on white and 3.5 on a nearly black page (#15181c).
 constexpr Colour ink = {0.431, 0.431, 0.431, 1};
 
-Colour from_hex(unsigned rgb) {
-    return {(rgb >> 16 & 255) / 255.0, (rgb >> 8 & 255) / 255.0, (rgb & 255) / 255.0, 1};
-}
-
 std::array<Colour, colour_knots> from_hex(const std::array<unsigned, colour_knots>& knots) {
     std::array<Colour, colour_knots> colours{};
-    std::transform(knots.begin(), knots.end(), colours.begin(), [](unsigned rgb) { return from_hex(rgb); });
+    std::transform(knots.begin(), knots.end(), colours.begin(), [](unsigned rgb) {
+        return Colour{(rgb >> 16 & 255) / 255.0, (rgb >> 8 & 255) / 255.0, (rgb & 255) / 255.0, 1};
+    });
     return colours;
 }
 
