@@ -133,10 +133,8 @@ nlohmann::json map_of(Backend& backend, Problem problem) {
     return map;
 }
 
-}  // namespace
-
 /// One search for the largest stable time step.
-struct StabilityStudy::Search {
+struct Search {
     Problem problem;
     double damping = 0;
     double relative_amplitude = 0;  ///< amplitude of the start, in spacings
@@ -179,7 +177,7 @@ struct StabilityStudy::Search {
     }
 };
 
-std::vector<StabilityStudy::Search> StabilityStudy::planned_searches(const Scene& scene) {
+std::vector<Search> planned_searches(const Scene& scene) {
     Problem problem = scene.problem;
     problem.gravity = glm::dvec3(0);
     problem.load.clear();
@@ -198,41 +196,15 @@ std::vector<StabilityStudy::Search> StabilityStudy::planned_searches(const Scene
     return searches;
 }
 
-StabilityStudy::Limits StabilityStudy::limits_of(const Scene& scene) {
-    Limits limits;
-    for (const Search& search : planned_searches(scene)) {
-        const Frequency frequency = true_frequency_squared(search.problem, search.shape());
-        const double squared = frequency.squared.value_or(0);
-        limits.push_back(squared == 0 ? std::nullopt
-                                      : std::optional(stable_time_step(squared, search.damping)));
-    }
-    return limits;
-}
-
-StabilityStudy::StabilityStudy(const Scene& scene, const Limits& limits) : scene_(scene.name) {
-    std::size_t number = 0;
-    for (Search& search : planned_searches(scene)) {
-        const std::optional<double> limit = limits.at(number++);
-        if (!limit) continue;
-        search.theory = *limit;
-        search.amplitude = search.relative_amplitude * shortest_spacing(search.problem);
-        search.state = random_start(search.problem, search.amplitude);
-        const std::vector<glm::dvec3> shape = search.shape();
-        for (std::size_t i = 0; i < shape.size(); ++i) search.state.displacement[i] += shape[i];
-        search.steps = search.exact ? steps_to_grow(search.problem, seen_excess) : steps_of_large_starts;
-        searches_.push_back(std::make_shared<Search>(std::move(search)));
-    }
-}
-
-Rows StabilityStudy::search(const BackendSpec& spec, Backend& backend, Search& search) const {
+Rows rows_of_search(const BackendSpec& spec, Backend& backend, const std::string& scene, Search& search) {
     if (const std::string why = backend.unsupported(search.problem); !why.empty()) {
-        Row skipped = row_of(scene_, spec);
+        Row skipped = row_of(scene, spec);
         skipped.reason = "a stretched start: " + why;
         return {{"skipped", {to_json(skipped)}}};
     }
     const double measured = search.measured_limit(backend);
     const double ratio = measured / search.theory;
-    StabilityRow row{row_of(scene_, spec)};
+    StabilityRow row{row_of(scene, spec)};
     row.damping = search.damping;
     row.start_kind = search.stretch > 0 ? "stretched" : "random";
     row.amplitude = search.relative_amplitude;
@@ -245,7 +217,7 @@ Rows StabilityStudy::search(const BackendSpec& spec, Backend& backend, Search& s
     row.passed = !search.exact || std::abs(ratio - 1) <= tolerance;
     Rows rows;
     if (!row.passed) {
-        Row failed = row_of(scene_, spec);
+        Row failed = row_of(scene, spec);
         failed.reason = "the largest stable time step is " + fixed_text(ratio, 4) +
                         " of the theoretical limit at damping " + fixed_text(search.damping, 1) +
                         ", not within 0.2% of it";
@@ -254,22 +226,6 @@ Rows StabilityStudy::search(const BackendSpec& spec, Backend& backend, Search& s
     rows["stability"].push_back(json_of(row));
     return rows;
 }
-
-void StabilityStudy::run(const BackendSpec& spec, Backend& backend, bool map, const Once& once) {
-    int number = 0;
-    for (const auto& one : searches_) {
-        once("search " + std::to_string(++number) + " of " + std::to_string(searches_.size()),
-             [&] { return search(spec, backend, *one); });
-    }
-    if (!map || searches_.empty()) return;
-    once("map", [&] {
-        nlohmann::json row = to_json(row_of(scene_, spec));
-        row.update(map_of(backend, searches_.front()->problem));
-        return Rows{{"stability_map", {row}}};
-    });
-}
-
-namespace {
 
 void print_map(const nlohmann::json& map, std::ostream& out) {
     out << "\n" << map.at("name").get<std::string>() << ": b bounded, h heating, D diverged\n";
@@ -323,21 +279,19 @@ void print_stability(const Result& result, std::ostream& out, TableWidth width) 
 class StabilityRunner final : public SuiteRunner {
 public:
     StabilityRunner(BackendSpec spec, const Scene& scene, const nlohmann::json& parameters)
-        : spec_(std::move(spec)), study_(scene, limits_of(parameters)), map_(parameters.at("map")) {}
+        : spec_(std::move(spec)),
+          scene_(scene),
+          limits_(parameters.at("limits")),
+          map_(parameters.at("map")) {}
 
 private:
-    static StabilityStudy::Limits limits_of(const nlohmann::json& parameters) {
-        StabilityStudy::Limits limits;
-        for (const auto& limit : parameters.at("limits"))
-            limits.push_back(limit.is_null() ? std::nullopt : std::optional(limit.get<double>()));
-        return limits;
-    }
     void run(Backend& backend, const nlohmann::json&, const Once& once, const OnEvent&) override {
-        study_.run(spec_, backend, map_, once);
+        run_stability(spec_, backend, scene_, limits_, map_, once);
     }
 
     const BackendSpec spec_;
-    StabilityStudy study_;
+    const Scene& scene_;
+    const std::vector<double> limits_;
     const bool map_;
 };
 
@@ -354,15 +308,12 @@ public:
     }
     int rows_of_case(const Study&, const StudyScene&) const override { return 7; }
     void run(StudyBench& bench) override {
-        const StabilityStudy::Limits limits = StabilityStudy::limits_of(bench.scene());
-        nlohmann::json listed = nlohmann::json::array();
-        for (const auto& limit : limits) listed.push_back(limit ? nlohmann::json(*limit) : nlohmann::json());
-        const bool empty =
-            std::none_of(limits.begin(), limits.end(), [](const auto& l) { return l.has_value(); });
+        const std::vector<double> limits = stability_limits(bench.scene());
+        const bool empty = std::count(limits.begin(), limits.end(), 0) == std::ptrdiff_t(limits.size());
         bool map = bench.item().settings.value("map", false);  // only the first case makes the map
         const auto enter = [&](const BackendSpec& spec) {
             std::optional<Case> entered =
-                bench.enter(spec, {"stability", {{"limits", listed}, {"map", map}}}, {.at_once = true});
+                bench.enter(spec, {"stability", {{"limits", limits}, {"map", map}}}, {.at_once = true});
             if (entered && empty) {
                 bench.refuse(spec, "nothing oscillates, or how fast is not known");
                 entered.reset();
@@ -385,5 +336,42 @@ public:
 const RegisteredStudyKind stability_kind("stability", [] { return std::make_unique<StabilityKind>(); });
 
 }  // namespace
+
+std::vector<double> stability_limits(const Scene& scene) {
+    std::vector<double> limits;
+    for (const Search& search : planned_searches(scene)) {
+        const Frequency frequency = true_frequency_squared(search.problem, search.shape());
+        const double squared = frequency.squared.value_or(0);
+        limits.push_back(squared == 0 ? 0 : stable_time_step(squared, search.damping));
+    }
+    return limits;
+}
+
+void run_stability(const BackendSpec& spec, Backend& backend, const Scene& scene,
+                   const std::vector<double>& limits, bool map, const Once& once) {
+    std::vector<Search> searches;
+    std::size_t planned = 0;
+    for (Search& search : planned_searches(scene)) {
+        search.theory = limits.at(planned++);
+        if (search.theory == 0) continue;
+        search.amplitude = search.relative_amplitude * shortest_spacing(search.problem);
+        search.state = random_start(search.problem, search.amplitude);
+        const std::vector<glm::dvec3> shape = search.shape();
+        for (std::size_t i = 0; i < shape.size(); ++i) search.state.displacement[i] += shape[i];
+        search.steps = search.exact ? steps_to_grow(search.problem, seen_excess) : steps_of_large_starts;
+        searches.push_back(std::move(search));
+    }
+    int number = 0;
+    for (Search& search : searches) {
+        once("search " + std::to_string(++number) + " of " + std::to_string(searches.size()),
+             [&] { return rows_of_search(spec, backend, scene.name, search); });
+    }
+    if (!map || searches.empty()) return;
+    once("map", [&] {
+        nlohmann::json row = to_json(row_of(scene.name, spec));
+        row.update(map_of(backend, searches.front().problem));
+        return Rows{{"stability_map", {row}}};
+    });
+}
 
 }  // namespace voxspring

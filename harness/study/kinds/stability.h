@@ -1,15 +1,16 @@
 // The largest time step at which a backend is stable, found by trial and compared with theory.
 #pragma once
 
-#include <memory>
-#include <optional>
-#include <string>
 #include <vector>
 
 #include "harness/scene/scene.h"
 #include "harness/study/suite.h"
 
 namespace voxspring {
+
+/// The largest stable time steps in theory, one per search of run_stability(). An element is 0 if nothing
+/// oscillates, or if the frequency is not known; run_stability() then leaves out that search.
+std::vector<double> stability_limits(const Scene& scene);
 
 /// Finds a backend's largest stable time step by bisection, on the particles and springs of `scene` without
 /// its gravity, loads and damping. Compares it with stable_time_step() of the true frequency:
@@ -28,26 +29,9 @@ namespace voxspring {
 /// time step exceeds theory by 0.1%. With `map` there is also a map of damping against time step.
 ///
 /// Lists: `stability`, one row per start and damping; `stability_map`; and `failed`, the starts and dampings
-/// whose result differs from theory by more than 0.2%. Rows are as in results/schema.json.
-class StabilityStudy {
-public:
-    /// Largest stable time steps in theory, one per search. An element is empty if nothing oscillates, or if
-    /// the frequency is not known.
-    using Limits = std::vector<std::optional<double>>;
-    static Limits limits_of(const Scene& scene);
-
-    StabilityStudy(const Scene& scene, const Limits& limits);
-    explicit StabilityStudy(const Scene& scene) : StabilityStudy(scene, limits_of(scene)) {}
-    /// Runs all searches and, with `map`, the map. Throws what the backend throws.
-    void run(const BackendSpec& spec, Backend& backend, bool map, const Once& once);
-
-private:
-    struct Search;
-    static std::vector<Search> planned_searches(const Scene& scene);
-    Rows search(const BackendSpec& spec, Backend& backend, Search& search) const;
-
-    std::string scene_;
-    std::vector<std::shared_ptr<Search>> searches_;
-};
+/// whose result differs from theory by more than 0.2%. Rows are as in results/schema.json. `limits` are
+/// stability_limits() of the scene. Throws what the backend throws.
+void run_stability(const BackendSpec& spec, Backend& backend, const Scene& scene,
+                   const std::vector<double>& limits, bool map, const Once& once);
 
 }  // namespace voxspring
