@@ -55,27 +55,6 @@ void print_front(std::vector<ParetoRow> rows, std::ostream& out, TableWidth widt
         width, out);
 }
 
-}  // namespace
-
-void mark_fronts(std::vector<ParetoRow>& rows) {
-    std::map<std::string, std::vector<ParetoRow*>> of_device;
-    for (ParetoRow& row : rows) {
-        if (row.seconds && row.errors && row.errors->total_relative_l2) of_device[row.device].push_back(&row);
-    }
-    for (auto& [device, all] : of_device) {
-        std::stable_sort(all.begin(), all.end(),
-                         [](const auto* a, const auto* b) { return key_of(*a) < key_of(*b); });
-        double smallest = std::numeric_limits<double>::infinity();
-        for (ParetoRow* row : all) {
-            const double error = key_of(*row).second;
-            row->on_front = error < 0.99 * smallest;
-            smallest = std::min(smallest, error);
-        }
-    }
-}
-
-namespace {
-
 /// Prints the front of each scene and device, fastest first, then the scenes without an error against the
 /// converged solution, and the runs that diverged.
 void print_fronts(const Result& result, std::ostream& out, TableWidth width) {
@@ -112,17 +91,6 @@ void print_fronts(const Result& result, std::ostream& out, TableWidth width) {
 constexpr double max_seconds = 1;
 /// A first run of more seconds than this counts as a repetition: it needs no separate warm-up.
 constexpr double long_run_seconds = 0.25;
-
-/// The time steps with which a scene is run.
-struct TimeSteps {
-    std::vector<double> fractions;  ///< time steps as fractions of the stable one, descending
-    int steps = 0;                  ///< steps at the first fraction; sets the end time of all runs
-    int repetitions = 0;            ///< timed runs per time step; fewer if together they exceed a second
-
-    double steps_at(double fraction) const { return std::round(steps * (fractions.front() / fraction)); }
-    /// The span to the end time, which all time steps reach.
-    Span span(const Scene& scene) const { return {fractions.front() * scene.stable_time_step, steps}; }
-};
 
 /// The device's name in rows. If APIs name a card differently, all use the first name, kept in `by_uuid`.
 std::string device_of(const Capabilities& capabilities, std::map<std::string, std::string>& by_uuid) {
@@ -275,39 +243,48 @@ ParetoRow run_step(const StudyBench& bench, Case& benchmark_case, const Step& st
     return one;
 }
 
-/// Returns the row from the journal, or else makes and keeps it by run_step(). Empty if the case failed.
-std::optional<ParetoRow> row_of_case(const StudyBench& bench, Case& benchmark_case, const Step& step,
-                                     const std::string& device) {
-    const nlohmann::json* row = benchmark_case.kept(name_of_row(step.solution.steps), [&] {
-        return json_of(run_step(bench, benchmark_case, step, device));
-    });
-    return row != nullptr ? std::optional(row_of_json<ParetoRow>(*row)) : std::nullopt;
-}
-
-/// Computes the spreads by which backends are judged (error_threshold.h). Backends are judged at the largest
-/// time step only. At smaller ones the effect of rounding is what the study measures, spreads would take as
-/// long as all else, and the backends run the same code.
-void measure_spreads(StudyBench& bench, const Scene& stepped, const std::vector<Case>& cases,
-                     ReferenceSolution& solution) {
-    for (const Case& one : cases) {
-        const RoundingModel model = rounding_model_of(one.spec());
-        if (spread_of(solution, model) != nullptr) continue;
-        solution.spreads.emplace_back(
-            model, bench.references().spread(stepped, solution.steps, solution.same_step, model));
-    }
-}
-
 class ParetoStudy final : public StudyKind {
 public:
-    void read(JsonObject& study) override;
-    void check(const Study& study, const StudyScene& item, const Scene& scene) const override;
+    void read(JsonObject& study) override {
+        for (const JsonValue& item :
+             study.require("time_steps", "fractions of the stable time step").array(1, 64)) {
+            fractions_.push_back(item.number(1e-6, 1));
+            if (fractions_.size() > 1 && fractions_.back() >= fractions_[fractions_.size() - 2])
+                item.refuse("fractions of the stable time step in descending order");
+        }
+    }
+    void check(const Study&, const StudyScene& item, const Scene& scene) const override {
+        const std::string where = "scene " + scene.name;
+        if (!scene.edits.empty())
+            throw BadInput(where, "edits", counted(scene.edits.size(), "edit"),
+                           "none in a pareto study: with edits the error falls only with the first power of "
+                           "the time step");
+        if (!std::isfinite(scene.stable_time_step))
+            throw BadInput(where, "stable time step", "infinite", "a scene with springs");
+        if (steps_at(fractions_.back(), item) > max_steps_in_all)
+            throw BadInput(where, "time_steps", std::to_string(fractions_.back()),
+                           "fractions that take at most " + std::to_string(max_steps_in_all) + " steps");
+    }
     int rows_of_case(const Study&, const StudyScene&) const override { return int(fractions_.size()); }
     double steps_of_case(const Study& study, const StudyScene& item) const override {
         double steps = 0;
-        for (const double fraction : fractions_) steps += time_steps_of(study, item).steps_at(fraction);
+        for (const double fraction : fractions_) steps += steps_at(fraction, item);
         return steps * study.repetitions;
     }
-    void run(StudyBench& bench) override;
+    void run(StudyBench& bench) override {
+        std::vector<int> counts;
+        for (const double fraction : fractions_) counts.push_back(int(steps_at(fraction, bench.item())));
+        std::map<int, std::vector<ParetoRow>> rows_of;
+        try {
+            measure(bench, counts, rows_of);
+        } catch (const Interrupted&) {
+            // The rows so far are the result.
+        }
+        std::vector<ParetoRow> rows;
+        for (const int steps : counts) rows.insert(rows.end(), rows_of[steps].begin(), rows_of[steps].end());
+        mark_fronts(rows);
+        for (const ParetoRow& row : rows) bench.add("pareto", row);
+    }
     void make_lists(Result& result) const override { result.rows<ParetoRow>("pareto"); }
     void print(const Result& result, std::ostream& out, TableWidth width) const override {
         print_fronts(result, out, width);
@@ -316,100 +293,83 @@ public:
     }
 
 private:
-    using RowsOfSteps = std::map<int, std::vector<ParetoRow>>;  ///< key: number of steps
-
-    /// Adds the rows for all `counts` of steps to `rows_of`. Throws Interrupted; rows added before are valid.
-    void measure(StudyBench& bench, const std::vector<int>& counts, RowsOfSteps& rows_of) const;
-    TimeSteps time_steps_of(const Study& study, const StudyScene& item) const {
-        return {fractions_, item.steps, study.repetitions};
+    /// The steps to the end time of all runs, which is that of the item's steps at the first fraction.
+    double steps_at(double fraction, const StudyScene& item) const {
+        return std::round(item.steps * (fractions_.front() / fraction));
+    }
+    /// Adds the rows for all `counts` of steps to `rows_of`, by number of steps. Throws Interrupted; rows
+    /// added before are valid.
+    void measure(StudyBench& bench, const std::vector<int>& counts,
+                 std::map<int, std::vector<ParetoRow>>& rows_of) const {
+        const Scene& scene = bench.scene();
+        const Span span{fractions_.front() * scene.stable_time_step, bench.item().steps};
+        SharedState state(scene.problem.particle_count());
+        const CaseProgram program{"pareto",
+                                  {{"time_step", span.time_step},
+                                   {"steps", span.steps},
+                                   {"repetitions", bench.study().repetitions}},
+                                  &state};
+        const auto total = [&] { return int(counts.size()) * bench.expected_cases(); };
+        std::optional<Refined> refined;
+        std::map<std::string, std::string> by_uuid;
+        int begun = 0;
+        for (const std::vector<BackendSpec>& group : bench.groups()) {
+            std::vector<Case> cases = bench.enter_all(group, program, {.at_once = true});
+            if (cases.empty()) continue;
+            compile_all(bench, cases, counts.front(), total());
+            if (!refined) {
+                bench.show("float64 references", 0, total());
+                refined = bench.references().refined(scene, span, counts);
+            }
+            for (const int steps : counts) {
+                if (interrupted()) throw Interrupted();
+                const Scene stepped = in_steps(scene, span, steps);
+                ReferenceSolution solution{stepped.problem, steps, bench.references().after(stepped, steps),
+                                           *refined, stepped.state};
+                // Backends are judged at the largest time step only (error_threshold.h). At smaller ones the
+                // effect of rounding is what the study measures, spreads would take as long as all else, and
+                // the backends run the same code.
+                if (steps == counts.front()) {
+                    for (const Case& one : cases) add_spreads(bench, stepped, {one.spec()}, solution);
+                }
+                const Step step{scene, stepped, solution, span.time_step * span.steps, state};
+                for (Case& one : cases) {
+                    bench.show(one.spec().label(), begun++, total());
+                    const std::string device = device_of(capabilities_of(one.capabilities()), by_uuid);
+                    const nlohmann::json* row = one.kept(
+                        name_of_row(steps), [&] { return json_of(run_step(bench, one, step, device)); });
+                    if (row != nullptr) rows_of[steps].push_back(row_of_json<ParetoRow>(*row));
+                }
+            }
+            for (Case& one : cases) {
+                bench.add_failure(one);
+                one.dismiss();
+            }
+        }
     }
 
     std::vector<double> fractions_;  ///< time steps as fractions of the stable one, descending
 };
 
-void ParetoStudy::read(JsonObject& study) {
-    for (const JsonValue& item :
-         study.require("time_steps", "fractions of the stable time step").array(1, 64)) {
-        fractions_.push_back(item.number(1e-6, 1));
-        if (fractions_.size() > 1 && fractions_.back() >= fractions_[fractions_.size() - 2])
-            item.refuse("fractions of the stable time step in descending order");
-    }
-}
-
-void ParetoStudy::check(const Study& study, const StudyScene& item, const Scene& scene) const {
-    const TimeSteps time_steps = time_steps_of(study, item);
-    const std::string where = "scene " + scene.name;
-    if (!scene.edits.empty())
-        throw BadInput(
-            where, "edits", counted(scene.edits.size(), "edit"),
-            "none in a pareto study: with edits the error falls only with the first power of the time step");
-    if (!std::isfinite(scene.stable_time_step))
-        throw BadInput(where, "stable time step", "infinite", "a scene with springs");
-    if (time_steps.steps_at(fractions_.back()) > max_steps_in_all)
-        throw BadInput(where, "time_steps", std::to_string(fractions_.back()),
-                       "fractions that take at most " + std::to_string(max_steps_in_all) + " steps");
-}
-
-void ParetoStudy::run(StudyBench& bench) {
-    const TimeSteps time_steps = time_steps_of(bench.study(), bench.item());
-    std::vector<int> counts;
-    for (const double fraction : fractions_) counts.push_back(int(time_steps.steps_at(fraction)));
-    RowsOfSteps rows_of;
-    try {
-        measure(bench, counts, rows_of);
-    } catch (const Interrupted&) {
-        // The rows so far are the result.
-    }
-    std::vector<ParetoRow> rows;
-    for (const int steps : counts) rows.insert(rows.end(), rows_of[steps].begin(), rows_of[steps].end());
-    mark_fronts(rows);
-    for (const ParetoRow& row : rows) bench.add("pareto", row);
-}
-
-void ParetoStudy::measure(StudyBench& bench, const std::vector<int>& counts, RowsOfSteps& rows_of) const {
-    const Scene& scene = bench.scene();
-    const TimeSteps time_steps = time_steps_of(bench.study(), bench.item());
-    const Span span = time_steps.span(scene);
-    SharedState state(scene.problem.particle_count());
-    const CaseProgram program{
-        "pareto",
-        {{"time_step", span.time_step}, {"steps", span.steps}, {"repetitions", time_steps.repetitions}},
-        &state};
-    const auto total = [&] { return int(counts.size()) * bench.expected_cases(); };
-    std::optional<Refined> refined;
-    std::map<std::string, std::string> by_uuid;
-    int begun = 0;
-    for (const std::vector<BackendSpec>& group : bench.groups()) {
-        std::vector<Case> cases = bench.enter_all(group, program, {.at_once = true});
-        if (cases.empty()) continue;
-        compile_all(bench, cases, counts.front(), total());
-        if (!refined) {
-            bench.show("float64 references", 0, total());
-            refined = bench.references().refined(scene, span, counts);
-        }
-        for (const int steps : counts) {
-            if (interrupted()) throw Interrupted();
-            const Scene stepped = in_steps(scene, span, steps);
-            ReferenceSolution solution{stepped.problem, steps, bench.references().after(stepped, steps),
-                                       *refined, stepped.state};
-            if (steps == counts.front()) measure_spreads(bench, stepped, cases, solution);
-            const Step step{scene, stepped, solution, span.time_step * span.steps, state};
-            for (Case& one : cases) {
-                bench.show(one.spec().label(), begun++, total());
-                const auto row =
-                    row_of_case(bench, one, step, device_of(capabilities_of(one.capabilities()), by_uuid));
-                if (row) rows_of[steps].push_back(*row);
-            }
-        }
-        for (Case& one : cases) {
-            bench.add_failure(one);
-            one.dismiss();
-        }
-    }
-}
-
 const RegisteredStudyKind pareto_kind("pareto", [] { return std::make_unique<ParetoStudy>(); });
 
 }  // namespace
+
+void mark_fronts(std::vector<ParetoRow>& rows) {
+    std::map<std::string, std::vector<ParetoRow*>> of_device;
+    for (ParetoRow& row : rows) {
+        if (row.seconds && row.errors && row.errors->total_relative_l2) of_device[row.device].push_back(&row);
+    }
+    for (auto& [device, all] : of_device) {
+        std::stable_sort(all.begin(), all.end(),
+                         [](const auto* a, const auto* b) { return key_of(*a) < key_of(*b); });
+        double smallest = std::numeric_limits<double>::infinity();
+        for (ParetoRow* row : all) {
+            const double error = key_of(*row).second;
+            row->on_front = error < 0.99 * smallest;
+            smallest = std::min(smallest, error);
+        }
+    }
+}
 
 }  // namespace voxspring
