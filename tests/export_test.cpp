@@ -7,7 +7,7 @@
 #include <vector>
 
 #include "backends/registry.h"
-#include "harness/export/snapshot.h"
+#include "harness/export/export_formats.h"
 #include "harness/scene/scene_runner.h"
 #include "harness/verification/conserved.h"
 #include "tests/support.h"

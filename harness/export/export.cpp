@@ -10,7 +10,6 @@
 
 #include "harness/base/bad_input.h"
 #include "harness/base/files.h"
-#include "harness/export/export_formats.h"
 #include "harness/export/pictures.h"
 
 namespace voxspring {

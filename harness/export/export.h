@@ -11,7 +11,7 @@
 #include <string_view>
 #include <vector>
 
-#include "harness/export/snapshot.h"
+#include "harness/export/export_formats.h"
 
 namespace voxspring {
 

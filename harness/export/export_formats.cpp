@@ -1,28 +1,46 @@
 #include "harness/export/export_formats.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 #include <minizip/zip.h>
 
 #include <algorithm>
 #include <array>
 #include <bit>
+#include <cstdint>
 #include <glm/geometric.hpp>
 #include <iterator>
 #include <limits>
 #include <memory>
 #include <new>
 #include <stdexcept>
+#include <string>
 #include <type_traits>
 #include <utility>
 #include <vector>
 
+#include "backends/cpu/perturbed_reference.h"
 #include "backends/physics/neighbours.h"
 #include "backends/physics/spring.h"
+#include "harness/drawing/body_mesh.h"
 #include "harness/export/arrays.h"
-#include "harness/export/vtk_file.h"
+#include "harness/mesh/carried_mesh.h"
 
 namespace voxspring {
 namespace {
+
+/// The placement of the grid in the coordinates of the volume's file, or null if the file has none.
+const Placement* placement_of(const Snapshot& snapshot) {
+    const auto& volume = snapshot.scene.volume;
+    return volume && volume->placement ? &*volume->placement : nullptr;
+}
+
+/// Rest position plus displacement, one element per particle.
+std::vector<glm::dvec3> positions(const Snapshot& snapshot) {
+    std::vector<glm::dvec3> position = snapshot.problem.rest_position;
+    for (std::size_t i = 0; i < position.size(); ++i) position[i] += snapshot.state.displacement[i];
+    return position;
+}
 
 /// The springs of a problem in the order of list_springs(), with an array per quantity.
 struct SpringArrays {
@@ -98,6 +116,79 @@ std::vector<Value> on_grid(const Lattice& lattice, const std::vector<Value>& of_
 
 // --- VTK's XML files ----------------------------------------------------------------------------------
 
+/// An attribute as XML: ` name="1"`.
+std::string attribute(const std::string& name, std::size_t value) {
+    return fmt::format(" {}=\"{}\"", name, value);
+}
+/// An attribute of several numbers as XML: ` name="1 0 0.5"`.
+std::string attribute(const std::string& name, const std::vector<double>& numbers) {
+    return fmt::format(" {}=\"{:.17g}\"", name, fmt::join(numbers, " "));
+}
+
+/// A VTK XML file whose arrays follow the XML as raw bytes ("appended raw").
+class VtkFile {
+public:
+    /// `type` is VTK's name of the dataset.
+    explicit VtkFile(const std::string& type)
+        : xml_("<?xml version=\"1.0\"?>\n<VTKFile type=\"" + type +
+               "\" version=\"1.0\" byte_order=\"LittleEndian\" header_type=\"UInt64\">\n") {}
+
+    /// Opens a tag, such as `Piece NumberOfPoints="3"`, which end() closes.
+    void begin(const std::string& tag) {
+        xml_ += "<" + tag + ">\n";
+        open_.push_back(tag.substr(0, tag.find(' ')));
+    }
+    void end() {
+        xml_ += "</" + open_.back() + ">\n";
+        open_.pop_back();
+    }
+
+    template <class Value>
+    void array(const std::string& name, const std::vector<Value>& values) {
+        const ArrayBytes array = bytes_of(values);
+        xml_ += fmt::format(
+            R"(<DataArray type="{}{}" Name="{}" NumberOfComponents="{}"{} format="appended" offset="{}"/>)",
+            array.kind == 'f'   ? "Float"
+            : array.kind == 'i' ? "Int"
+                                : "UInt",
+            8 * array.width, name, array.components,
+            // Field data needs its length here, which nothing else in the file gives.
+            open_.back() == "FieldData" ? attribute("NumberOfTuples", array.count) : "", offset_);
+        xml_ += '\n';
+        offset_ += sizeof(std::uint64_t) + array.bytes.size();
+        blocks_.emplace_back(array.bytes);
+    }
+
+    /// Returns the whole file. Frees each array once it is copied.
+    std::string bytes() {
+        std::string file = std::move(xml_);
+        file += "<AppendedData encoding=\"raw\">\n_";
+        const std::string tail = "\n</AppendedData>\n</VTKFile>\n";
+        file.reserve(file.size() + offset_ + tail.size());
+        for (std::string& block : blocks_) {
+            const std::uint64_t size = block.size();
+            file.append(reinterpret_cast<const char*>(&size), sizeof size);
+            file += block;
+            std::string().swap(block);
+        }
+        file += tail;
+        return file;
+    }
+
+private:
+    std::string xml_;
+    std::vector<std::string> open_, blocks_;
+    std::uint64_t offset_ = 0;
+};
+
+/// Adds the state's time and step. ParaView recognises TimeValue by its name.
+void add_time(VtkFile& file, const Snapshot& snapshot) {
+    file.begin("FieldData");
+    file.array("TimeValue", std::vector<double>{snapshot.time});
+    file.array("step", std::vector<std::int64_t>{snapshot.step});
+    file.end();
+}
+
 /// Adds the cells of lines with two points each. `Index` must be wide enough for the last offset.
 template <class Index>
 void add_lines(VtkFile& file, const std::vector<std::uint32_t>& ends) {
@@ -105,6 +196,18 @@ void add_lines(VtkFile& file, const std::vector<std::uint32_t>& ends) {
     std::vector<Index> offsets(ends.size() / 2);
     for (std::size_t cell = 0; cell < offsets.size(); ++cell) offsets[cell] = Index(2 * (cell + 1));
     file.array("offsets", offsets);
+}
+
+template <class Cell>
+void add_cells(VtkFile& file, const std::vector<Cell>& cells, std::uint8_t type) {
+    std::vector<std::int64_t> corners, offsets;
+    for (const Cell& cell : cells) {
+        corners.insert(corners.end(), cell.begin(), cell.end());
+        offsets.push_back(std::int64_t(corners.size()));
+    }
+    file.array("connectivity", corners);
+    file.array("offsets", offsets);
+    file.array("types", std::vector<std::uint8_t>(cells.size(), type));
 }
 
 // --- numpy's files ------------------------------------------------------------------------------------
@@ -212,7 +315,65 @@ private:
     std::unique_ptr<std::remove_pointer_t<zipFile>, Close> file_;
 };
 
+// --- The surface of a body -----------------------------------------------------------------------------
+
+/// The surface of the voxels where it is now. A volume's placement, if any, applies.
+CarriedMesh surface_of_voxels(const Snapshot& snapshot) {
+    const BodyMesh mesh = mesh_of(snapshot.problem);
+    const Placement* placement = placement_of(snapshot);
+    CarriedMesh out;
+    for (const BodyMesh::Vertex& vertex : mesh.vertices) {
+        glm::dvec3 rest(vertex.rest), displacement(0);
+        for (std::size_t n = 0; n < vertex.count; ++n)
+            displacement += snapshot.state.displacement_of(mesh.particles[vertex.follows[n]]);
+        displacement /= double(vertex.count);
+        if (placement != nullptr) {
+            rest = placement->origin + placement->to_file(rest);
+            displacement = placement->to_file(displacement);
+        }
+        out.rest.push_back(rest);
+        out.displacement.push_back(displacement);
+    }
+    for (const auto& [a, b, c, d] : mesh.faces) {
+        out.triangles.push_back({a, b, c});
+        out.triangles.push_back({a, c, d});
+    }
+    return out;
+}
+
+CarriedMesh surface_of(const Snapshot& snapshot) {
+    return snapshot.scene.mesh
+               ? carried(*snapshot.scene.mesh, snapshot.problem,
+                         snapshot.state.in_full(snapshot.problem.particle_count()).displacement)
+               : surface_of_voxels(snapshot);
+}
+
+std::vector<glm::dvec3> places(const CarriedMesh& mesh) {
+    std::vector<glm::dvec3> places = mesh.rest;
+    for (std::size_t n = 0; n < places.size(); ++n) places[n] += mesh.displacement[n];
+    return places;
+}
+
+/// Adds the bytes of a number as they lie in memory (arrays.h).
+template <class Number>
+void append(std::string& bytes, const Number& number) {
+    bytes.append(reinterpret_cast<const char*>(&number), sizeof number);
+}
+
 }  // namespace
+
+std::vector<glm::dvec3> velocities(const Snapshot& snapshot) {
+    const Problem& problem = snapshot.problem;
+    const auto backend = make_perturbed_reference({});  // float64, without perturbation
+    backend->upload(problem, snapshot.state);
+    if (problem.has_tool())
+        backend->tool()->move_tool(snapshot.scene.tool_motion.at_step(snapshot.step, problem.time_step));
+    backend->step(1);
+    std::vector<glm::dvec3> velocity = backend->download().increment;  // x(t + dt) - x(t)
+    for (std::size_t i = 0; i < velocity.size(); ++i)
+        velocity[i] = (snapshot.state.increment_of(i) + velocity[i]) / (2 * problem.time_step);
+    return velocity;
+}
 
 std::string csv(const Snapshot& snapshot) {
     const Problem& problem = snapshot.problem;
@@ -337,6 +498,71 @@ std::string npz(const Snapshot& snapshot) {
     file.scalar("step", snapshot.step);
     file.scalar("time", snapshot.time);
     file.scalar("time_step", problem.time_step);
+    return file.bytes();
+}
+
+std::string stl(const Snapshot& snapshot) {
+    const CarriedMesh mesh = surface_of(snapshot);
+    const std::vector<glm::dvec3> place = places(mesh);
+    std::string bytes = fmt::format("{:<80.80}", fmt::format("voxspring, step {}", snapshot.step));
+    append(bytes, std::uint32_t(mesh.triangles.size()));
+    for (const auto& [a, b, c] : mesh.triangles) {
+        const glm::dvec3 normal = glm::cross(place[b] - place[a], place[c] - place[a]);
+        const double length = glm::length(normal);
+        append(bytes, glm::vec3(length > 0 ? normal / length : glm::dvec3(0)));
+        for (const std::uint32_t corner : {a, b, c}) append(bytes, glm::vec3(place[corner]));
+        append(bytes, std::uint16_t{0});
+    }
+    return bytes;
+}
+
+std::string obj(const Snapshot& snapshot) {
+    const CarriedMesh mesh = surface_of(snapshot);
+    std::string text = fmt::format("# voxspring, step {}\n", snapshot.step);
+    const auto end = std::back_inserter(text);
+    for (const glm::dvec3& p : places(mesh)) fmt::format_to(end, "v {} {} {}\n", p.x, p.y, p.z);
+    for (const auto& [a, b, c] : mesh.triangles) fmt::format_to(end, "f {} {} {}\n", a + 1, b + 1, c + 1);
+    return text;
+}
+
+std::string ply(const Snapshot& snapshot) {
+    const CarriedMesh mesh = surface_of(snapshot);
+    std::string bytes = fmt::format(
+        "ply\nformat binary_little_endian 1.0\ncomment voxspring, step {}\nelement vertex {}\nproperty "
+        "double x\n"
+        "property double y\nproperty double z\nelement face {}\nproperty list uchar uint vertex_indices\n"
+        "end_header\n",
+        snapshot.step, mesh.rest.size(), mesh.triangles.size());
+    for (const glm::dvec3& place : places(mesh)) append(bytes, place);
+    for (const Triangle& triangle : mesh.triangles) {
+        bytes += '\3';
+        append(bytes, triangle);
+    }
+    return bytes;
+}
+
+std::string mesh_vtu(const Snapshot& snapshot) {
+    const CarriedMesh mesh = surface_of(snapshot);
+    const bool is_solid = !mesh.tetrahedra.empty();
+    VtkFile file("UnstructuredGrid");
+    file.begin("UnstructuredGrid");
+    add_time(file, snapshot);
+    file.begin("Piece" + attribute("NumberOfPoints", mesh.rest.size()) +
+               attribute("NumberOfCells", is_solid ? mesh.tetrahedra.size() : mesh.triangles.size()));
+    file.begin("PointData");
+    file.array("displacement", mesh.displacement);
+    file.end();
+    file.begin("Points");
+    file.array("Points", places(mesh));
+    file.end();
+    file.begin("Cells");
+    constexpr std::uint8_t triangle = 5, tetrahedron = 10;  // VTK's numbers
+    if (is_solid) {
+        add_cells(file, mesh.tetrahedra, tetrahedron);
+    } else {
+        add_cells(file, mesh.triangles, triangle);
+    }
+    for (int open = 0; open < 3; ++open) file.end();
     return file.bytes();
 }
 

@@ -1,13 +1,32 @@
-// File formats for the state of a run. Those up to npz() are float64 and lose nothing of the state.
+// The state of a run, and the file formats for it. Those up to npz() are float64 and lose nothing of the
+// state.
 //
 // `velocity` is the velocity at the state's time, (x(t + dt) - x(t - dt)) / (2 dt), see velocities().
 #pragma once
 
+#include <cstdint>
+#include <glm/vec3.hpp>
 #include <string>
+#include <vector>
 
-#include "harness/export/snapshot.h"
+#include "harness/scene/scene.h"
 
 namespace voxspring {
+
+/// A run after `step` steps. Quantities are in the scene's units.
+struct Snapshot {
+    const Scene& scene;
+    const Problem& problem;  ///< the scene's problem as the edits so far have left it
+    const State& state;
+    std::int64_t step = 0;
+    double time = 0;      ///< step times time step
+    std::string backend;  ///< label of the backend that ran it, see BackendSpec::label()
+};
+
+/// The velocity at the snapshot's time, (x(t + dt) - x(t - dt)) / (2 dt), one element per particle. x(t + dt)
+/// comes from one more step in float64, with the snapshot's springs and the scene's tool where it is in that
+/// step.
+std::vector<glm::dvec3> velocities(const Snapshot& snapshot);
 
 /// A CSV table: a line that names the columns, then a line per particle with voxel, position, displacement
 /// and velocity along x, y and z. Numbers read back as the same bits.

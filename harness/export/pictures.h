@@ -13,7 +13,7 @@
 #include "harness/drawing/body_painter.h"
 #include "harness/drawing/legend.h"
 #include "harness/drawing/orbit.h"
-#include "harness/export/snapshot.h"
+#include "harness/export/export_formats.h"
 #include "harness/scene/scene_runner.h"
 
 namespace voxspring {
