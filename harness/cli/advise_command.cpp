@@ -93,26 +93,19 @@ void print(const Candidate& candidate, std::ostream& out) {
                        error_text(candidate.total_error), error_text(candidate.rounding_error));
 }
 
-/// The candidates of a scene, measured or read from a result.
-struct Measured {
-    std::string scene;
+int print_advice_on_errors(const std::string& argument, const AdviseOptions& options, std::ostream& out) {
+    std::string scene = argument;
     std::vector<Candidate> candidates;
     bool unfinished = false;
-};
-
-Measured candidates_for(const std::string& argument, const AdviseOptions& options, std::ostream& out) {
-    if (options.results)
-        return {.scene = argument, .candidates = candidates_of(read_json(*options.results), argument)};
-    const std::string scene = load_scene(argument, options.study.volume).name;
-    const Result result = measured("pareto", argument, options, out);
-    Measured all{.scene = scene, .candidates = {}, .unfinished = is_unfinished(result)};
-    if (!result.rows<ParetoRow>("pareto").empty() || !all.unfinished)
-        all.candidates = candidates_of(parse_json(json_text(result), "what was measured"), scene);
-    return all;
-}
-
-int print_advice_on_errors(const std::string& argument, const AdviseOptions& options, std::ostream& out) {
-    const auto [scene, candidates, unfinished] = candidates_for(argument, options, out);
+    if (options.results) {
+        candidates = candidates_of(read_json(*options.results), argument);
+    } else {
+        scene = load_scene(argument, options.study.volume).name;
+        const Result result = measured("pareto", argument, options, out);
+        unfinished = is_unfinished(result);
+        if (!unfinished || !result.rows<ParetoRow>("pareto").empty())
+            candidates = candidates_of(parse_json(json_text(result), "what was measured"), scene);
+    }
     const double error = options.error.value();
     if (candidates.empty()) {
         (options.json ? std::cerr : out)

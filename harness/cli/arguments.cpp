@@ -1,13 +1,17 @@
 #include "harness/cli/arguments.h"
 
 #include <fmt/format.h>
+#include <malloc.h>
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <charconv>
+#include <csignal>
 #include <cstdint>
 #include <cstdlib>
+#include <exception>
 #include <iostream>
+#include <new>
 #include <numeric>
 #include <optional>
 #include <set>
@@ -23,7 +27,6 @@
 #include "harness/base/interruption.h"
 #include "harness/base/text.h"
 #include "harness/cli/commands.h"
-#include "harness/cli/scripts.h"
 #include "harness/export/export.h"
 #include "harness/process/worker_main.h"
 #include "harness/scene/scene.h"
@@ -558,6 +561,46 @@ int run_command_line(int argc, char** argv, std::ostream& out, const ViewScene& 
         return 2;
     }
     return values.exit_code;
+}
+
+namespace {
+
+int exit_code_of(int argc, char** argv, const ViewScene& view) {
+    try {
+        return run_command_line(argc, argv, std::cout, view);
+    } catch (const BadInput& error) {
+        std::cerr << "voxspring: " << error.what() << "\n";
+        return 2;
+    } catch (const BadSpecification& error) {
+        std::cerr << "voxspring: " << error.what() << "\n";
+        return 2;
+    } catch (const std::bad_alloc&) {
+        std::cerr << "voxspring: out of memory: this command needs more than the machine has; "
+                     "`voxspring info SCENE` shows what a scene needs on each backend\n";
+        return 1;
+    } catch (const std::exception& error) {
+        std::cerr << "voxspring: " << error.what() << "\n";
+        return 1;
+    }
+}
+
+}  // namespace
+
+int run_program(int argc, char** argv, const ViewScene& view) {
+    // Freed memory is kept for reuse, so that the system need not map it and clear its pages again: the
+    // states of a large scene are allocated and freed with every row of a study.
+    mallopt(M_MMAP_MAX, 0);
+    mallopt(M_TRIM_THRESHOLD, -1);  // never return memory to the system
+    // With this signal ignored, write() returns an error at the limit on file sizes.
+    std::signal(SIGXFSZ, SIG_IGN);
+    worker_main(argc, argv);
+    const int code = exit_code_of(argc, argv, view);
+    // A full disk may show only when buffered output is written.
+    if (!std::cout.flush()) {
+        std::cerr << "voxspring: not all of the output could be written to standard output\n";
+        return code == 0 ? 1 : code;
+    }
+    return code;
 }
 
 }  // namespace voxspring

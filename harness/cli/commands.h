@@ -2,9 +2,11 @@
 #pragma once
 
 #include <filesystem>
+#include <map>
 #include <optional>
 #include <ostream>
 #include <string>
+#include <vector>
 
 #include "harness/export/export.h"
 #include "harness/scene/scene.h"
@@ -59,5 +61,21 @@ struct AdviseOptions {
 /// the measurement, and the advice is based on what was measured until then. Throws BadInput,
 /// BadSpecification.
 int print_advice(const std::string& scene, const AdviseOptions& options, std::ostream& out);
+
+// --- `voxspring report` and `voxspring diff`: Python scripts that come with the program ----------------
+
+/// What a script does, and the Python packages that it needs: `modules` are their import names, `packages`
+/// their Debian packages, empty unless Debian has every one of them.
+struct Script {
+    std::string description, modules, packages;
+};
+/// All scripts, by the command that starts each.
+const std::map<std::string, Script>& scripts();
+
+/// Replaces this process by the script with these arguments; returns only by throwing. The script is looked
+/// for in the folders results/ and share/voxspring/results/ beside the program and above it: in the source
+/// tree, an installation or a package. Throws BadInput if it is not found, or if no Python here has the
+/// packages that it needs.
+int run_script(const std::string& command, const std::vector<std::string>& arguments);
 
 }  // namespace voxspring

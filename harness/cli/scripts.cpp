@@ -1,5 +1,3 @@
-#include "harness/cli/scripts.h"
-
 #include <unistd.h>
 
 #include <algorithm>
@@ -11,6 +9,7 @@
 
 #include "harness/base/bad_input.h"
 #include "harness/base/text.h"
+#include "harness/cli/commands.h"
 
 namespace voxspring {
 namespace {
