@@ -42,8 +42,6 @@ std::string reason_for(const std::string& backend) {
                                                          : "lists, which take springs beyond the lattice";
 }
 
-bool is_software(const nlohmann::json& backend) { return capabilities_of(backend).is_software; }
-
 std::string count_text(std::uint64_t count) {
     if (count < 1000000) return std::to_string(count);
     return std::to_string(std::llround(double(count) * 1e-6)) + " million";
@@ -52,19 +50,6 @@ std::string count_text(std::uint64_t count) {
 std::string said(const Rule& rule, const Workload& workload) {
     return rule.backend + (rule.tuning.empty() ? "" : ":" + rule.tuning) + ", " + describe(workload) + ": " +
            rule.reason;
-}
-
-/// Checks "auto:a=b,c=d": throws BadSpecification for keys other than formulation and precision.
-void check_options(const std::string& text) {
-    const auto colon = text.find(':');
-    if (colon == std::string::npos) return;
-    std::istringstream rest(text.substr(colon + 1));
-    for (std::string item; std::getline(rest, item, ',');) {
-        const std::string key = item.substr(0, item.find('='));
-        if (key != "formulation" && key != "precision")
-            throw BadSpecification("backend auto has no parameter '" + key +
-                                   "'; known: precision, formulation");
-    }
 }
 
 std::string options_of(const std::string& text) {
@@ -129,9 +114,15 @@ std::string describe(const Workload& workload) {
 bool asks_for_auto(const std::string& text) { return text == "auto" || text.starts_with("auto:"); }
 
 Formulation check_auto(const std::string& text) {
-    check_options(text);
-    // cpu_parallel has every formulation and precision, so it accepts all valid options.
     const std::string options = options_of(text);
+    std::istringstream rest(options);
+    for (std::string item; std::getline(rest, item, ',');) {
+        const std::string key = item.substr(0, item.find('='));
+        if (key != "formulation" && key != "precision")
+            throw BadSpecification("backend auto has no parameter '" + key +
+                                   "'; known: precision, formulation");
+    }
+    // cpu_parallel has every formulation and precision, so it accepts all valid options.
     return BackendSpec::parse("cpu_parallel" + (options.empty() ? "" : ":" + options)).options.formulation;
 }
 
@@ -199,7 +190,7 @@ nlohmann::json choose_among(const Result& result, const std::vector<Row>& rows) 
     nlohmann::json choice = {{"name", nullptr}, {"reason", "no rule holds"}, {"times_fastest", nullptr}};
     for (const Rule& rule : rules()) {
         if (!holds(rule, workload) || !known.contains(rule.backend) || refused.contains(rule.backend) ||
-            !backends.contains(rule.backend) || is_software(backends.at(rule.backend)))
+            !backends.contains(rule.backend) || !may_be_chosen(capabilities_of(backends.at(rule.backend))))
             continue;
         choice["reason"] = said(rule, workload);
         const std::string name = of.scene + "/" + rule.backend + "/" + of.formulation + "/" + of.precision +

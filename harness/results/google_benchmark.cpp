@@ -1,6 +1,7 @@
 #include "harness/results/google_benchmark.h"
 
 #include <benchmark/benchmark.h>
+#include <fmt/chrono.h>
 
 #include <array>
 #include <cmath>
@@ -29,14 +30,6 @@ constexpr std::array aggregates = {Aggregate{"mean", "time", mean}, Aggregate{"m
                                    Aggregate{"stddev", "time", standard_deviation},
                                    Aggregate{"cv", "percentage", variation}};
 
-std::string utc_date() {
-    const std::time_t now = std::time(nullptr);
-    std::tm parts{};
-    std::array<char, 32> text{};
-    std::strftime(text.data(), text.size(), "%FT%T+00:00", gmtime_r(&now, &parts));
-    return text.data();
-}
-
 /// The figures of a row for which statistics are computed.
 constexpr std::array figures = {&BenchmarkPart::real_microseconds, &BenchmarkPart::cpu_microseconds,
                                 &BenchmarkPart::particle_updates_per_second,
@@ -59,7 +52,7 @@ BenchmarkPart part_of(const Repetition& repetition, const Workpiece& piece) {
 
 nlohmann::json google_benchmark_context() {
     const benchmark::CPUInfo& cpu = benchmark::CPUInfo::Get();
-    nlohmann::json context = {{"date", utc_date()},
+    nlohmann::json context = {{"date", fmt::format("{:%FT%T}+00:00", fmt::gmtime(std::time(nullptr)))},
                               {"executable", "voxspring"},
                               {"num_cpus", cpu.num_cpus},
                               {"mhz_per_cpu", std::llround(cpu.cycles_per_second / 1e6)},

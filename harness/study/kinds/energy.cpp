@@ -133,7 +133,6 @@ public:
             throw BadInput("study " + study.name, "scene " + scene.name, counted(scene.edits.size(), "edit"),
                            "no edits in an energy study");
     }
-    int rows_of_case(const Study&, const StudyScene&) const override { return 1; }
     double steps_of_case(const Study&, const StudyScene& item) const override { return item.steps; }
 
     void run(StudyBench& bench) override {

@@ -11,7 +11,6 @@
 #include <tuple>
 #include <utility>
 
-#include "backends/disk_cache.h"
 #include "backends/layout/decomposition.h"
 #include "harness/base/bad_input.h"
 #include "harness/base/interruption.h"
@@ -30,6 +29,7 @@
 #include "harness/study/study_bench.h"
 #include "harness/study/study_kind.h"
 #include "harness/verification/errors.h"
+#include "harness/verification/verify.h"
 
 namespace voxspring {
 namespace {
@@ -74,13 +74,6 @@ const RegisteredCaseRunner scaling_runner("scaling", [](const BackendSpec& spec,
 });
 
 // --- In the process of the study ------------------------------------------------------------------------
-
-std::string hash_of_state(const State& state) {
-    Hash hash;
-    hash.add_numbers(state.displacement);
-    hash.add_numbers(state.increment);
-    return hash.text();
-}
 
 /// Takes all times from the batch with the median time. The time of a step is that of the rank that ends
 /// last. The times of computing, exchanging and waiting are those of the rank with the most work.
@@ -480,7 +473,7 @@ nlohmann::json RankedCase::judged(const Found& found, const RankPlan& plan, cons
         row.verdict = std::move(judged.verdict);
     }
     if (!sampled_.empty()) row.judged_particles = judged_particles_;
-    const std::string bits = hash_of_state(found.state);
+    const std::string bits = fingerprint_of(found.state);
     if (!bits_of_one_.empty()) row.same_bits = bits == bits_of_one_;
     if (row.same_bits == false && keeps_bits)
         throw std::runtime_error("its state has other bits than that of one rank");
