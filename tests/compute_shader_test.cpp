@@ -11,7 +11,6 @@
 #include "harness/verification/verify.h"
 #include "tests/required.h"
 #include "tests/shader_support.h"
-#include "tests/specifications.h"
 #include "tests/support.h"
 
 namespace voxspring::testing {

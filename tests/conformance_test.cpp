@@ -24,7 +24,6 @@
 #include "harness/verification/verify.h"
 #include "tests/required.h"
 #include "tests/simd_target.h"
-#include "tests/specifications.h"
 #include "tests/support.h"
 
 namespace voxspring::testing {

@@ -15,8 +15,8 @@
 #include "backends/registry.h"
 #include "harness/verification/verify.h"
 #include "tests/bodies.h"
+#include "tests/required.h"
 #include "tests/simd_target.h"
-#include "tests/specifications.h"
 #include "tests/support.h"
 
 namespace voxspring::testing {

@@ -20,7 +20,6 @@
 #include "harness/scene/scene.h"
 #include "tests/bodies.h"
 #include "tests/required.h"
-#include "tests/specifications.h"
 #include "tests/support.h"
 
 namespace voxspring::testing {
@@ -334,40 +333,38 @@ std::vector<std::string> specifications_with_borders() {
     return all;
 }
 
-class SubdomainBits : public ::testing::TestWithParam<std::string> {
+class SubdomainBits : public BackendTest {
 protected:
     void SetUp() override {
-        make_or_skip(spec_, any_);
-        if (any_) {
-            ASSERT_TRUE(any_->capabilities().has_borders);
+        BackendTest::SetUp();
+        if (backend) {
+            ASSERT_TRUE(backend->capabilities().has_borders);
         }
     }
     /// The problems that the backend can run.
     std::vector<Problem> problems() const {
         std::vector<Problem> all = bodies_to_cut();
-        std::erase_if(all, [&](const Problem& problem) { return !any_->unsupported(problem).empty(); });
+        std::erase_if(all, [&](const Problem& problem) { return !backend->unsupported(problem).empty(); });
         return all;
     }
 
     /// The cuts that keep the order of the backend's sums.
     std::vector<glm::ivec3> cuts(const Problem& whole) const {
         std::vector<glm::ivec3> all = cuts_of(whole);
-        if (spec_.entry->name == "cuda_march")
+        if (spec.entry->name == "cuda_march")
             std::erase_if(all, [](glm::ivec3 cut) { return cut.x > 1 || cut.y > 1; });
         return all;
     }
 
-    std::unique_ptr<Backend> any_;
-    const BackendSpec spec_ = BackendSpec::parse(GetParam());
     static constexpr int steps = 12;
 };
 
 TEST_P(SubdomainBits, AreThoseOfOneDevice) {
     for (const Problem& whole : problems()) {
         const State start = random_state(whole, 0.05, 3);
-        const State expected = stepped_whole(spec_, whole, start, steps);
+        const State expected = stepped_whole(spec, whole, start, steps);
         for (const glm::ivec3 cut : cuts(whole))
-            expect_same_bits(stepped_as(cut, spec_, whole, start, steps), expected);
+            expect_same_bits(stepped_as(cut, spec, whole, start, steps), expected);
     }
 }
 
@@ -376,14 +373,14 @@ TEST_P(SubdomainBits, AreThoseOfOneDeviceWithEditsAcrossBorders) {
         Problem edited = whole;
         const std::vector<SpringEdit> edits = edit_everything(edited, false);
         const State start = random_state(whole, 0.05, 4);
-        const State expected = stepped_whole(spec_, whole, start, steps, edits);
+        const State expected = stepped_whole(spec, whole, start, steps, edits);
         for (const glm::ivec3 cut : cuts(whole))
-            expect_same_bits(stepped_as(cut, spec_, whole, start, steps, edits), expected);
+            expect_same_bits(stepped_as(cut, spec, whole, start, steps, edits), expected);
     }
 }
 
 TEST_P(SubdomainBits, AreThoseOfOneDeviceWhateverTheWayOfTheirBorders) {
-    const std::vector<std::string> ways = any_->capabilities().border_ways;
+    const std::vector<std::string> ways = backend->capabilities().border_ways;
     if (ways.empty()) GTEST_SKIP() << "its borders go through the host's memory alone";
     std::vector<Problem> wholes = problems();
     // Its slabs have blocks of particles without any particle of a border, however blocks are made.
@@ -394,10 +391,10 @@ TEST_P(SubdomainBits, AreThoseOfOneDeviceWhateverTheWayOfTheirBorders) {
         std::string reason;
         for (const Problem& whole : wholes) {
             const State start = random_state(whole, 0.05, 5);
-            const State expected = stepped_whole(spec_, whole, start, steps);
+            const State expected = stepped_whole(spec, whole, start, steps);
             for (const glm::ivec3 cut : {glm::ivec3(2, 2, 1), Decomposition::slabs(whole, 2)}) {
                 reason.clear();
-                const State state = stepped_by(way, cut, spec_, whole, start, steps, reason);
+                const State state = stepped_by(way, cut, spec, whole, start, steps, reason);
                 if (reason.empty()) expect_same_bits(state, expected);
             }
         }

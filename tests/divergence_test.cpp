@@ -2,28 +2,22 @@
 #include <gtest/gtest.h>
 
 #include <limits>
-#include <memory>
-#include <string>
 
 #include "backends/registry.h"
 #include "tests/required.h"
-#include "tests/specifications.h"
 #include "tests/support.h"
 
 namespace voxspring::testing {
 namespace {
 
-class Monitored : public ::testing::TestWithParam<std::string> {
+class Monitored : public BackendTest {
 protected:
     Monitored() : problem(make_lattice_problem(random_grid({37, 9, 8}, 0.5, 61), FACE_BITS | EDGE_BITS)) {
         problem.time_step = 0.2;
         problem.damping = 0.01;
     }
 
-    void SetUp() override { make_or_skip(BackendSpec::parse(GetParam()), backend); }
-
     Problem problem;
-    std::unique_ptr<Backend> backend;
 };
 
 TEST_P(Monitored, ARunWithinItsBoundsDoesNotDiverge) {

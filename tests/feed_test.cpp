@@ -17,7 +17,6 @@
 #include "backends/gl/storage_buffer.h"
 #include "backends/registry.h"
 #include "tests/required.h"
-#include "tests/specifications.h"
 #include "tests/support.h"
 
 namespace voxspring::testing {

@@ -20,7 +20,6 @@
 #include "harness/verification/errors.h"
 #include "harness/verification/random_starts.h"
 #include "tests/required.h"
-#include "tests/specifications.h"
 #include "tests/support.h"
 
 namespace voxspring::testing {

@@ -14,7 +14,7 @@
 #include "backends/registry.h"
 #include "harness/verification/verify.h"
 #include "tests/bodies.h"
-#include "tests/specifications.h"
+#include "tests/required.h"
 #include "tests/support.h"
 
 namespace voxspring::testing {

@@ -15,7 +15,6 @@
 #include "backends/registry.h"
 #include "harness/verification/verify.h"
 #include "tests/required.h"
-#include "tests/specifications.h"
 #include "tests/support.h"
 
 namespace voxspring::testing {

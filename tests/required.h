@@ -1,10 +1,11 @@
-// VOXSPRING_REQUIRE names the backends whose device must be available, by name or prefix
-// (VOXSPRING_REQUIRE=cuda,gl_fragment). Without their device they fail, while others are skipped.
+// Backends as parameters of tests. VOXSPRING_REQUIRE names those whose device must be available, by name or
+// prefix (VOXSPRING_REQUIRE=cuda,gl_fragment). Without their device they fail, while others are skipped.
 #pragma once
 
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cctype>
 #include <cstdlib>
 #include <iterator>
 #include <memory>
@@ -15,6 +16,32 @@
 #include "backends/registry.h"
 
 namespace voxspring::testing {
+
+/// Every backend, or only those with the tuning parameter `key`, in every precision and formulation.
+inline std::vector<std::string> in_every_formulation(const std::string& key = "") {
+    std::vector<std::string> all;
+    for (const auto& [name, entry] : registry()) {
+        if (!key.empty() && !entry.tuning.contains(key)) continue;
+        for (const Precision precision : entry.precisions) {
+            for (const Formulation formulation : entry.formulations)
+                all.push_back(name + ":precision=" + to_string(precision) +
+                              ",formulation=" + to_string(formulation));
+        }
+    }
+    return all;
+}
+
+/// A text as the name of a test.
+inline std::string name_of_test(std::string name) {
+    for (char& c : name) {
+        if (std::isalnum(static_cast<unsigned char>(c)) == 0) c = '_';
+    }
+    return name;
+}
+/// A specification as the name of its tests.
+inline std::string test_name(const ::testing::TestParamInfo<std::string>& tested) {
+    return name_of_test(tested.param);
+}
 
 inline std::vector<std::string> required_prefixes() {
     const char* value = std::getenv("VOXSPRING_REQUIRE");
@@ -58,5 +85,14 @@ inline void make_or_skip(const std::string& text, std::unique_ptr<Backend>& back
     if (is_required(absent->first)) FAIL() << "required and not in this build: " << absent->second;
     GTEST_SKIP() << "not in this build: " << absent->second;
 }
+
+/// Tests of the backend that the parameter specifies.
+class BackendTest : public ::testing::TestWithParam<std::string> {
+protected:
+    void SetUp() override { make_or_skip(spec, backend); }
+
+    const BackendSpec spec = BackendSpec::parse(GetParam());
+    std::unique_ptr<Backend> backend;
+};
 
 }  // namespace voxspring::testing

@@ -10,7 +10,6 @@
 #include "backends/registry.h"
 #include "harness/verification/verify.h"
 #include "tests/required.h"
-#include "tests/specifications.h"
 #include "tests/support.h"
 
 namespace voxspring::testing {

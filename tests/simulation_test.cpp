@@ -12,7 +12,6 @@
 #include "harness/scene/scene_runner.h"
 #include "tests/required.h"
 #include "tests/simulated_box.h"
-#include "tests/specifications.h"
 
 namespace voxspring::testing {
 namespace {

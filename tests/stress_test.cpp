@@ -17,7 +17,6 @@
 #include "harness/verification/random_starts.h"
 #include "harness/verification/verify.h"
 #include "tests/required.h"
-#include "tests/specifications.h"
 #include "tests/support.h"
 
 namespace voxspring::testing {

@@ -15,7 +15,6 @@
 #include "backends/registry.h"
 #include "harness/scene/stability.h"
 #include "tests/required.h"
-#include "tests/specifications.h"
 
 namespace voxspring::testing {
 namespace {

@@ -23,7 +23,6 @@
 #include "harness/scene/stability.h"
 #include "harness/verification/conserved.h"
 #include "tests/required.h"
-#include "tests/specifications.h"
 #include "tests/support.h"
 
 namespace voxspring::testing {
