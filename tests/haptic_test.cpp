@@ -8,7 +8,6 @@
 #include <csignal>
 #include <cstdint>
 #include <ctime>
-#include <fstream>
 #include <glm/vec4.hpp>
 #include <map>
 #include <memory>
@@ -30,7 +29,6 @@
 #include "tests/required.h"
 #include "tests/volume_files.h"
 #include "tests/wrapped_backend.h"
-#include "tests/wrong_backend.h"
 
 namespace voxspring::testing {
 namespace {
@@ -39,14 +37,11 @@ namespace {
 
 /// A cpu_reference whose state cannot be downloaded often: beside drawing, only the two runs that are judged
 /// download it.
-class Withheld : public WrappedBackend, public ToolFacet {
+class Withheld : public WrappedToolBackend {
 public:
-    ToolFacet* tool() override { return this; }
-    void move_tool(const glm::dvec3& displacement) override { inner().tool()->move_tool(displacement); }
-    glm::dvec3 tool_force() override { return inner().tool()->tool_force(); }
     State download() override {
         if (++downloads_ > 2) throw DeviceError("the device was lost");
-        return WrappedBackend::download();
+        return WrappedToolBackend::download();
     }
     std::string state_fingerprint() override { return fingerprint_of(inner().download()); }
 
@@ -135,14 +130,10 @@ const Registered stopped = registered_for_test("interrupted", [] { return std::m
 
 class Haptic : public ::testing::Test {
 protected:
-    std::string write(const std::string& name, const std::string& text) const {
-        const auto path = folder_.path() / name;
-        std::ofstream(path) << text;
-        return path.string();
-    }
     Study study(const std::vector<std::string>& backends, std::vector<int> rates) const {
-        (void)write("hand.csv", "time,x,y,z\n0,0,0,0\n1,0.2,0,0\n2,0.2,0.1,0\n");
-        const std::string scene = write("held.json", R"({"dataset": {"type": "box", "dims": [4, 4, 4]},
+        folder_.write("hand.csv", "time,x,y,z\n0,0,0,0\n1,0.2,0,0\n2,0.2,0.1,0\n");
+        const std::string scene =
+            folder_.write("held.json", R"({"dataset": {"type": "box", "dims": [4, 4, 4]},
             "pinned": {"side": "x-"}, "tool": {"side": "x+", "stiffness": 0.5, "motion": "hand.csv"}})");
         Study study;
         study.name = "test";
@@ -153,9 +144,7 @@ protected:
         return study;
     }
     static constexpr double seconds = 0.25;
-
-private:
-    TemporaryFolder folder_;
+    const TemporaryFolder folder_;
 };
 
 void expect_consistent_latencies(const nlohmann::json& row) {
@@ -229,7 +218,7 @@ TEST_F(Haptic, HasNoRowOfAWrongBackend) {
     std::vector<std::string> names;
     for (const auto& [name, fault] : faults()) names.push_back(name);
     Study judged = study(names, {500});
-    const std::string scene = write("heavy.json", R"({"dataset": {"type": "box", "dims": [6, 6, 6]},
+    const std::string scene = folder_.write("heavy.json", R"({"dataset": {"type": "box", "dims": [6, 6, 6]},
             "gravity": [8e-4, 0, -2e-3], "pinned": {"side": "x-"}, "time_step": {"fraction_of_stable": 0.5},
             "tool": {"side": "x+", "stiffness": 0.5, "motion": "hand.csv"}})");
     judged.scenes = {{scene, 60, {}}};
@@ -284,21 +273,15 @@ TEST_F(Haptic, CountsThePausesOfItsThread) {
     EXPECT_GE(long_pauses, 3) << row;
 }
 
-/// Why drawing is impossible here; empty if it is possible.
-std::string without_drawing() {
-    try {
-        const gl::Context context;
-    } catch (const Unavailable& absent) {
-        return absent.what();
+/// Skips its tests where drawing is impossible.
+class DrawnHaptic : public Haptic {
+protected:
+    void SetUp() override {
+        skip_without("gl", [] { const gl::Context context; });
     }
-    return {};
-}
+};
 
-TEST_F(Haptic, DrawsTheBodyMeanwhile) {
-    if (const std::string why = without_drawing(); !why.empty()) {
-        if (is_required("gl")) FAIL() << why;
-        GTEST_SKIP() << why;
-    }
+TEST_F(DrawnHaptic, DrawsTheBodyMeanwhile) {
     const nlohmann::json result = run_study(study({"cpu_parallel", "gl_compute_implicit"}, {500, 1000}), {});
     std::map<std::string, std::vector<std::string>> played;
     for (const auto& row : result.at("haptic")) {
@@ -323,8 +306,7 @@ TEST_F(Haptic, DrawsTheBodyMeanwhile) {
     EXPECT_EQ(played["gl_compute_implicit"], expected) << result.at("failed") << result.at("skipped");
 }
 
-TEST_F(Haptic, DrawsWhatABackendBringsInsteadOfItsWholeState) {
-    if (const std::string why = without_drawing(); !why.empty()) GTEST_SKIP() << why;
+TEST_F(DrawnHaptic, DrawsWhatABackendBringsInsteadOfItsWholeState) {
     const nlohmann::json result = run_study(study({"brought"}, {500}), {});
     EXPECT_THAT(result.at("failed"), ::testing::IsEmpty());
     int drawn = 0;
@@ -337,8 +319,7 @@ TEST_F(Haptic, DrawsWhatABackendBringsInsteadOfItsWholeState) {
     EXPECT_EQ(drawn, 2);
 }
 
-TEST_F(Haptic, ABackendThatFailsWhileItIsDrawnKeepsItsOtherRows) {
-    if (const std::string why = without_drawing(); !why.empty()) GTEST_SKIP() << why;
+TEST_F(DrawnHaptic, ABackendThatFailsWhileItIsDrawnKeepsItsOtherRows) {
     const nlohmann::json result = run_study(study({"withheld"}, {500}), {});
     ASSERT_EQ(result.at("haptic").size(), 2u);
     for (const auto& row : result.at("haptic")) EXPECT_EQ(row.at("drawn"), false);

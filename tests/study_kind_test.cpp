@@ -28,7 +28,6 @@
 #include "harness/study/suite.h"
 #include "tests/volume_files.h"
 #include "tests/wrapped_backend.h"
-#include "tests/wrong_backend.h"
 
 namespace voxspring::testing {
 namespace {
