@@ -11,6 +11,7 @@
 
 #include "backends/backend.h"
 #include "backends/pace.h"
+#include "tests/surroundings.h"
 
 namespace voxspring::testing {
 namespace {
@@ -118,15 +119,10 @@ TEST(APace, IsNotMeasuredForEverWhereStepsComeOneByOne) {
     EXPECT_EQ(pace.steps(), 25);
 }
 
-std::string refusal_of(DeviceNumber device, int count) {
-    try {
-        return "took " + std::to_string(device.among(count, "CUDA"));
-    } catch (const Unavailable& refusal) {
-        return refusal.what();
-    }
-}
-
 TEST(DeviceNumbers, AreOfTheDevicesThatThereAre) {
+    const auto refusal_of = [](DeviceNumber device, int count) {
+        return message_of<Unavailable>([&] { (void)device.among(count, "CUDA"); });
+    };
     EXPECT_EQ((DeviceNumber{2, false}.among(3, "CUDA")), 2);
     EXPECT_EQ(refusal_of({3, false}, 3), "no CUDA device 3: there are devices 0 to 2");
     EXPECT_EQ(refusal_of({1, false}, 1), "no CUDA device 1: there is device 0 alone");

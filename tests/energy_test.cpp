@@ -3,13 +3,14 @@
 
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
-#include <stdlib.h>
 
 #include <chrono>
 #include <filesystem>
 #include <fstream>
 #include <stdexcept>
 #include <thread>
+
+#include "tests/surroundings.h"
 
 namespace voxspring {
 namespace {
@@ -20,14 +21,10 @@ using ::testing::HasSubstr;
 class Rapl : public ::testing::Test {
 protected:
     void SetUp() override {
-        std::string name = "/tmp/voxspring_rapl_XXXXXX";
-        ASSERT_NE(mkdtemp(name.data()), nullptr);
-        folder_ = name;
         add("intel-rapl:0", "package-0", "1000000");
         add("intel-rapl:0:0", "core", "1");
         add("intel-rapl:1", "package-1", "2000000");
     }
-    void TearDown() override { std::filesystem::remove_all(folder_); }
 
     void add(const std::string& domain, const std::string& name, const std::string& microjoules) const {
         std::filesystem::create_directories(folder_ / domain);
@@ -38,7 +35,9 @@ protected:
     void count(const std::string& domain, const std::string& microjoules) const {
         std::ofstream(folder_ / domain / "energy_uj") << microjoules << "\n";
     }
-    std::filesystem::path folder_;
+
+    const testing::TemporaryFolder temporary_;
+    const std::filesystem::path folder_ = temporary_.path();
 };
 
 TEST_F(Rapl, SumsPackagesAndCountsPastTheirRange) {
@@ -61,16 +60,10 @@ TEST_F(Rapl, CountsAPackageOnceThatLinuxShowsTwice) {
     EXPECT_DOUBLE_EQ(rapl_meter(folder_)->joules(), 3.5);
 }
 
-std::string refusal_of(const std::string& folder) {
-    try {
-        (void)rapl_meter(folder);
-    } catch (const std::runtime_error& error) {
-        return error.what();
-    }
-    return "it is there";
-}
-
 TEST_F(Rapl, SaysWhyThereIsNone) {
+    const auto refusal_of = [](const std::filesystem::path& folder) {
+        return testing::message_of<std::runtime_error>([&] { (void)rapl_meter(folder); });
+    };
     EXPECT_THAT(refusal_of(folder_ / "nosuch"), HasSubstr("has no energy counter"));
     std::filesystem::remove(folder_ / "intel-rapl:0/energy_uj");
     EXPECT_THAT(refusal_of(folder_), HasSubstr("readable by root alone"));
