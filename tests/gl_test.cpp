@@ -173,6 +173,19 @@ TEST_P(GlFragment, DegenerateSpringsFollowTheReference) {
     }
 }
 
+/// `arms` particles around one, each joined to it by a spring; on no grid.
+Problem star(std::uint32_t arms) {
+    Problem problem;
+    problem.rest_position.assign(arms + 1, glm::dvec3(0));
+    for (std::uint32_t i = 1; i <= arms; ++i) {
+        const double angle = 2 * 3.14159265358979 * i / arms;
+        problem.rest_position[i] = {std::cos(angle), std::sin(angle), 0.1 * i / arms};
+        problem.springs.push_back({0, i, 1.0 + 0.5 * i / arms, 0.9});
+    }
+    problem.time_step = 0.1;
+    return problem;
+}
+
 TEST_F(Gl, GridBeyondTheTextureLimitIsUnsupported) {
     const auto backend = make("gl_fragment_implicit");
     Problem problem;
