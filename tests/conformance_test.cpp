@@ -6,7 +6,6 @@
 #include <algorithm>
 #include <chrono>
 #include <cmath>
-#include <functional>
 #include <glm/geometric.hpp>
 #include <map>
 #include <memory>
@@ -22,6 +21,7 @@
 #include "harness/study/selection.h"
 #include "harness/study/study.h"
 #include "harness/verification/verify.h"
+#include "tests/bodies.h"
 #include "tests/required.h"
 #include "tests/simd_target.h"
 #include "tests/support.h"
@@ -29,74 +29,32 @@
 namespace voxspring::testing {
 namespace {
 
-Problem with_dynamics(Problem problem) {
-    problem.gravity = {8e-4, 0, -2e-3};
-    problem.damping = 0.01;
-    problem.time_step = 0.25;
-    return problem;
-}
-
-Problem lattice(const VoxelGrid& grid, std::uint32_t groups = FACE_BITS | EDGE_BITS) {
-    return with_dynamics(make_lattice_problem(grid, groups));
-}
-
-Problem changed(Problem problem, const std::function<void(Problem&)>& change) {
-    change(problem);
-    return problem;
-}
-
-struct Case {
-    std::string name;
-    Problem problem;
-};
-
-const std::vector<Case>& cases() {
-    static const auto centre = [](int x, int y, int z) { return x == 2 && y == 1 && z == 1; };
-    static const auto corner = [](int x, int y, int z) { return x > 40 && y > 14 && z > 5; };
-    static const auto checkered = [](int x, int y, int z) { return (x + y + z) % 2; };
-    static const std::vector<Case> all = {
-        {"one_particle", lattice(solid({1, 1, 1}))},
-        {"one_particle_in_a_grid", lattice(make_grid({5, 4, 3}, centre))},
-        {"single_row_x", lattice(solid({17, 1, 1}))},
-        {"single_row_y", lattice(solid({1, 19, 1}))},
-        {"single_row_z", lattice(solid({1, 1, 23}))},
-        {"prime_box", lattice(solid({13, 7, 11}))},
-        {"wide_box", lattice(solid({67, 3, 5}))},
-        {"checkerboard_without_springs", lattice(make_grid({8, 7, 6}, checkered), FACE_BITS)},
-        {"random_mask_sparse", lattice(random_grid({19, 17, 13}, 0.2, 1))},
-        {"random_mask_dense", lattice(random_grid({19, 17, 13}, 0.8, 2))},
-        {"faces_only", lattice(solid({9, 8, 7}), FACE_BITS)},
-        {"edges_only", lattice(solid({9, 8, 7}), EDGE_BITS)},
-        {"all_three_groups", lattice(random_grid({11, 9, 10}, 0.7, 3), NEIGHBOUR_BITS)},
-        {"stiffness_per_group", changed(lattice(random_grid({11, 9, 10}, 0.7, 3), NEIGHBOUR_BITS),
-                                        [](Problem& p) {
-                                            p.group_stiffness = {1.0, 0.5, 0.25};
-                                        })},
-        {"anisotropic_spacing", lattice(solid({9, 10, 11}, {0.7, 1.0, 1.9}), NEIGHBOUR_BITS)},
-        {"several_labels", changed(lattice(random_grid({12, 11, 10}, 0.7, 4, 3)),
-                                   [](Problem& p) {
-                                       p.materials = {{1, 1}, {2, 0.25}, {0.75, 0.5}};
-                                   })},
-        {"pinned", changed(lattice(random_grid({12, 11, 10}, 0.7, 5)), pin_base)},
-        {"loads", changed(lattice(solid({7, 6, 5})),
-                          [](Problem& p) {
-                              p.load.assign(p.particle_count(), glm::dvec3(0));
-                              p.load[3] = {0.01, -0.02, 0.03};
-                              p.load.back() = {0, 0, -0.05};
-                          })},
-        {"corner_of_a_grid", lattice(make_grid({70, 21, 9}, corner))},
-        {"network_without_a_grid", with_dynamics(random_network(300, 1000, 6))},
-        {"sutured_lattice", changed(lattice(random_grid({9, 8, 7}, 0.9, 6)),
-                                    [](Problem& p) {
-                                        const auto last = std::uint32_t(p.particle_count() - 1);
-                                        p.springs = {{0, last, 0.5, 3.0}, {1, last - 1, 0.25, 2.0}};
-                                    })},
-        {"no_damping_no_gravity", changed(lattice(solid({7, 6, 5})),
-                                          [](Problem& p) {
-                                              p.damping = 0;
-                                              p.gravity = glm::dvec3(0);
-                                          })},
-    };
+const std::map<std::string, Problem>& cases() {
+    static const auto all = [] {
+        std::map<std::string, Problem> problems = small_bodies();
+        problems["one_particle_in_a_grid"] =
+            lattice(make_grid({5, 4, 3}, [](int x, int y, int z) { return x == 2 && y == 1 && z == 1; }));
+        problems["wide_box"] = lattice(solid({67, 3, 5}));
+        problems["all_three_groups"] = lattice(random_grid({11, 9, 10}, 0.7, 3), NEIGHBOUR_BITS);
+        problems["stiffness_per_group"] = problems["all_three_groups"];
+        problems["stiffness_per_group"].group_stiffness = {1.0, 0.5, 0.25};
+        problems["anisotropic_spacing"] = lattice(solid({9, 10, 11}, {0.7, 1.0, 1.9}), NEIGHBOUR_BITS);
+        problems["several_labels"] = lattice(random_grid({12, 11, 10}, 0.7, 4, 3));
+        problems["several_labels"].materials = {{1, 1}, {2, 0.25}, {0.75, 0.5}};
+        problems["pinned"] = pinned(lattice(random_grid({12, 11, 10}, 0.7, 5)));
+        Problem& loads = problems["loads"] = lattice(solid({7, 6, 5}));
+        loads.load.assign(loads.particle_count(), glm::dvec3(0));
+        loads.load[3] = {0.01, -0.02, 0.03};
+        loads.load.back() = {0, 0, -0.05};
+        problems["corner_of_a_grid"] =
+            lattice(make_grid({70, 21, 9}, [](int x, int y, int z) { return x > 40 && y > 14 && z > 5; }));
+        problems["network_without_a_grid"] = with_dynamics(random_network(300, 1000, 6));
+        problems["sutured_lattice"] = sutured(lattice(random_grid({9, 8, 7}, 0.9, 6)));
+        problems["no_damping_no_gravity"] = lattice(solid({7, 6, 5}));
+        problems["no_damping_no_gravity"].damping = 0;
+        problems["no_damping_no_gravity"].gravity = glm::dvec3(0);
+        return problems;
+    }();
     return all;
 }
 
@@ -158,9 +116,8 @@ protected:
 };
 
 TEST_P(Conformance, AgreesWithTheReference) {
-    for (const Case& c : cases()) {
-        SCOPED_TRACE(c.name);
-        const Problem& problem = c.problem;
+    for (const auto& [name, problem] : cases()) {
+        SCOPED_TRACE(name);
         if (const std::string why = backend->unsupported(problem); !why.empty()) {
             EXPECT_TRUE(may_refuse(spec, problem)) << "unsupported: " << why;
             continue;
@@ -378,14 +335,11 @@ std::vector<std::string> with_a_tool() {
 class ConformanceWithATool : public Conformance {};
 
 TEST_P(ConformanceWithATool, PullsAsInTheReference) {
-    const std::vector<std::string> chosen =
-        backend->capabilities().steps_on_host()
-            ? std::vector<std::string>{"loads", "network_without_a_grid", "several_labels", "pinned"}
-            : std::vector<std::string>{"loads", "network_without_a_grid"};
-    for (const Case& c : cases()) {
-        SCOPED_TRACE(c.name);
-        if (std::find(chosen.begin(), chosen.end(), c.name) == chosen.end()) continue;
-        const Problem& without = c.problem;
+    std::vector<std::string> chosen = {"loads", "network_without_a_grid"};
+    if (backend->capabilities().steps_on_host()) chosen.insert(chosen.end(), {"several_labels", "pinned"});
+    for (const std::string& name : chosen) {
+        SCOPED_TRACE(name);
+        const Problem& without = cases().at(name);
         if (!backend->unsupported(without).empty()) continue;
         const State start = random_state(without, 0.05, 7);
         const Problem problem = held_by_a_tool(without, start);
@@ -512,31 +466,30 @@ TEST_P(ConformanceWithATool, CostsNothingWhereThereIsNone) {
 
 // --- Edits ---------------------------------------------------------------------------------------------
 
-std::vector<Case> edit_cases() {
-    std::vector<Case> all;
-    all.push_back({"dense", lattice(random_grid({11, 9, 10}, 0.95, 31))});
+std::map<std::string, Problem> edit_cases() {
+    std::map<std::string, Problem> all;
+    all["dense"] = lattice(random_grid({11, 9, 10}, 0.95, 31));
     // Rows long enough for whole registers of particles with every neighbour.
-    all.push_back({"solid", lattice(solid({37, 5, 7}))});
+    all["solid"] = lattice(solid({37, 5, 7}));
     // Only a suture joins its two layers.
-    all.push_back({"apart", lattice(solid({2, 9, 8}))});
-    SpringEditor(all.back().problem).cut(Plane{{0.5, 0, 0}, {1, 0, 0}});
-    all.push_back({"all_groups_pinned", lattice(random_grid({8, 7, 9}, 0.8, 32), NEIGHBOUR_BITS)});
-    pin_base(all.back().problem);
-    all.push_back({"labels", lattice(random_grid({9, 8, 7}, 0.9, 33, 2))});
-    all.back().problem.materials = {{1, 1}, {2, 0.25}};
-    all.push_back({"network", with_dynamics(random_network(200, 700, 34))});
+    all["apart"] = lattice(solid({2, 9, 8}));
+    SpringEditor(all["apart"]).cut(Plane{{0.5, 0, 0}, {1, 0, 0}});
+    all["all_groups_pinned"] = pinned(lattice(random_grid({8, 7, 9}, 0.8, 32), NEIGHBOUR_BITS));
+    all["labels"] = lattice(random_grid({9, 8, 7}, 0.9, 33, 2));
+    all["labels"].materials = {{1, 1}, {2, 0.25}};
+    all["network"] = with_dynamics(random_network(200, 700, 34));
     return all;
 }
 
 template <class Visit>
 void Conformance::for_each_edited(Visit visit) const {
-    for (const Case& c : edit_cases()) {
+    for (const auto& [name, problem] : edit_cases()) {
         for (const bool beyond : {false, true}) {
-            SCOPED_TRACE(c.name + (beyond ? " beyond the lattice" : ""));
-            Problem edited = c.problem;
+            SCOPED_TRACE(name + (beyond ? " beyond the lattice" : ""));
+            Problem edited = problem;
             const std::vector<SpringEdit> edits = edit_everything(edited, beyond);
-            if (backend->unsupported(c.problem).empty() && backend->unsupported(edited).empty()) {
-                visit(c.problem, edits, edited);
+            if (backend->unsupported(problem).empty() && backend->unsupported(edited).empty()) {
+                visit(problem, edits, edited);
             } else {
                 EXPECT_TRUE(may_refuse(spec, edited));
             }
@@ -606,8 +559,7 @@ TEST_P(Conformance, EditsBetweenStepsAgreeWithTheReference) {
 }
 
 TEST_P(Conformance, EditsLeavePinnedParticlesWhereTheyAre) {
-    Problem problem = lattice(random_grid({8, 7, 9}, 0.9, 36));
-    pin_base(problem);
+    const Problem problem = pinned(lattice(random_grid({8, 7, 9}, 0.9, 36)));
     if (!backend->unsupported(problem).empty()) {
         EXPECT_TRUE(may_refuse(spec, problem));
         return;
