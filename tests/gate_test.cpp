@@ -47,35 +47,107 @@ Scene scene_named(const std::string& name) {
     return scene_of(name, problem);
 }
 
-// --- Wrong models ----------------------------------------------------------------------------------------
+// --- Wrong programs --------------------------------------------------------------------------------------
 
-void lose_diagonal(Problem& problem) {
-    const std::uint32_t bits = 0x3u << 6;  // (-1, -1, 0) and (1, 1, 0)
-    for (std::uint32_t& mask : problem.lattice.mask) mask &= ~bits;
+State play(const Scene& scene, const BackendSpec& spec, int steps) {
+    const auto backend = spec.make();
+    SceneRunner runner(scene);
+    runner.rewind(*backend);
+    runner.run(*backend, steps);
+    return backend->download();
 }
 
-struct Wrong {
+/// A wrong program: its state after some steps of a scene, and the scenes in which its fault shows.
+struct Mutant {
     std::string name;
-    std::function<bool(const Scene&)> applies;
-    std::function<void(Scene&)> change;
+    std::function<State(const Scene&, const BackendSpec&, int steps)> play;
+    std::function<bool(const Scene&)> applies = [](const Scene&) { return true; };
 };
-bool has_edges(const Scene& scene) { return (scene.problem.group_bits & EDGE_BITS) != 0; }
 
-const std::vector<Wrong>& wrong_models() {
-    static const std::vector<Wrong> all = {
-        {"a diagonal missing", has_edges, [](Scene& scene) { lose_diagonal(scene.problem); }},
-        {"edge stiffness -10%", has_edges, [](Scene& scene) { scene.problem.group_stiffness[1] *= 0.9; }},
-        {"rest length +1%", [](const Scene&) { return true; },
-         [](Scene& scene) {
-             for (double& length : scene.problem.rest_length) length *= 1.01;
-         }},
-        {"gravity +1%", [](const Scene&) { return true; },
-         [](Scene& scene) { scene.problem.gravity *= 1.01; }},
-        {"damping ignored", [](const Scene& scene) { return scene.problem.damping > 0; },
-         [](Scene& scene) { scene.problem.damping = 0; }},
-        {"edits ignored", [](const Scene& scene) { return !scene.edits.empty(); },
-         [](Scene& scene) { scene.edits.clear(); }},
+bool has_edges(const Scene& scene) { return (scene.problem.group_bits & EDGE_BITS) != 0; }
+bool is_damped(const Scene& scene) { return scene.problem.damping > 0; }
+bool is_edited(const Scene& scene) { return !scene.edits.empty(); }
+/// If there are two layers, the lower one is pinned, and never leaves the place of the start.
+bool has_border(const Scene& scene) { return scene.problem.rest_position.back().z >= 2; }
+
+/// A program that plays another scene.
+auto changed(const std::function<void(Scene&)>& change) {
+    return [change](const Scene& scene, const BackendSpec& spec, int steps) {
+        Scene wrong = scene;
+        change(wrong);
+        return play(wrong, spec, steps);
     };
+}
+
+auto without_directions(std::uint32_t bits) {
+    return changed([bits](Scene& scene) {
+        for (std::uint32_t& mask : scene.problem.lattice.mask) mask &= ~bits;
+    });
+}
+auto without_diagonal() { return without_directions(0x3u << 6); }  // (-1, -1, 0) and (1, 1, 0)
+auto with_gravity(double factor) {
+    return changed([factor](Scene& scene) { scene.problem.gravity *= factor; });
+}
+auto without_edits() {
+    return changed([](Scene& scene) { scene.edits.clear(); });
+}
+
+/// Each thousandth particle stays where it is.
+State play_without_some(const Scene& scene, const BackendSpec& spec, int steps) {
+    State state = play(scene, spec, steps);
+    for (std::size_t i = state.displacement.size() - 1; i < state.displacement.size(); i -= 1000)
+        state.displacement[i] = scene.state.displacement_of(i);
+    return state;
+}
+
+/// Two parts, one above the other, each of which sees the other where it was at the start.
+State play_without_exchange(const Scene& scene, const BackendSpec& spec, int steps) {
+    const std::vector<glm::dvec3>& rest = scene.problem.rest_position;
+    const double middle = rest[rest.size() / 2].z;
+    State whole = scene.state.in_full(rest.size());
+    for (const bool above : {false, true}) {
+        Scene part = scene;
+        std::vector<std::uint8_t> pinned(rest.size());
+        for (std::size_t i = 0; i < rest.size(); ++i)
+            pinned[i] = scene.problem.is_pinned(i) || (rest[i].z > middle) != above ? 1 : 0;
+        pin(part.problem, std::move(pinned));
+        const State state = play(part, spec, steps);
+        for (std::size_t i = 0; i < rest.size(); ++i) {
+            if ((rest[i].z > middle) == above) whole.displacement[i] = state.displacement[i];
+        }
+    }
+    return whole;
+}
+
+/// What the gate of a long run catches.
+const std::vector<Mutant>& mutants_of_gates() {
+    static const std::vector<Mutant> all = {
+        {"a diagonal missing", without_diagonal(), has_edges},
+        {"edge stiffness -10%", changed([](Scene& scene) { scene.problem.group_stiffness[1] *= 0.9; }),
+         has_edges},
+        {"rest length +1%", changed([](Scene& scene) {
+             for (double& length : scene.problem.rest_length) length *= 1.01;
+         })},
+        {"gravity +1%", with_gravity(1.01)},
+        {"damping ignored", changed([](Scene& scene) { scene.problem.damping = 0; }), is_damped},
+        {"edits ignored", without_edits(), is_edited}};
+    return all;
+}
+
+/// What the run that verifies a timed scene catches.
+const std::vector<Mutant>& mutants_of_timed_scenes() {
+    static const std::vector<Mutant> all = {{"no spring", changed([](Scene& scene) {
+                                                 scene.problem.group_stiffness = {0, 0, 0};
+                                             })},
+                                            {"a face direction missing", without_directions(0x3u)},
+                                            {"a diagonal missing", without_diagonal()},
+                                            {"stiffness -5%", changed([](Scene& scene) {
+                                                 for (double& k : scene.problem.group_stiffness) k *= 0.95;
+                                             })},
+                                            {"gravity +5%", with_gravity(1.05)},
+                                            {"one particle of a thousand wrong", play_without_some},
+                                            {"a border not exchanged", play_without_exchange, has_border},
+                                            {"edits ignored", without_edits(), is_edited}};
     return all;
 }
 
@@ -84,14 +156,6 @@ const std::vector<Wrong>& wrong_models() {
 References& references() {
     static References shared;  // $VOXSPRING_CACHE
     return shared;
-}
-
-State play(const Scene& scene, const BackendSpec& spec, int steps) {
-    const auto backend = spec.make();
-    SceneRunner runner(scene);
-    runner.rewind(*backend);
-    runner.run(*backend, steps);
-    return backend->download();
 }
 
 /// A scene after some steps, and the reference and spread that runs of it are compared with.
@@ -192,11 +256,9 @@ TEST_P(Gate, PassesTheHonestWithRoomAndNoneThatIsWrong) {
             row["wrong_in_gates"][name] = load(wrong);
         };
         expect_caught("nothing done", judged.start());
-        for (const Wrong& wrong : wrong_models()) {
-            if (!wrong.applies(judged.scene)) continue;
-            Scene changed = judged.scene;
-            wrong.change(changed);
-            expect_caught(wrong.name, play(changed, spec, judged.steps));
+        for (const Mutant& mutant : mutants_of_gates()) {
+            if (mutant.applies(judged.scene))
+                expect_caught(mutant.name, mutant.play(judged.scene, spec, judged.steps));
         }
         record(row);
     }
@@ -264,77 +326,6 @@ std::vector<TimedScene> timed_scenes() {
     return list;
 }
 
-/// A wrong program: its state after some steps of a scene.
-struct Mutant {
-    std::string name;
-    std::function<State(const Scene&, const BackendSpec&, int steps)> play;
-};
-
-Mutant changed(const std::string& name, const std::function<void(Problem&)>& change) {
-    return {name, [change](const Scene& scene, const BackendSpec& spec, int steps) {
-                Scene wrong = scene;
-                change(wrong.problem);
-                return play(wrong, spec, steps);
-            }};
-}
-
-void lose(Problem& problem, std::uint32_t bits) {
-    for (std::uint32_t& mask : problem.lattice.mask) mask &= ~bits;
-}
-
-/// Each thousandth particle stays where it is.
-State play_without_some(const Scene& scene, const BackendSpec& spec, int steps) {
-    State state = play(scene, spec, steps);
-    for (std::size_t i = state.displacement.size() - 1; i < state.displacement.size(); i -= 1000)
-        state.displacement[i] = scene.state.displacement_of(i);
-    return state;
-}
-
-/// Two parts, one above the other, each of which sees the other where it was at the start.
-State play_without_exchange(const Scene& scene, const BackendSpec& spec, int steps) {
-    const std::vector<glm::dvec3>& rest = scene.problem.rest_position;
-    const double middle = rest[rest.size() / 2].z;
-    State whole = scene.state.in_full(rest.size());
-    for (const bool above : {false, true}) {
-        Scene part = scene;
-        std::vector<std::uint8_t> pinned(rest.size());
-        for (std::size_t i = 0; i < rest.size(); ++i)
-            pinned[i] = scene.problem.is_pinned(i) || (rest[i].z > middle) != above ? 1 : 0;
-        pin(part.problem, std::move(pinned));
-        const State state = play(part, spec, steps);
-        for (std::size_t i = 0; i < rest.size(); ++i) {
-            if ((rest[i].z > middle) == above) whole.displacement[i] = state.displacement[i];
-        }
-    }
-    return whole;
-}
-
-constexpr const char* border_mutant = "a border not exchanged";
-
-State without_edits(const Scene& scene, const BackendSpec& spec, int steps) {
-    Scene uncut = scene;
-    uncut.edits.clear();
-    return play(uncut, spec, steps);
-}
-
-const std::vector<Mutant>& mutants() {
-    static const std::vector<Mutant> all = {
-        changed("no spring",
-                [](Problem& problem) {
-                    problem.group_stiffness = {0, 0, 0};
-                }),
-        changed("a face direction missing", [](Problem& problem) { lose(problem, 0x3u); }),
-        changed("a diagonal missing", lose_diagonal),
-        changed("stiffness -5%",
-                [](Problem& problem) {
-                    for (double& k : problem.group_stiffness) k *= 0.95;
-                }),
-        changed("gravity +5%", [](Problem& problem) { problem.gravity *= 1.05; }),
-        {"one particle of a thousand wrong", play_without_some},
-        {border_mutant, play_without_exchange}};
-    return all;
-}
-
 class EveryTimedScene : public ::testing::TestWithParam<TimedScene> {};
 INSTANTIATE_TEST_SUITE_P(, EveryTimedScene, ::testing::ValuesIn(timed_scenes()), [](const auto& tested) {
     return name_of_test(tested.param.scene + "_" + std::to_string(tested.param.steps));
@@ -377,14 +368,10 @@ TEST_P(EveryTimedScene, IsVerifiedByARunThatNoMutantPasses) {
             return true;
         };
         EXPECT_TRUE(passes(play));
-        if (!scene.edits.empty()) {
-            EXPECT_FALSE(passes(without_edits)) << "edits ignored";
-        }
-        // If there are two layers, the lower one is pinned, and never leaves the place of the start.
-        const bool has_border = scene.problem.rest_position.back().z >= 2;
-        for (const Mutant& mutant : mutants()) {
-            if (mutant.name == border_mutant && !has_border) continue;
-            EXPECT_FALSE(passes(mutant.play)) << mutant.name;
+        for (const Mutant& mutant : mutants_of_timed_scenes()) {
+            if (mutant.applies(scene)) {
+                EXPECT_FALSE(passes(mutant.play)) << mutant.name;
+            }
         }
     }
 }
@@ -400,12 +387,7 @@ std::vector<std::string> default_specifications() {
     return all;
 }
 
-class EveryBackend : public ::testing::TestWithParam<std::string> {
-protected:
-    void SetUp() override { make_or_skip(spec, backend); }
-    const BackendSpec spec = BackendSpec::parse(GetParam());
-    std::unique_ptr<Backend> backend;
-};
+class EveryBackend : public BackendTest {};
 INSTANTIATE_TEST_SUITE_P(, EveryBackend, ::testing::ValuesIn(default_specifications()), test_name);
 
 TEST_P(EveryBackend, PassesOnBodiesWithMechanisms) {
