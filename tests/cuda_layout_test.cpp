@@ -2,16 +2,17 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
-#include <array>
 #include <bit>
 #include <cmath>
 #include <glm/geometric.hpp>
 #include <limits>
 #include <map>
+#include <memory>
 #include <set>
 #include <string>
 #include <tuple>
 #include <utility>
+#include <vector>
 
 #include "backends/layout/blocks.h"
 #include "backends/layout/delta_lists.h"
@@ -29,6 +30,7 @@ namespace voxspring::cuda {
 namespace {
 
 using testing::edit_everything;
+using testing::expect_same_steps;
 using testing::lattice;
 using testing::make_grid;
 using testing::random_grid;
@@ -134,12 +136,33 @@ auto lists_by_groups(const Problem& problem, ListLayout layout = ListLayout::ver
     return list_by_groups<typename V::Real>(problem, layout, V::formulation);
 }
 
-/// Lists by springs, and those by groups if the body can have them.
+/// Every kernel body that can step the problem, by name.
 template <class V>
-std::vector<NeighbourLists<typename V::Real>> lists_of(const Problem& problem, ListLayout layout) {
-    std::vector<NeighbourLists<typename V::Real>> kinds = {lists_by_springs<V>(problem, layout)};
-    if (grouped_list_refusal(problem).empty()) kinds.push_back(lists_by_groups<V>(problem, layout));
-    return kinds;
+using KernelsByName = std::map<std::string, std::unique_ptr<Simulation<V>>>;
+template <class V>
+KernelsByName<V> kernels_on(const Problem& problem, const State& start) {
+    KernelsByName<V> all;
+    for (const ListLayout layout : {ListLayout::vertical, ListLayout::concatenated}) {
+        const std::string in = layout == ListLayout::vertical ? " vertical" : " concatenated";
+        all["springs" + in] =
+            std::make_unique<ExplicitSimulation<V>>(problem, start, lists_by_springs<V>(problem, layout));
+        if (grouped_list_refusal(problem).empty())
+            all["groups" + in] =
+                std::make_unique<ExplicitSimulation<V>>(problem, start, lists_by_groups<V>(problem, layout));
+    }
+    all["deltas"] = std::make_unique<DeltaSimulation<V>>(problem, start);
+    all["deltas without masks"] = std::make_unique<DeltaSimulation<V>>(problem, start, true);
+    all["scatter"] = std::make_unique<ScatterSimulation<V>>(problem, start);
+    if (!problem.springs.empty()) return all;
+    for (const char* block : {"32x4x2", "128x1x1", "8x8x4", "16x4x4"})
+        all[std::string("implicit ") + block] =
+            std::make_unique<ImplicitSimulation<V>>(problem, start, BlockShape::parse(block));
+    all["tiles 32x4"] = std::make_unique<TileSimulation<V, 32, 4>>(problem, start);
+    all["tiles 16x16"] = std::make_unique<TileSimulation<V, 16, 16>>(problem, start);
+    for (auto& [name, simulation] : all) {
+        if (name.starts_with("implicit") || name.starts_with("tiles")) simulation->poison();
+    }
+    return all;
 }
 
 // --- Every kernel body against the oracle ----------------------------------------------------------------
@@ -149,10 +172,6 @@ class KernelBodies : public ::testing::Test {
 protected:
     static constexpr Precision precision =
         sizeof(typename V::Real) == 4 ? Precision::float32 : Precision::float64;
-
-    static void expect_reference(const Problem& problem, const State& start, Simulation<V>& simulation) {
-        testing::expect_reference(problem, start, simulation, precision);
-    }
 };
 using Variants =
     ::testing::Types<Variant<float, Formulation::paper>, Variant<float, Formulation::position>,
@@ -170,17 +189,14 @@ TYPED_TEST(KernelBodies, TheTool) {
             {.particles = {0, 17, 18, 300}, .held = std::vector(4, glm::dvec3(0.02)), .stiffness = 0.125});
         const auto oracle = BackendSpec::parse("cpu_reference").make();
         oracle->upload(problem, start);
-        ImplicitSimulation<TypeParam> implicit(problem, start, BlockShape{8, 8, 4});
-        ExplicitSimulation<TypeParam> by_springs(problem, start, lists_by_springs<TypeParam>(problem));
-        DeltaSimulation<TypeParam> by_deltas(problem, start);
-        ScatterSimulation<TypeParam> scatter(problem, start);
-        const std::array<Simulation<TypeParam>*, 4> all{&implicit, &by_springs, &by_deltas, &scatter};
+        const KernelsByName<TypeParam> kernels = kernels_on<TypeParam>(problem, start);
         int steps = 0;
         for (const glm::dvec3& moved : {glm::dvec3(0.1, 0, 0), glm::dvec3(0.1, -0.2, 0)}) {
             oracle->tool()->move_tool(moved);
             oracle->step(3);
             steps += 3;
-            for (Simulation<TypeParam>* const simulation : all) {
+            for (const auto& [name, simulation] : kernels) {
+                SCOPED_TRACE(name);
                 simulation->move_tool(moved);
                 simulation->step(3);
                 const Comparison comparison =
@@ -195,76 +211,27 @@ TYPED_TEST(KernelBodies, TheTool) {
     }
 }
 
-TYPED_TEST(KernelBodies, ImplicitFromMemory) {
-    for (const auto& [name, problem] : lattices()) {
-        const State start = random_state(problem, 0.05, 7);
-        for (const char* block : {"32x4x2", "128x1x1", "8x8x4", "16x4x4"}) {
-            SCOPED_TRACE(name + " in blocks of " + block);
-            ImplicitSimulation<TypeParam> simulation(problem, start, BlockShape::parse(block));
-            simulation.poison();
-            this->expect_reference(problem, start, simulation);
-        }
-    }
-}
-
-TYPED_TEST(KernelBodies, ImplicitFromTiles) {
-    for (const auto& [name, problem] : lattices()) {
-        SCOPED_TRACE(name);
-        const State start = random_state(problem, 0.05, 7);
-        TileSimulation<TypeParam, 32, 4> wide(problem, start);
-        wide.poison();
-        this->expect_reference(problem, start, wide);
-        TileSimulation<TypeParam, 16, 16> square(problem, start);
-        this->expect_reference(problem, start, square);
-    }
-}
-
-TYPED_TEST(KernelBodies, ExplicitBySpringsAndByGroups) {
+// The bits of implicit addressing, delta-compressed lists and lists with one counter per group are the same.
+TYPED_TEST(KernelBodies, AgreeWithTheReferenceAndWithEachOther) {
     std::size_t by_groups = 0;
     for (const auto& [name, problem] : lattices_and_networks()) {
-        SCOPED_TRACE(name);
         const State start = random_state(problem, 0.05, 7);
-        for (const ListLayout layout : {ListLayout::vertical, ListLayout::concatenated}) {
-            const auto kinds = lists_of<TypeParam>(problem, layout);
-            by_groups += kinds.size() - 1;
-            for (const auto& lists : kinds) {
-                ExplicitSimulation<TypeParam> simulation(problem, start, lists);
-                this->expect_reference(problem, start, simulation);
+        const KernelsByName<TypeParam> kernels = kernels_on<TypeParam>(problem, start);
+        by_groups += kernels.count("groups vertical");
+        for (const auto& [kernel, simulation] : kernels) {
+            SCOPED_TRACE(name + " by " + kernel);
+            testing::expect_reference(problem, start, *simulation, this->precision);
+        }
+        const State expected = kernels.at("deltas")->download();
+        for (const auto& [kernel, simulation] : kernels) {
+            if (!kernel.starts_with("springs") && kernel != "scatter") {
+                EXPECT_EQ(simulation->download().displacement, expected.displacement)
+                    << name << " by " << kernel;
             }
         }
     }
     // All lattices except those of several materials or spacings.
-    EXPECT_EQ(by_groups, 2 * (lattices().size() - 3));
-}
-
-// If both can run, the bits equal those of implicit addressing and of lists with one counter per group.
-TYPED_TEST(KernelBodies, ExplicitByDeltas) {
-    for (const auto& [name, problem] : lattices_and_networks()) {
-        SCOPED_TRACE(name);
-        const State start = random_state(problem, 0.05, 7);
-        DeltaSimulation<TypeParam> simulation(problem, start);
-        this->expect_reference(problem, start, simulation);
-        DeltaSimulation<TypeParam> other(problem, start, true);
-        other.step(5);
-        EXPECT_EQ(other.download().displacement, simulation.download().displacement) << "without masks";
-        if (!problem.springs.empty()) continue;
-        ImplicitSimulation<TypeParam> implicit(problem, start, BlockShape{8, 8, 4});
-        implicit.step(5);
-        EXPECT_EQ(simulation.download().displacement, implicit.download().displacement);
-        if (!grouped_list_refusal(problem).empty()) continue;
-        ExplicitSimulation<TypeParam> by_groups(problem, start, lists_by_groups<TypeParam>(problem));
-        by_groups.step(5);
-        EXPECT_EQ(simulation.download().displacement, by_groups.download().displacement);
-    }
-}
-
-TYPED_TEST(KernelBodies, Scatter) {
-    for (const auto& [name, problem] : lattices_and_networks()) {
-        SCOPED_TRACE(name);
-        const State start = random_state(problem, 0.05, 7);
-        ScatterSimulation<TypeParam> simulation(problem, start);
-        this->expect_reference(problem, start, simulation);
-    }
+    EXPECT_EQ(by_groups, lattices().size() - 3);
 }
 
 TYPED_TEST(KernelBodies, RestStaysRestToTheBit) {
@@ -274,17 +241,11 @@ TYPED_TEST(KernelBodies, RestStaysRestToTheBit) {
     problem.time_step = 0.2;
     problem.damping = 0.01;
     const State rest = state_at_rest(problem);
-    const auto expect_rest = [&](Simulation<TypeParam>&& simulation) {
-        simulation.step(20);
-        const State state = simulation.download();
-        testing::expect_same_bits(state, rest);
-    };
-    expect_rest(ImplicitSimulation<TypeParam>(problem, rest, BlockShape{8, 8, 4}));
-    expect_rest(TileSimulation<TypeParam, 32, 4>(problem, rest));
-    expect_rest(ExplicitSimulation<TypeParam>(problem, rest, lists_by_groups<TypeParam>(problem)));
-    expect_rest(ExplicitSimulation<TypeParam>(problem, rest, lists_by_springs<TypeParam>(problem)));
-    expect_rest(DeltaSimulation<TypeParam>(problem, rest));
-    expect_rest(ScatterSimulation<TypeParam>(problem, rest));
+    for (const auto& [name, simulation] : kernels_on<TypeParam>(problem, rest)) {
+        SCOPED_TRACE(name);
+        simulation->step(20);
+        testing::expect_same_bits(simulation->download(), rest);
+    }
 }
 
 // What a scene does not need is skipped: empty blocks, loads, groups. A run that skips nothing gives the same
@@ -298,38 +259,26 @@ TYPED_TEST(KernelBodies, SkipsChangeNoBit) {
     const State start = random_state(problem, 0.05, 7);
     const BlockShape shape{8, 4, 2};
 
-    ImplicitSimulation<TypeParam> skips(problem, start, shape);
-    ImplicitSimulation<TypeParam> every_block(problem, start, shape);
+    ImplicitSimulation<TypeParam> skips(problem, start, shape), every_block(problem, start, shape),
+        every_group(problem, start, shape), every_load(unladen, start, shape),
+        without_masks(problem, start, shape);
     every_block.cover_the_lattice();
-    ImplicitSimulation<TypeParam> every_group(problem, start, shape);
-    every_group.use_general_kernel();
-    ImplicitSimulation<TypeParam> every_load(unladen, start, shape);
-    ImplicitSimulation<TypeParam> without_masks(problem, start, shape);
-    without_masks.use_interior();
+    every_group.use(Kernel::general);
+    without_masks.use(Kernel::interior);
+    const auto lists = lists_by_groups<TypeParam>(problem);
+    ExplicitSimulation<TypeParam> paper(problem, start, lists), general(problem, start, lists);
+    general.use(Kernel::general);
     skips.step(5);
     const State expected = skips.download();
-    for (Simulation<TypeParam>* other : {&every_block, &every_group, &every_load, &without_masks}) {
+    for (Simulation<TypeParam>* other : std::vector<Simulation<TypeParam>*>{
+             &every_block, &every_group, &every_load, &without_masks, &paper, &general}) {
         other->step(5);
         EXPECT_EQ(other->download().displacement, expected.displacement);
     }
-
-    const auto lists = lists_by_groups<TypeParam>(problem);
-    ExplicitSimulation<TypeParam> paper(problem, start, lists);
-    ExplicitSimulation<TypeParam> general(problem, start, lists);
-    general.use_general_kernel();
-    paper.step(5);
-    general.step(5);
-    EXPECT_EQ(paper.download().displacement, expected.displacement);
-    EXPECT_EQ(general.download().displacement, expected.displacement);
 }
 
 // The paper's ways to find neighbours: masks bit by bit, and lists whose rows say where they begin and end.
 TYPED_TEST(KernelBodies, ThePapersWaysChangeNoBit) {
-    const auto expect_same = [](Simulation<TypeParam>& papers, Simulation<TypeParam>&& own) {
-        papers.step(2);
-        own.step(2);
-        testing::expect_same_bits(papers.download(), own.download());
-    };
     auto problems = networks();
     const auto all = lattices();
     for (const char* name : {"all_groups", "materials", "loads_and_pins"}) problems[name] = all.at(name);
@@ -337,23 +286,26 @@ TYPED_TEST(KernelBodies, ThePapersWaysChangeNoBit) {
         SCOPED_TRACE(name);
         const State start = random_state(problem, 0.05, 7);
         for (const ListLayout layout : {ListLayout::vertical, ListLayout::concatenated}) {
-            for (const auto& lists : lists_of<TypeParam>(problem, layout)) {
+            std::vector kinds = {lists_by_springs<TypeParam>(problem, layout)};
+            if (grouped_list_refusal(problem).empty())
+                kinds.push_back(lists_by_groups<TypeParam>(problem, layout));
+            for (const auto& lists : kinds) {
                 ExplicitSimulation<TypeParam> rows(problem, start, lists);
                 rows.use_rows();
-                expect_same(rows, ExplicitSimulation<TypeParam>(problem, start, lists));
+                expect_same_steps(rows, ExplicitSimulation<TypeParam>(problem, start, lists), {2});
             }
         }
         if (!problem.springs.empty()) continue;
         const BlockShape shape{16, 16, 1};
         ImplicitSimulation<TypeParam> bits(problem, start, shape);
         bits.cover_the_lattice();
-        bits.test_bits();
+        bits.use(Kernel::bit_by_bit);
         bits.poison();
-        expect_same(bits, ImplicitSimulation<TypeParam>(problem, start, shape));
+        expect_same_steps(bits, ImplicitSimulation<TypeParam>(problem, start, shape), {2});
         TileSimulation<TypeParam, 16, 16> tile(problem, start);
         tile.cover_the_lattice();
-        tile.test_bits();
-        expect_same(tile, TileSimulation<TypeParam, 16, 16>(problem, start));
+        tile.use(Kernel::bit_by_bit);
+        expect_same_steps(tile, TileSimulation<TypeParam, 16, 16>(problem, start), {2});
     }
 }
 
@@ -392,9 +344,9 @@ TYPED_TEST(KernelBodies, BlocksAtRestAreLeftOutToTheBit) {
                 looking(*problem, start, BlockShape::parse(shape)),
                 flushing(*problem, start, BlockShape::parse(shape));
 
-            resting.leave_out_resting(false);
+            resting.leave_out_resting();
             resting.poison();
-            looking.leave_out_resting(false);
+            looking.leave_out_resting();
             looking.look_first();
             std::size_t fewest = resting.blocks();
             for (int n = 0; n < 32; ++n) {
@@ -414,7 +366,7 @@ TYPED_TEST(KernelBodies, BlocksAtRestAreLeftOutToTheBit) {
             }
             EXPECT_EQ(fewest < resting.blocks() / 2, !drifts);
             if constexpr (by_increments(TypeParam::formulation)) {
-                flushing.leave_out_resting(true);
+                flushing.leave_out_resting(Kernel::flushing);
                 flushing.step(32);
                 EXPECT_LT(flushing.blocks_stepped(), resting.blocks_stepped());
             }
@@ -431,13 +383,8 @@ TYPED_TEST(KernelBodies, AChangeListsEveryBlockAroundIt) {
     start.displacement[problem.particle_count() / 2] = {0.1, -0.2, 0.15};
     const BlockShape shape{5, 5, 5};
     ImplicitSimulation<TypeParam> plain(problem, start, shape), resting(problem, start, shape);
-    resting.leave_out_resting(false);
-    for (int n = 0; n < 8; ++n) {
-        plain.step(1);
-        resting.step(1);
-        EXPECT_EQ(resting.download().displacement, plain.download().displacement) << n;
-        EXPECT_EQ(resting.download().increment, plain.download().increment) << n;
-    }
+    resting.leave_out_resting();
+    expect_same_steps(resting, plain, std::vector<int>(8, 1));
 }
 
 // Gravity stops the particle for one step, in every formulation without rounding: it stays where it is, but
@@ -449,7 +396,7 @@ TYPED_TEST(KernelBodies, AParticleThatTurnsRoundIsNotAtRest) {
     State start = state_at_rest(problem);
     start.increment[0] = {0, 0, 0.0625};
     ImplicitSimulation<TypeParam> resting(problem, start, BlockShape{1, 1, 1});
-    resting.leave_out_resting(false);
+    resting.leave_out_resting();
     resting.step(1);
     EXPECT_EQ(resting.download().displacement[0], glm::dvec3(0));
     resting.step(2);
@@ -578,13 +525,12 @@ TYPED_TEST(KernelBodies, EditedListsAreThoseOfTheEditedProblem) {
                         by_groups
                             ? edited_by_groups<Real>(now, edit, lists.shape.slots, TypeParam::formulation)
                             : edited_by_springs<Real>(now, edit, lists.shape.slots, TypeParam::formulation);
-                    const EditedRows<Real> on_device{
-                        rows.particle.data(),
-                        rows.lists.bits.data(),
-                        rows.lists.neighbour.data(),
-                        by_groups ? nullptr : rows.lists.constants.data(),
-                        rows.lists.off_lattice_rest.empty() ? nullptr : rows.lists.off_lattice_rest.data(),
-                        !by_increments(TypeParam::formulation)};
+                    const EditedRows<Real> on_device{rows.particle.data(),
+                                                     rows.lists.bits.data(),
+                                                     rows.lists.neighbour.data(),
+                                                     by_groups ? nullptr : rows.lists.constants.data(),
+                                                     data_of(rows.lists.off_lattice_rest),
+                                                     !by_increments(TypeParam::formulation)};
                     for (std::size_t n = 0; n < rows.lists.neighbour.size(); ++n) {
                         write_slot(on_device, n, lists.shape, lists.neighbour.data(), lists.constants.data(),
                                    lists.off_lattice_rest.data());
@@ -726,7 +672,7 @@ TYPED_TEST(KernelBodies, SpringSlotsHoldTheSpringsOfTheEditedProblem) {
             if (!on_positions(TypeParam::formulation)) springs.off_lattice_rest.resize(springs.ends.size());
             for (const auto& change : changes)
                 write_spring(change, springs.ends.data(), springs.constants.data(),
-                             springs.off_lattice_rest.empty() ? nullptr : springs.off_lattice_rest.data());
+                             data_of(springs.off_lattice_rest));
             SpringArrays<Real> built = list_every_spring<Real>(now, TypeParam::formulation);
             measure(built.constants, TypeParam::formulation);
             ASSERT_TRUE(listed(springs.ends, springs.constants) == listed(built.ends, built.constants));

@@ -88,6 +88,42 @@ void measure(std::vector<SpringConstants<Real>>& springs, Formulation formulatio
         spring.rest_length = spring.rest_length > 0 ? measured_length(spring.rest_length) : 0;
 }
 
+/// Null if there are no values.
+template <class Values>
+auto data_of(Values& values) {
+    return values.empty() ? nullptr : values.data();
+}
+
+/// Which of the kernels that are compiled a simulation uses.
+enum class Kernel : std::uint8_t {
+    needed,      ///< has the terms of kernel_for()
+    interior,    ///< has these terms, and needs no masks where no neighbour is missing
+    general,     ///< tests every term at run time
+    bit_by_bit,  ///< fetches no neighbour before it has tested its bit
+    resting,     ///< leaves out blocks at rest
+    flushing     ///< leaves out blocks at rest, with a flush
+};
+
+/// `needed` if the problem has damping, gravity and the paper's two groups and nothing else, as most do here.
+inline Kernel kernel_for(const Problem& problem) {
+    const bool has_common_terms = problem.group_bits == (FACE_BITS | EDGE_BITS) &&
+                                  terms_of(problem) == (term_damping | term_gravity) &&
+                                  problem.springs.empty();
+    return has_common_terms ? Kernel::needed : Kernel::general;
+}
+
+/// Calls step(Terms) with what is compiled for that kernel.
+template <class V, class Step>
+void with_terms(Kernel kernel, Step step) {
+    if (kernel == Kernel::interior) {
+        step(typename V::template Needed<term_damping | term_gravity | term_full_stencil>{});
+    } else if (kernel == Kernel::needed) {
+        step(typename V::template Needed<term_damping | term_gravity>{});
+    } else {
+        step(typename V::AllTerms{});
+    }
+}
+
 /// State and arrays that all simulations share: words, loads and masses, and the two buffers that steps swap.
 template <class V>
 class Simulation {
@@ -97,7 +133,8 @@ public:
 
     Simulation(const Problem& problem, const State& start, const Placement& placement,
                std::span<const std::uint32_t> bits)
-        : problem_(&problem),
+        : kernel_(kernel_for(problem)),
+          problem_(&problem),
           placement_(placement),
           packed_(pack<Real>(problem, start, placement, bits, V::formulation)),
           load_(pack_load<Real>(problem, placement)),
@@ -109,6 +146,7 @@ public:
     }
     virtual ~Simulation() = default;
 
+    void use(Kernel kernel) { kernel_ = kernel; }
     void step(int count) {
         for (int n = 0; n < count; ++n) {
             use_tool();
@@ -166,8 +204,8 @@ protected:
         packed_.current[placement_.at(particle)].bits = ParticleRecord<Real>::with(bits);
     }
     void attach(Motion<Real>& motion) const {
-        motion.load = load_.empty() ? nullptr : load_.data();
-        motion.inverse_masses = inverse_masses_.empty() ? nullptr : inverse_masses_.data();
+        motion.load = data_of(load_);
+        motion.inverse_masses = data_of(inverse_masses_);
     }
     const Problem& problem() const { return *problem_; }
     /// Calls visit(block) for the blocks of the current step: `all`, or one of the `parts`.
@@ -188,6 +226,8 @@ protected:
     virtual const NeighbourLists<Real>* lists() const { return nullptr; }
     virtual void step_once(const Current& current, const Output<Real>& output) = 0;
 
+    Kernel kernel_;
+
 private:
     void launch() {
         const HostFetch<Real> high{&packed_.current, lists()}, low{&packed_.current_low, lists()};
@@ -200,13 +240,9 @@ private:
     }
     void use_tool() {
         tool_.stiffness = Real(problem_->tool.stiffness);
-        const Holding<Real> holding{held_.data(),
-                                    held_.size(),
-                                    &tool_,
-                                    packed_.current.data(),
-                                    packed_.current_low.empty() ? nullptr : packed_.current_low.data(),
-                                    load_.data(),
-                                    held_forces_.data()};
+        const Holding<Real> holding{
+            held_.data(), held_.size(),       &tool_, packed_.current.data(), data_of(packed_.current_low),
+            load_.data(), held_forces_.data()};
         for (std::size_t n = 0; n < held_.size(); ++n) pull_held(holding, n);
     }
 
@@ -222,48 +258,6 @@ private:
     std::optional<StepPart> part_;  ///< that is being stepped; none: the whole
 };
 
-/// Blocks of particles in their order; the last block has threads without a particle.
-class HostBlocks {
-public:
-    explicit HostBlocks(std::size_t particles) : particles_(particles) {
-        all_ = part_blocks(particles, width, {}).blocks;
-    }
-    std::size_t split(const std::vector<std::uint32_t>& border) {
-        parts_ = part_blocks(particles_, width, border);
-        return parts_.count_of(StepPart::interior);
-    }
-    const std::vector<std::uint32_t>& all() const { return all_; }
-    const BlockParts<std::uint32_t>& parts() const { return parts_; }
-    template <class Visit>
-    static void for_each_thread(std::uint32_t block, Visit visit) {
-        for (unsigned thread = 0; thread < width; ++thread) visit(int(block * width + thread));
-    }
-
-private:
-    static constexpr unsigned width = 32;
-    std::size_t particles_;
-    std::vector<std::uint32_t> all_;
-    BlockParts<std::uint32_t> parts_;
-};
-
-/// Calls step(Terms) with what is compiled for a problem. `needed`: the problem has damping, gravity and the
-/// paper's two groups and nothing else, as most do here. `interior`: the kernel also has a way without masks.
-template <class V, class Step>
-void with_terms(bool needed, bool interior, Step step) {
-    if (needed && interior) {
-        step(typename V::template Needed<term_damping | term_gravity | term_full_stencil>{});
-    } else if (needed) {
-        step(typename V::template Needed<term_damping | term_gravity>{});
-    } else {
-        step(typename V::AllTerms{});
-    }
-}
-
-inline bool has_common_terms(const Problem& problem) {
-    return problem.group_bits == (FACE_BITS | EDGE_BITS) &&
-           terms_of(problem) == (term_damping | term_gravity) && problem.springs.empty();
-}
-
 /// All blocks of an implicit kernel.
 template <class V>
 class ImplicitSimulation : public Simulation<V> {
@@ -274,13 +268,12 @@ public:
     ImplicitSimulation(const Problem& problem, const State& start, BlockShape shape)
         : Simulation<V>(problem, start, place_on_grid(problem.lattice), problem.lattice.mask),
           shape_(shape),
-          needed_(has_common_terms(problem)),
           compliance_(pack_compliance<Real>(problem, place_on_grid(problem.lattice))),
           step_(make_implicit_step<Real>(problem, place_on_grid(problem.lattice), V::formulation)),
           block_grid_(problem.lattice, shape),
           origins_(occupied_blocks(problem.lattice, shape)) {
         measure<Real>(step_.rest_length, V::formulation);
-        step_.compliance = compliance_.empty() ? nullptr : compliance_.data();
+        step_.compliance = data_of(compliance_);
         this->attach(step_.motion);
         if (origins_.empty()) cover_the_lattice();
     }
@@ -300,16 +293,9 @@ public:
         return parts_.count_of(StepPart::interior);
     }
 
-    /// Uses the kernel that tests every term at run time.
-    void use_general_kernel() { needed_ = false; }
-
-    /// Uses the kernel that needs no masks where no neighbour is missing.
-    void use_interior() { interior_ = true; }
-    /// Uses the kernel that fetches no neighbour before it has tested its bit.
-    void test_bits() { bit_by_bit_ = true; }
-    /// Uses the kernel that leaves out blocks at rest, with a flush or without.
-    void leave_out_resting(bool flush) {
-        resting_ = flush ? Rests::flushed : Rests::yes;
+    /// Uses a kernel that leaves out blocks at rest. The first step takes every block.
+    void leave_out_resting(Kernel kernel = Kernel::resting) {
+        this->use(kernel);
         const std::vector<BlockOrigin> all = list_blocks(this->problem().lattice, shape_);
         // Each list ends with a guard word.
         for (auto& list : lists_) list.assign(all.size() + 1, {-1, -1, -1, -1});
@@ -380,28 +366,20 @@ protected:
     }
 
     void step_once(const Current& current, const Output<Real>& output) override {
-        if (resting_ != Rests::no) {
-            if (resting_ == Rests::yes) {
-                step_active_blocks<typename V::template Resting<0>>(current, output);
-            } else {
-                step_active_blocks<typename V::template Resting<term_flush>>(current, output);
-            }
-            return;
+        switch (this->kernel_) {
+            case Kernel::resting:
+                return step_active_blocks<typename V::template Resting<0>>(current, output);
+            case Kernel::flushing:
+                return step_active_blocks<typename V::template Resting<term_flush>>(current, output);
+            case Kernel::bit_by_bit:
+                return step_blocks<typename V::BitByBit>(current, output);
+            default:
+                with_terms<V>(this->kernel_,
+                              [&]<class Terms>(Terms) { step_blocks<Terms>(current, output); });
         }
-
-        if (bit_by_bit_) {
-            step_blocks<typename V::BitByBit>(current, output);
-            return;
-        }
-        with_terms<V>(needed_, interior_, [&]<class Terms>(Terms) { step_blocks<Terms>(current, output); });
     }
 
     BlockShape shape_;
-    bool needed_;
-    bool interior_ = false;
-    bool bit_by_bit_ = false;
-
-    enum class Rests : std::uint8_t { no, yes, flushed } resting_ = Rests::no;
     std::vector<Real> compliance_;
     ImplicitStep<Real> step_;
     BlockGrid block_grid_;
@@ -455,7 +433,7 @@ private:
                                       GridCompliance<Real>{step.compliance, index, row, slice});
                 });
             };
-            if (this->bit_by_bit_) {
+            if (this->kernel_ == Kernel::bit_by_bit) {
                 step_each(typename V::BitByBit{});
             } else {
                 step_each(typename V::AllTerms{});
@@ -464,31 +442,51 @@ private:
     }
 };
 
+/// A simulation whose blocks take the particles in their order; the last block has threads without one.
+template <class V>
+class ParticleSimulation : public Simulation<V> {
+public:
+    using Simulation<V>::Simulation;
+
+    std::size_t split(const std::vector<std::uint32_t>& border) override {
+        parts_ = part_blocks(this->problem().particle_count(), width, border);
+        return parts_.count_of(StepPart::interior);
+    }
+
+protected:
+    /// Calls visit(particle) for the threads of the current step.
+    template <class Visit>
+    void for_each_thread(Visit visit) const {
+        this->for_each_block(all_, parts_, [&](std::uint32_t block) {
+            for (unsigned thread = 0; thread < width; ++thread) visit(int(block * width + thread));
+        });
+    }
+
+private:
+    static constexpr unsigned width = 32;
+    const std::vector<std::uint32_t> all_ = part_blocks(this->problem().particle_count(), width, {}).blocks;
+    BlockParts<std::uint32_t> parts_;
+};
+
 /// All threads of an explicit kernel.
 template <class V>
-class ExplicitSimulation final : public Simulation<V> {
+class ExplicitSimulation final : public ParticleSimulation<V> {
 public:
     using typename Simulation<V>::Real;
     using typename Simulation<V>::Current;
 
     ExplicitSimulation(const Problem& problem, const State& start, NeighbourLists<Real> lists)
-        : Simulation<V>(problem, start, place_compact(problem), lists.bits),
-          needed_(has_common_terms(problem)),
-          blocks_(problem.particle_count()),
+        : ParticleSimulation<V>(problem, start, place_compact(problem), lists.bits),
           lists_(std::move(lists)),
           step_(make_explicit_step<Real>(problem, lists_, V::formulation)) {
         measure<Real>(step_.rest_length, V::formulation);
         measure(lists_.constants, V::formulation);
         step_.neighbour = lists_.neighbour.data();
         step_.constants = lists_.constants.data();
-        step_.off_lattice_rest = lists_.off_lattice_rest.empty() ? nullptr : lists_.off_lattice_rest.data();
+        step_.off_lattice_rest = data_of(lists_.off_lattice_rest);
         this->attach(step_.motion);
     }
 
-    std::size_t split(const std::vector<std::uint32_t>& border) override { return blocks_.split(border); }
-
-    /// Uses the kernel that tests every term at run time.
-    void use_general_kernel() { needed_ = false; }
     /// Uses the paper's rows.
     void use_rows() {
         const std::size_t entries = lists_.neighbour.size();
@@ -501,8 +499,8 @@ private:
     const NeighbourLists<Real>* lists() const override { return &lists_; }
 
     void step_once(const Current& current, const Output<Real>& output) override {
-        with_terms<V>(needed_, false, [&]<class Terms>(Terms) {
-            const auto step_thread = [&](int i) {
+        with_terms<V>(this->kernel_, [&]<class Terms>(Terms) {
+            this->for_each_thread([&](int i) {
                 if (rows_ && !lists_.constants.empty()) {
                     step_by_rows<Terms, true>(step_, i, current, output);
                 } else if (rows_) {
@@ -512,55 +510,47 @@ private:
                 } else {
                     step_by_groups<Terms>(step_, i, current, output);
                 }
-            };
-            this->for_each_block(blocks_.all(), blocks_.parts(), [&](std::uint32_t block) {
-                HostBlocks::for_each_thread(block, step_thread);
             });
         });
     }
 
-    bool needed_;
     bool rows_ = false;
-    HostBlocks blocks_;
     NeighbourLists<Real> lists_;
     ExplicitStep<Real> step_;
 };
 
 /// All threads of a kernel that uses delta-compressed lists.
 template <class V>
-class DeltaSimulation final : public Simulation<V> {
+class DeltaSimulation final : public ParticleSimulation<V> {
 public:
     using typename Simulation<V>::Real;
     using typename Simulation<V>::Current;
 
     /// `interior`: whether it has a way without masks.
     DeltaSimulation(const Problem& problem, const State& start, bool interior = false)
-        : Simulation<V>(problem, start, place_guarded(problem),
-                        problem.lattice.mask.empty() ? state_bits(problem) : problem.lattice.mask),
-          needed_(has_common_terms(problem)),
+        : ParticleSimulation<V>(problem, start, place_guarded(problem),
+                                problem.lattice.mask.empty() ? state_bits(problem) : problem.lattice.mask),
           interior_(interior && problem.springs.empty()),
-          blocks_(problem.particle_count()),
           compliance_(pack_compliance<Real>(problem, place_guarded(problem))),
           lists_(compress_lists(problem)),
           own_(problem, place_guarded(problem), V::formulation, lists_.slices),
           step_(make_delta_step<Real>(problem, place_guarded(problem), V::formulation)) {
         measure<Real>(step_.rest_length, V::formulation);
-        step_.compliance = compliance_.empty() ? nullptr : compliance_.data();
+        step_.compliance = data_of(compliance_);
         step_.slices = lists_.slices.data();
         step_.lists = lists_.lists.data();
         this->attach(step_.motion);
         this->poison();
     }
 
-    std::size_t split(const std::vector<std::uint32_t>& border) override { return blocks_.split(border); }
-
     /// Edits between steps, as the backend does.
     void edit(const Problem& edited, const SpringEdit& edit) {
         for (const SpringEdit::Touched& touched : edit.touched)
             this->write_bits(touched.particle, touched.mask);
         own_.change(edited, edit, lists_.slices);
-        needed_ = needed_ && own_.empty();
-        interior_ = interior_ && own_.empty();
+        if (own_.empty()) return;
+        this->use(Kernel::general);
+        interior_ = false;
     }
 
 private:
@@ -571,10 +561,7 @@ private:
         step_.off_lattice_constants = constants.data();
         step_.off_lattice_rest = own_.off_lattice_rest().data();
         const auto step_all = [&]<class Terms>(Terms) {
-            this->for_each_block(blocks_.all(), blocks_.parts(), [&](std::uint32_t block) {
-                HostBlocks::for_each_thread(block,
-                                            [&](int i) { step_by_deltas<Terms>(step_, i, current, output); });
-            });
+            this->for_each_thread([&](int i) { step_by_deltas<Terms>(step_, i, current, output); });
         };
         constexpr std::uint32_t terms = term_damping | term_gravity | term_full_stencil;
         if (interior_ && step_.group_bits == EDGE_BITS) {
@@ -582,12 +569,12 @@ private:
         } else if (interior_ && step_.group_bits == CORNER_BITS) {
             step_all(KernelTerms<V::formulation, CORNER_BITS, terms, false>{});
         } else {
-            with_terms<V>(needed_, interior_, step_all);
+            const bool full = interior_ && this->kernel_ == Kernel::needed;
+            with_terms<V>(full ? Kernel::interior : this->kernel_, step_all);
         }
     }
 
-    bool needed_, interior_;
-    HostBlocks blocks_;
+    bool interior_;
     std::vector<Real> compliance_;
     DeltaLists lists_;
     OffLatticeLists<Real> own_;
@@ -609,8 +596,7 @@ public:
         measure(springs_.constants, V::formulation);
         step_.ends = springs_.ends.data();
         step_.constants = springs_.constants.data();
-        step_.off_lattice_rest =
-            springs_.off_lattice_rest.empty() ? nullptr : springs_.off_lattice_rest.data();
+        step_.off_lattice_rest = data_of(springs_.off_lattice_rest);
         step_.force = force_.data();
         step_.pitch = problem.particle_count();
         this->attach(step_.motion);
