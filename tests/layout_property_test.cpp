@@ -10,6 +10,8 @@
 #include <random>
 #include <set>
 #include <string>
+#include <tuple>
+#include <utility>
 #include <vector>
 
 #include "backends/layout/blocks.h"
@@ -21,6 +23,7 @@
 #include "backends/layout/spring_array.h"
 #include "backends/layout/springs.h"
 #include "backends/layout/work.h"
+#include "tests/bodies.h"
 #include "tests/support.h"
 
 namespace voxspring::layout {
@@ -42,53 +45,30 @@ struct Body {
 };
 
 /// Bodies that have gone wrong before, or look as if they might.
-Body named_body(std::size_t number, std::uint32_t groups) {
-    const auto lattice = [&](const char* name, const VoxelGrid& grid) {
-        return Body{name, make_lattice_problem(grid, groups)};
+std::vector<Body> named_bodies() {
+    const auto lattice = [](const char* name, const VoxelGrid& grid) {
+        return Body{name, make_lattice_problem(grid, FACE_BITS | EDGE_BITS)};
     };
-    switch (number) {
-        case 0:
-            return lattice("29x46x46", solid({29, 46, 46}));
-        case 1:
-            return lattice("29x42x42", solid({29, 42, 42}));
-        case 2:
-            return lattice("1x1x97", solid({1, 1, 97}));
-        case 3:
-            return lattice("97x1x1", solid({97, 1, 1}));
-        case 4:
-            return lattice("1x97x1", solid({1, 97, 1}));
-        case 5:
-            return lattice("one voxel", solid({1, 1, 1}));
-        case 6:
-            return lattice("one voxel of many", make_grid({31, 17, 9}, [](int x, int y, int z) {
-                               return x == 30 && y == 16 && z == 8;
-                           }));
-        case 7:
-            return lattice("checkerboard",
-                           make_grid({31, 13, 12}, [](int x, int y, int z) { return (x + y + z) % 2; }));
-        case 8:
-            return lattice("a random 37%", random_grid({31, 33, 29}, 0.37, 1));
-        case 9:
-            return lattice("two islands",
-                           make_grid({70, 9, 9}, [](int x, int, int) { return x < 5 || x > 64; }));
-        case 10: {
-            Body body = lattice("all pinned", solid({9, 8, 7}));
-            pin(body.problem, std::vector<std::uint8_t>(body.problem.particle_count(), 1));
-            return body;
-        }
-        case 11:
-            return {"network", random_network(60, 200, 6)};
-        case 12:
-            return {"no springs", random_network(33, 0, 6)};
-        default: {
-            Body body = lattice("sutured", random_grid({40, 9, 9}, 0.8, 3));
-            const auto last = std::uint32_t(body.problem.particle_count() - 1);
-            body.problem.springs = {{0, last, 0.5, 3.0}, {1, last - 1, 0.25, 2.0}, {1, last, 0.125, 0}};
-            return body;
-        }
-    }
+    std::vector<Body> all = {
+        lattice("29x46x46", solid({29, 46, 46})),
+        lattice("29x42x42", solid({29, 42, 42})),
+        lattice("1x1x97", solid({1, 1, 97})),
+        lattice("97x1x1", solid({97, 1, 1})),
+        lattice("1x97x1", solid({1, 97, 1})),
+        lattice("one voxel", solid({1, 1, 1})),
+        lattice("one voxel of many",
+                make_grid({31, 17, 9}, [](int x, int y, int z) { return x == 30 && y == 16 && z == 8; })),
+        lattice("checkerboard", make_grid({31, 13, 12}, [](int x, int y, int z) { return (x + y + z) % 2; })),
+        lattice("a random 37%", random_grid({31, 33, 29}, 0.37, 1)),
+        lattice("two islands", make_grid({70, 9, 9}, [](int x, int, int) { return x < 5 || x > 64; })),
+        lattice("all pinned", solid({9, 8, 7}))};
+    pin(all.back().problem, std::vector<std::uint8_t>(all.back().problem.particle_count(), 1));
+    all.push_back({"network", random_network(60, 200, 6)});
+    all.push_back({"no springs", random_network(33, 0, 6)});
+    all.push_back(lattice("sutured", random_grid({40, 9, 9}, 0.8, 3)));
+    all.back().problem = testing::sutured(all.back().problem);
+    return all;
 }
-constexpr std::size_t named_bodies = 14;
 
 /// A box with odd sides, of which a part is active: random voxels, planes, or a shell.
 Body drawn_body(std::mt19937& generator, std::uint32_t groups) {
@@ -120,24 +100,12 @@ Body drawn_body(std::mt19937& generator, std::uint32_t groups) {
     return body;
 }
 
-/// Both ends of every spring as (particle, neighbour), found without the layouts; sorted.
+/// Both ends of each of `springs` as (particle, neighbour), sorted.
 using Ends = std::vector<std::pair<std::uint32_t, std::uint32_t>>;
-Ends ends_of(const Problem& problem) {
+template <class Springs>
+Ends both_ends(const Springs& springs) {
     Ends ends;
-    const Lattice& lattice = problem.lattice;
-    const auto particle = particle_of_voxel(lattice);
-    for (std::uint32_t i = 0; i < lattice.mask.size(); ++i) {
-        const glm::ivec3 at = lattice.coordinates(lattice.voxel[i]);
-        for (const Direction& direction : directions()) {
-            if ((lattice.mask[i] >> direction.bit & 1U) == 0) continue;
-            const glm::ivec3 to = at + direction.offset;
-            ends.emplace_back(i,
-                              particle[(std::size_t(to.z) * std::size_t(lattice.dims.y) + std::size_t(to.y)) *
-                                           std::size_t(lattice.dims.x) +
-                                       std::size_t(to.x)]);
-        }
-    }
-    for (const Spring& spring : problem.springs) {
+    for (const auto& spring : springs) {
         ends.emplace_back(spring.first, spring.second);
         ends.emplace_back(spring.second, spring.first);
     }
@@ -187,13 +155,7 @@ void expect_lists(const Problem& problem, const Ends& ends, ListLayout layout) {
 
 void expect_every_spring(const Problem& problem, const Ends& ends) {
     const SpringArrays<float> springs = list_every_spring<float>(problem, Formulation::position);
-    Ends listed;
-    for (const SpringEnds& spring : springs.ends) {
-        listed.emplace_back(spring.first, spring.second);
-        listed.emplace_back(spring.second, spring.first);
-    }
-    std::sort(listed.begin(), listed.end());
-    ASSERT_TRUE(listed == ends);
+    ASSERT_TRUE(both_ends(springs.ends) == ends);
     ASSERT_EQ(springs.begin.back() + problem.springs.size(), springs.ends.size());
 }
 
@@ -268,29 +230,22 @@ void expect_march(const Problem& problem, const std::vector<MarchTile>& tiles, P
     ASSERT_TRUE(std::isfinite(plan.seconds) && plan.seconds > 0) << plan.seconds;
     ASSERT_TRUE(tiles.size() == 1 || resident_blocks(plan.tile, precision, device) > 0);
     std::size_t words = 0;
-    std::size_t particles = 0;
     std::set<std::tuple<int, int, int>> planes;
     const Lattice& lattice = problem.lattice;
-    std::vector<std::uint32_t> active(lattice.voxel_count());
-    for (const std::uint32_t voxel : lattice.voxel) active[voxel] = 1;
     for (const MarchItem& item : plan.items) {
         ASSERT_LT(item.begin, item.end);
         ASSERT_LE(item.end, lattice.dims.z);
         ASSERT_TRUE(item.x % shape.width() == 0 && item.y % shape.height() == 0);
-        for (int z = item.begin; z < item.end; ++z) {
+        for (int z = item.begin; z < item.end; ++z)
             ASSERT_TRUE(planes.emplace(item.x, item.y, z).second) << "a plane twice";
-            for (int y = item.y; y < std::min(item.y + shape.height(), lattice.dims.y); ++y) {
-                for (int x = item.x; x < std::min(item.x + shape.width(), lattice.dims.x); ++x)
-                    particles += active[(std::size_t(z) * std::size_t(lattice.dims.y) + std::size_t(y)) *
-                                            std::size_t(lattice.dims.x) +
-                                        std::size_t(x)];
-            }
-        }
         if (item.full_stencils == (std::size_t(1) << shape.warps()) - 1) continue;
         ASSERT_EQ(item.words, words);
         words += std::size_t(item.end - item.begin + 1) * std::size_t(shape.threads());
     }
-    ASSERT_EQ(particles, problem.particle_count());
+    for (const std::uint32_t voxel : lattice.voxel) {
+        const glm::ivec3 at = lattice.coordinates(voxel);
+        ASSERT_TRUE(planes.contains({at.x - at.x % shape.width(), at.y - at.y % shape.height(), at.z}));
+    }
     ASSERT_EQ(words, plan.words.size());
     ASSERT_LE(plan.items.size() * sizeof(MarchItem) + words * sizeof(std::uint64_t),
               max_plan_bytes(lattice, shape));
@@ -388,7 +343,7 @@ void expect_all(const Body& body, const Card& card, std::mt19937& generator) {
         return std::uniform_int_distribution<std::size_t>(0, count - 1)(generator);
     };
     const Problem& problem = body.problem;
-    const Ends ends = ends_of(problem);
+    const Ends ends = both_ends(list_springs(problem));
     ASSERT_EQ(ends.size(), 2 * count_springs(problem).total());
     expect_lists(problem, ends, draw(2) == 0 ? ListLayout::vertical : ListLayout::concatenated);
     expect_every_spring(problem, ends);
@@ -427,8 +382,7 @@ Card draw_card(std::mt19937& generator) {
 
 TEST(LayoutProperties, HoldForBodiesThatHaveGoneWrong) {
     std::mt19937 generator(1);
-    for (std::size_t number = 0; number < named_bodies; ++number) {
-        const Body body = named_body(number, groups[0]);
+    for (const Body& body : named_bodies()) {
         const bool large = body.problem.particle_count() > 20000;
         for (const int multiprocessors : {20, 108, 132, 200}) {
             if (large && multiprocessors != 108 && multiprocessors != 132) continue;
