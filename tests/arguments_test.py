@@ -13,7 +13,7 @@ import subprocess
 import threading
 import unittest
 
-from program import VOXSPRING, InTemporaryFolder, json_of, nrrd, succeeds, voxspring
+from program import VOXSPRING, InTemporaryFolder, json_of, nrrd, run, succeeds, voxspring
 
 RUN = ("run", "box@4", "--backend", "cpu_reference")
 
@@ -262,7 +262,7 @@ class Shells(InTemporaryFolder):
             script = f"""source <({VOXSPRING} completion bash)
                 COMP_WORDS=({" ".join(f"'{word}'" for word in (VOXSPRING, *words))}) COMP_CWORD={len(words)}
                 _voxspring; printf '%s\\n' "${{COMPREPLY[@]}}" """
-            done = subprocess.run(["bash", "-c", script], capture_output=True, text=True, timeout=60, cwd=self.folder)
+            done = run("bash", "-c", script, cwd=self.folder)
             self.assertEqual((done.returncode, done.stderr, done.stdout), (0, "", f"{expected}\n"), words)
 
     def test_the_scripts_are_those_of_the_tree(self):
@@ -270,7 +270,7 @@ class Shells(InTemporaryFolder):
             script = f"harness/cli/completion.{shell}"
             self.assertEqual(voxspring("completion", shell).stdout, pathlib.Path(script).read_text())
             if shutil.which(check):
-                checked = subprocess.run([check, *(["-n"] if check == "zsh" else ["-s", "bash"]), script], capture_output=True, text=True)
+                checked = run(check, *(["-n"] if check == "zsh" else ["-s", "bash"]), script)
                 self.assertEqual(checked.returncode, 0, checked.stdout + checked.stderr)
         self.assert_refused(voxspring("completion", "fish"), "fish", "bash or zsh")
 
@@ -283,22 +283,19 @@ class Scripts(InTemporaryFolder):
             shutil.copytree("results", self.folder / scripts, ignore=shutil.ignore_patterns("nvidia*", "amd*", "local", "*.png"))
         return self.folder / program
 
-    def call(self, program, *arguments, **options):
-        return subprocess.run([program, *arguments], capture_output=True, text=True, timeout=60, **options)
-
     def test_are_found_in_a_tree_a_prefix_and_a_package(self):
         for program, scripts in (("tree/build/release/voxspring", "tree/results"),
                                  ("prefix/bin/voxspring", "prefix/share/voxspring/results"),
                                  ("package/bin/voxspring", "package/results")):
             # The system's Python has the packages; another one on the PATH may not.
-            called = self.call(self.place(program, scripts), "diff", "--help", env={"PATH": "/usr/bin:/bin"})
+            called = run(self.place(program, scripts), "diff", "--help", env={"PATH": "/usr/bin:/bin"})
             self.assertEqual(called.returncode, 0, called.stderr)
             self.assertIn("--across-devices", called.stdout)
 
     def test_say_where_they_are_not(self):
         program = self.place("alone/bin/voxspring", None)
         for command in ("diff", "report"):
-            called = self.call(program, command)
+            called = run(program, command)
             self.assert_refused(called, f"{command}.py", str(program.parent))
 
     def python(self, folder, *options):
@@ -313,15 +310,15 @@ class Scripts(InTemporaryFolder):
         """The Python of `./run report`, the system's, or the PATH's: the first that has the packages, whatever the PATH begins with."""
         program = self.place("tree/build/release/voxspring", "tree/results")
         bare = self.python("path/python3", "-I", "-S")
-        called = self.call(program, "diff", "none.json", "none.json", env={"PATH": f"{bare.parent}:/usr/bin:/bin"})
+        called = run(program, "diff", "none.json", "none.json", env={"PATH": f"{bare.parent}:/usr/bin:/bin"})
         self.assert_refused(called, "diff.py: none.json")
         own = self.python("tree/build/report-venv/bin/python", "-I", "-S")
-        called = self.call(program, "diff", "none.json", "none.json", env={"PATH": "/usr/bin:/bin"})
+        called = run(program, "diff", "none.json", "none.json", env={"PATH": "/usr/bin:/bin"})
         self.assert_refused(called, "diff.py: none.json")
         started = (self.folder / "started").read_text().splitlines()
         self.assertEqual(started, [str(own)], "it was asked, and has no scipy")
         self.python("tree/build/report-venv/bin/python")
-        self.assert_refused(self.call(program, "diff", "none.json", "none.json"), "diff.py: none.json")
+        self.assert_refused(run(program, "diff", "none.json", "none.json"), "diff.py: none.json")
         self.assertEqual((self.folder / "started").read_text().splitlines()[1:], 2 * [str(own)], "asked, and taken")
 
     def test_say_what_each_python_lacks(self):
@@ -333,20 +330,20 @@ class Scripts(InTemporaryFolder):
             (modules / f"{name}.py").write_text("raise ImportError('no compiler for it')")
         environment = {"PATH": str(bare.parent), "PYTHONPATH": str(modules)}
         self.python("path/python3", "-I", "-S")
-        called = self.call(program, "diff", "a.json", "b.json", env=environment)
+        called = run(program, "diff", "a.json", "b.json", env=environment)
         self.assert_refused(called, f"{own}: ImportError: no compiler for it", "/usr/bin/python3: ImportError: no compiler for it",
                             "python3 of the PATH: ModuleNotFoundError: No module named 'scipy'", "install Debian's python3-scipy",
                             "requirements.txt")
-        called = self.call(program, "report", "--out", "a.html", env=environment)
+        called = run(program, "report", "--out", "a.html", env=environment)
         self.assert_refused(called, "fastjsonschema, jinja2, PIL, scipy.stats, vl_convert", f"{own}: ImportError", "requirements.txt")
         for command in ("diff", "report"):
-            called = self.call(program, command, "--help", env=environment)
+            called = run(program, command, "--help", env=environment)
             self.assertEqual((called.returncode, called.stderr), (0, ""))
             self.assertIn(f"Usage: {command}.py", called.stdout)
 
     def test_give_the_scripts_exit_code(self):
         program = self.place("prefix/bin/voxspring", "prefix/share/voxspring/results")
-        self.assertEqual(self.call(program, "diff", "none.json", "none.json").returncode, 2)
+        self.assertEqual(run(program, "diff", "none.json", "none.json").returncode, 2)
 
 
 if __name__ == "__main__":

@@ -18,7 +18,7 @@ import unittest
 import zipfile
 
 import jsonschema
-from program import VOXSPRING, InTemporaryFolder, json_of, new_folder, nrrd, succeeds, voxspring
+from program import VOXSPRING, InTemporaryFolder, json_of, new_folder, nrrd, run, succeeds, voxspring
 
 NO_OPENGL = os.environ | {"__EGL_VENDOR_LIBRARY_DIRS": "/nonexistent", "__EGL_VENDOR_LIBRARY_FILENAMES": "/nonexistent.json"}
 COMPARE = "/usr/share/benchmark/compare.py"
@@ -68,9 +68,8 @@ class References(InTemporaryFolder):
         cache = self.folder / "cache"
 
         def references(program):
-            study = [program, "study", "smoke", "--scene", "box@6", "--backend", "cpu_parallel", "--repetitions", "1"]
-            ran = subprocess.run(study, capture_output=True, text=True, check=False, timeout=300,
-                                 env=os.environ | {"VOXSPRING_CACHE": str(cache)})
+            ran = run(program, "study", "smoke", "--scene", "box@6", "--backend", "cpu_parallel", "--repetitions", 1,
+                      env=os.environ | {"VOXSPRING_CACHE": str(cache)})
             self.assertEqual(ran.returncode, 0, ran.stderr)
             # Limits are kept by build and device, which both programs share.
             return {file for file in cache.rglob("*") if file.is_file() and not file.name.startswith("limits-")}
@@ -133,8 +132,7 @@ class Info(InTemporaryFolder):
         if b"__asan_init" in program or b"__tsan_init" in program:
             self.skipTest("a sanitizer needs the memory that is taken away")
         limit = 250 << 20
-        ran = subprocess.run([VOXSPRING, "info", "box@200"], capture_output=True, text=True,
-                             preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_DATA, (limit, limit)))
+        ran = voxspring("info", "box@200", preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_DATA, (limit, limit)))
         self.assertEqual(ran.returncode, 1, ran.stderr)
         self.assertIn("voxspring: out of memory", ran.stderr)
         self.assertNotIn("bad_alloc", ran.stderr)
@@ -401,7 +399,7 @@ class Study(OwnStudy):
             self.assertTrue(row["name"].startswith(f"{row['scene']}/{row['backend']}/"), row["name"])
             self.assertIsNone(row["total_error_reason"])
             self.assertIs(row["chaotic"], False)
-        commit = subprocess.run(["git", "rev-parse", "--short=12", "HEAD"], capture_output=True, text=True).stdout
+        commit = run("git", "rev-parse", "--short=12", "HEAD").stdout
         self.assertIn(result["context"]["voxspring"]["commit"], (commit.strip(), "unknown"))
 
     def test_a_result_names_the_units_of_its_scenes(self):
@@ -479,8 +477,7 @@ class Study(OwnStudy):
     def test_google_benchmarks_own_tool_reads_it(self):
         self.run_smoke("--backend", "cpu_reference", "--backend", "cpu_parallel:precision=float64")
         out = str(self.folder / "smoke.json")
-        result = subprocess.run([sys.executable, COMPARE, "filters", out, "/cpu_reference/", "/cpu_parallel/"],
-                                capture_output=True, text=True)
+        result = run(sys.executable, COMPARE, "filters", out, "/cpu_reference/", "/cpu_parallel/")
         self.assertEqual(result.returncode, 0, result.stderr)
         self.assertIn("box@8[/cpu_reference/ vs. /cpu_parallel/]increment/float64", result.stdout)
         self.assertIn("OVERALL_GEOMEAN", result.stdout)
@@ -521,8 +518,7 @@ class Haptic(OwnStudy):
 
     @staticmethod
     def compare(*results):
-        return json.loads(subprocess.run([sys.executable, "results/diff.py", *results, "--json", "--all"],
-                                         capture_output=True, text=True, check=True).stdout)
+        return json.loads(run(sys.executable, "results/diff.py", *results, "--json", "--all", check=True).stdout)
 
     def test_result_follows_its_schema_and_is_compared(self):
         table, result = self.run_study(self.STUDY)

@@ -4,19 +4,14 @@ The current directory is the source tree.
 """
 
 import collections
-import contextlib
 import copy
 import dataclasses
-import io
 import json
 import os
 import pathlib
-import pty
 import random
 import re
-import subprocess
 import sys
-import termios
 import unittest
 from unittest import mock
 
@@ -24,7 +19,8 @@ import jsonschema
 import numpy
 
 import attack_test
-from folder import InTemporaryFolder
+from folder import InTemporaryFolder, called, run
+from terminal import on_terminal
 
 sys.path.insert(0, "results")
 import comparison  # noqa: E402
@@ -73,14 +69,9 @@ class Diff(InTemporaryFolder):
         paths = [content if isinstance(content, pathlib.Path) else
                  self.write(name, content.encode("latin-1") if isinstance(content, str) else content)
                  for name, content in (("old.json", old), ("new.json", new))]
-        out, err = io.StringIO(), io.StringIO()
-        with mock.patch.object(sys, "argv", ["diff.py", *map(str, paths), *options]), \
-                contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-            try:
-                code = diff.main()
-            except SystemExit as exit_:
-                code = exit_.code
-        return code, out.getvalue(), err.getvalue()
+        with mock.patch.object(sys, "argv", ["diff.py", *map(str, paths), *options]):
+            ran = called(diff.main)
+        return ran.returncode, ran.stdout, ran.stderr
 
     def judge(self, old, new, *options):
         """(exit code, the document, the verdict of each backend)"""
@@ -666,17 +657,9 @@ class Diff(InTemporaryFolder):
         paths = [self.write("old.json", result(PLAIN)), self.write("new.json", changed(time=11))]
 
         def shown(columns, **more):
-            own, other = pty.openpty()
-            termios.tcsetwinsize(own, (24, columns))
             environment = {key: value for key, value in os.environ.items() if key not in ("COLUMNS", "NO_COLOR")} | more
-            with subprocess.Popen([sys.executable, "results/diff.py", *paths], stdout=other, env=environment) as process:
-                os.close(other)
-                said = b""
-                with contextlib.suppress(OSError):  # this error marks the end of a terminal
-                    while part := os.read(own, 4096):
-                        said += part
-                self.assertEqual(process.wait(), 1)
-            os.close(own)
+            code, _, said = on_terminal([sys.executable, "results/diff.py", *paths], columns, stream="stdout", env=environment)
+            self.assertEqual(code, 1)
             return said.decode().replace("\r\n", "\n")
         self.assertIn("\033[31m  box@8 a increment float32\033[0m", shown(80))
         self.assertNotIn("\033", shown(80, NO_COLOR="1"))
@@ -685,16 +668,14 @@ class Diff(InTemporaryFolder):
 
     def test_missing_packages(self):
         (self.folder / "scipy.py").write_text("raise ImportError('No module named scipy')")
-        command = [sys.executable, "results/diff.py", COMMITTED[0], COMMITTED[0]]
-        environment = os.environ | {"PYTHONPATH": str(self.folder)}
-        said = subprocess.run(command, env=environment, capture_output=True, text=True)
+        said = run(sys.executable, "results/diff.py", COMMITTED[0], COMMITTED[0], env=os.environ | {"PYTHONPATH": str(self.folder)})
         self.assertEqual(said.returncode, 2, said.stderr)
         self.assertIn("install Debian's python3-scipy and python3-fastjsonschema, or with pip scipy and fastjsonschema", said.stderr)
 
     def test_help_needs_no_package(self):
         for script in ("diff", "report"):
             # Without the folders in which packages are installed.
-            said = subprocess.run([sys.executable, "-E", "-S", f"results/{script}.py", "--help"], capture_output=True, text=True)
+            said = run(sys.executable, "-E", "-S", f"results/{script}.py", "--help")
             self.assertEqual((said.returncode, said.stderr), (0, ""))
             self.assertIn(f"Usage: {script}.py", said.stdout)
 
@@ -704,8 +685,7 @@ class FalseAlarms(InTemporaryFolder):
 
     def compare(self, *results, options=()):
         paths = [self.write(f"{number}.json", one) for number, one in enumerate(results)]
-        return subprocess.run([sys.executable, "results/false_alarms.py", *options, *paths], capture_output=True, text=True,
-                              check=False)
+        return run(sys.executable, "results/false_alarms.py", *options, *paths)
 
     def test_runs_of_one_program_differ_by_noise_alone(self):
         found = self.compare(*(result(PLAIN, seed=seed) for seed in range(1, 8)))

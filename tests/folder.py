@@ -1,9 +1,28 @@
-"""Temporary folders for tests, files in them, and what a program says that refuses its input."""
+"""Programs and scripts that tests run, what they say that refuse their input, and temporary folders with files."""
 
+import contextlib
+import io
 import json
 import pathlib
+import subprocess
 import tempfile
 import unittest
+
+
+def run(*command, **options):
+    """Runs a command to its end. Its output is captured as text unless `options` of subprocess.run say otherwise."""
+    return subprocess.run(list(map(str, command)), **{"capture_output": True, "text": True, "timeout": 300} | options)
+
+
+def called(function):
+    """What run() would return of a script with this main function, which is called in this process."""
+    out, err = io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        try:
+            code = function()
+        except SystemExit as end:
+            code = end.code
+    return subprocess.CompletedProcess([], code or 0, out.getvalue(), err.getvalue())
 
 
 def new_folder(add_cleanup):

@@ -7,19 +7,18 @@ import json
 import os
 import pathlib
 import shutil
-import subprocess
 import tempfile
 import unittest
 
 import jsonschema
-from folder import new_folder
+from folder import new_folder, run
 
 CMAKE, BUILD, CXX = (os.environ[name] for name in ("CMAKE", "BUILD", "CXX"))
 
 
 def call(*command, code=0, timeout=300):
     """The output of a command that has to end with this exit code."""
-    result = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=timeout)
+    result = run(*command, timeout=timeout)
     assert result.returncode == code, f"{command}: {result.returncode}\n{result.stdout}\n{result.stderr}"
     return result.stdout
 
@@ -28,8 +27,8 @@ def configure(source, *options, **environment):
     """What CMake prints as errors and warnings for a project, its exit code, and the files build.ninja and CMakeCache.txt."""
     inherited = {name: value for name, value in os.environ.items() if name != "CMAKE_BUILD_TYPE"}
     with tempfile.TemporaryDirectory() as folder:
-        done = subprocess.run([CMAKE, "-S", source, "-B", folder, "-G", "Ninja", f"-DCMAKE_CXX_COMPILER={CXX}", *options],
-                              capture_output=True, text=True, timeout=120, env=inherited | environment)
+        done = run(CMAKE, "-S", source, "-B", folder, "-G", "Ninja", f"-DCMAKE_CXX_COMPILER={CXX}", *options,
+                   env=inherited | environment)
         files = [pathlib.Path(folder, name) for name in ("build.ninja", "CMakeCache.txt")]
         return " ".join(done.stderr.split()), done.returncode, *(file.read_text() if file.exists() else "" for file in files)
 
@@ -50,7 +49,7 @@ class Program(unittest.TestCase):
         out = self.folder / "result.json"
         out.unlink(missing_ok=True)
         environment = {"VOXSPRING_CACHE": str(self.folder / "cache"), "PATH": os.environ["PATH"]}
-        result = subprocess.run([self.build / "example", out], capture_output=True, text=True, timeout=300, env=environment)
+        result = run(self.build / "example", out, env=environment)
         self.assertEqual(result.returncode, code, result.stdout + result.stderr)
         return json.loads(out.read_text()), result.stdout
 
@@ -103,8 +102,7 @@ class Install(Program):
 
     def test_installs_the_scripts_that_the_program_starts_and_what_shells_complete(self):
         # The system's Python has the packages; another one on the PATH may not.
-        helped = subprocess.run([self.prefix / "bin/voxspring", "diff", "--help"], capture_output=True, text=True, timeout=60,
-                                env={"PATH": "/usr/bin:/bin"})
+        helped = run(self.prefix / "bin/voxspring", "diff", "--help", env={"PATH": "/usr/bin:/bin"})
         self.assertIn("--across-devices", helped.stdout)
         share = self.prefix / "share"
         for script in ("report.py", "diff.py", "result_files.py", "requirements.txt", "page/page.js"):
@@ -148,7 +146,7 @@ class Install(Program):
         self.change("main.cpp", "    worker_main(argc, argv);\n", "")
         call(CMAKE, "--build", self.build)
         out = self.folder / "none.json"
-        ran = subprocess.run([self.build / "example", out], capture_output=True, text=True, timeout=60)
+        ran = run(self.build / "example", out)
         self.assertEqual(ran.returncode, 2)
         self.assertIn("call voxspring::worker_main(argc, argv) first in main()", ran.stderr)
         self.assertFalse(out.exists())

@@ -18,6 +18,7 @@ import time
 import unittest
 
 from faulty import FAULTY, PATIENCE, FaultyStudies, processes
+from folder import run
 from terminal import on_terminal
 
 SANITIZED = os.environ["SANITIZED"] == "1"
@@ -67,7 +68,7 @@ class Overnight(FaultyStudies):
         return [FAULTY, "study", self.folder / "study.json", "--out", self.out, *map(str, options)]
 
     def run_study(self, *options, code=0, **how):
-        ran = subprocess.run(self.command(*options), capture_output=True, text=True, timeout=PATIENCE, **how)
+        ran = run(*self.command(*options), **how)
         self.assertEqual(ran.returncode, code, ran.stdout + ran.stderr)
         return ran
 
@@ -503,7 +504,7 @@ class JournalFile(Overnight):
         self.assert_refused(self.run_study(code=2), "/proc/result.json")
 
     def test_resume_without_a_result_is_refused(self):
-        ran = subprocess.run([FAULTY, "study", self.folder / "study.json", "--resume"], capture_output=True, text=True)
+        ran = run(FAULTY, "study", self.folder / "study.json", "--resume")
         self.assertEqual(ran.returncode, 2)
         self.assertIn("--out", ran.stderr)
 

@@ -9,12 +9,11 @@ import os
 import pathlib
 import re
 import shutil
-import subprocess
 import sys
 import tarfile
 import unittest
 
-from folder import new_folder
+from folder import new_folder, run
 
 ARCHIVE = pathlib.Path(sys.argv.pop(1)).resolve()
 TOOLS = ("bash", "cat", "date", "dirname", "env", "mkdir", "mktemp", "nproc", "rm", "sleep")
@@ -36,9 +35,9 @@ class Package(unittest.TestCase):
 
     def call(self, *command, **environment):
         """Runs `command` of the package with arguments, and with no variables but these and the PATH."""
-        return subprocess.run([self.package / command[0], *command[1:]], capture_output=True, text=True, timeout=1500,
-                              cwd=self.folder, check=False, env={"PATH": str(self.tools), "OMP_WAIT_POLICY": "passive",
-                                                                 "VOXSPRING_CACHE": str(self.folder / "cache"), **environment})
+        return run(self.package / command[0], *command[1:], timeout=1500, cwd=self.folder,
+                   env={"PATH": str(self.tools), "OMP_WAIT_POLICY": "passive", "VOXSPRING_CACHE": str(self.folder / "cache"),
+                        **environment})
 
     def test_brings_its_libraries(self):
         for program in sorted((self.package / "bin").iterdir()):

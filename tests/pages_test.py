@@ -7,12 +7,11 @@ import pathlib
 import re
 import shutil
 import statistics
-import subprocess
 import sys
 import unittest
 from unittest import mock
 
-from folder import InTemporaryFolder
+from folder import InTemporaryFolder, run
 
 sys.path.insert(0, "results")
 import audit  # noqa: E402
@@ -154,7 +153,7 @@ class Template(InTemporaryFolder):
         shutil.copytree("results", copy, ignore=shutil.ignore_patterns("local", "__pycache__"))
 
         def make(*arguments):
-            return subprocess.run([sys.executable, "-B", copy / "paper.py", *arguments], capture_output=True, text=True, check=False)
+            return run(sys.executable, "-B", copy / "paper.py", *arguments)
         self.assertEqual(make("--check").stderr, "")
         page, source = copy / "README.md", copy / "README.in.md"
         text, words = page.read_text(), source.read_text()
@@ -196,7 +195,7 @@ class AsPaper(InTemporaryFolder):
         shutil.copytree("results", copy, ignore=shutil.ignore_patterns("local", "__pycache__", "as_paper.json*"))
         if result:
             self.write("results/nvidia-h200/as_paper.json", result)
-        done = subprocess.run([sys.executable, "-B", copy / "paper.py"], capture_output=True, text=True, check=False)
+        done = run(sys.executable, "-B", copy / "paper.py")
         self.assertEqual(done.stderr, "")
         text = (copy / "README.md").read_text()
         verdicts = {line[0]: line[2:] for line in cells_of(text) if len(line) == 4}

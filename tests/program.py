@@ -2,15 +2,14 @@
 
 import json
 import os
-import subprocess
 
-from folder import InTemporaryFolder, new_folder, nrrd  # noqa: F401
+from folder import InTemporaryFolder, new_folder, nrrd, run  # noqa: F401
 
 VOXSPRING = os.environ["VOXSPRING"]
 
 
 def voxspring(*arguments, **options):
-    return subprocess.run([VOXSPRING, *map(str, arguments)], capture_output=True, text=True, timeout=300, **options)
+    return run(VOXSPRING, *arguments, **options)
 
 
 def succeeds(*arguments, **options):

@@ -4,16 +4,14 @@ VOXSPRING names the program; the current directory is the source tree.
 """
 
 import json
-import os
 import pathlib
 import re
 import shutil
-import subprocess
 import sys
 import unittest
 
 import jsonschema
-from folder import InTemporaryFolder
+from program import InTemporaryFolder, json_of, run, succeeds
 
 sys.path.insert(0, "docs")
 import figures  # noqa: E402  # pylint: disable=wrong-import-position
@@ -75,7 +73,7 @@ class Pages(InTemporaryFolder):
         self.assertIn("No committed result has it yet.", str(figures.tables().peers([])))
 
     def test_figures_are_what_results_and_sources_say(self):
-        done = subprocess.run([sys.executable, "docs/figures.py", "--check"], capture_output=True, text=True, check=False)
+        done = run(sys.executable, "docs/figures.py", "--check")
         self.assertEqual(done.returncode, 0, done.stderr)
 
     def test_a_figure_by_hand_is_noticed(self):
@@ -87,10 +85,10 @@ class Pages(InTemporaryFolder):
         row = re.search(r"\| `cuda_resident` \| ([\d.]+) ", readme)
         (root / "README.md").write_text(readme[:row.start(1)] + "0.99" + readme[row.end(1):])
         check = [sys.executable, root / "docs/figures.py"]
-        done = subprocess.run([*check, "--check"], capture_output=True, text=True, check=False)
+        done = run(*check, "--check")
         self.assertEqual(done.returncode, 1)
         self.assertIn("README.md is not what results and sources say", done.stderr)
-        subprocess.run(check, check=True)
+        run(*check, check=True)
         self.assertEqual((root / "README.md").read_text(), readme)
 
     def test_the_first_page_has_no_figure_of_its_own(self):
@@ -113,13 +111,12 @@ class Pages(InTemporaryFolder):
 
     def test_help_after_any_command(self):
         """As README says; the two that are scripts need no package for it."""
-        program = os.environ["VOXSPRING"]
-        said = subprocess.run([program, "--help"], capture_output=True, text=True, check=True).stdout
+        said = succeeds("--help").stdout
         commands = re.findall(r"^  ([a-z]+) ", said[said.index("Subcommands:"):], re.MULTILINE)
         self.assertLessEqual({"run", "study", "diff", "report", "completion"}, set(commands))
         for command in commands:
-            done = subprocess.run([program, command, "--help"], capture_output=True, text=True, check=False)
-            self.assertEqual((done.returncode, done.stderr), (0, ""), command)
+            done = succeeds(command, "--help")
+            self.assertEqual(done.stderr, "", command)
             self.assertIn("-h, --help" if command in ("diff", "report") else "-h,--help", done.stdout)
 
     def test_measure_explains_every_column_of_the_first_page(self):
@@ -132,8 +129,7 @@ class Pages(InTemporaryFolder):
                 self.assertRegex(text, rf"(?m)^- .*\*{re.escape(name)}\*", column)
 
     def test_every_tuning_parameter_is_in_the_glossary(self):
-        said = subprocess.run([os.environ["VOXSPRING"], "list", "--json"], capture_output=True, text=True, check=True).stdout
-        keys = {key for backend in json.loads(said)["backends"] for key in backend.get("tuning", [])}
+        keys = {key for backend in json_of("list", "--json")["backends"] for key in backend.get("tuning", [])}
         text = pathlib.Path("docs/glossary.md").read_text()
         explained = re.findall(r"^\| `(\w+)` \|", text[text.index("## Tuning parameters"):], re.MULTILINE)
         self.assertLessEqual({"threads", "rest", "fetch"}, keys)
@@ -168,9 +164,7 @@ class Pages(InTemporaryFolder):
         # The example's own scenes do not exist here; the rest of it runs.
         example["scenes"] = [{"scene": "box@4"}]
         example |= {"repetitions": 1, "steps": 1, "backends": ["cpu_parallel", "cpu_parallel:precision=float64"]}
-        study = self.write("my_study.json", example)
-        done = subprocess.run([os.environ["VOXSPRING"], "study", study], capture_output=True, text=True, check=False)
-        self.assertEqual(done.returncode, 0, done.stderr)
+        succeeds("study", self.write("my_study.json", example))
 
     def test_code_comes_before_long_tables(self):
         """If a page has code, readers came for that."""
@@ -182,8 +176,7 @@ class Pages(InTemporaryFolder):
                 self.assertLess(code[0], tables[0], page)
 
     def test_commands_exist(self):
-        commands = subprocess.run([os.environ["VOXSPRING"], "--help"], capture_output=True, text=True, check=True).stdout
-        usage = subprocess.run(["./run", "help"], capture_output=True, text=True, check=True).stdout
+        commands, usage = succeeds("--help").stdout, run("./run", "help", check=True).stdout
         for page in PAGES:
             text = page.read_text()
             for command in re.findall(r"(?:^    |`)(?:build/release/)?voxspring ([a-z]+)", text, re.MULTILINE):

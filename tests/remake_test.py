@@ -3,11 +3,10 @@
 import gzip
 import json
 import pathlib
-import subprocess
 import sys
 import unittest
 
-from folder import InTemporaryFolder
+from folder import InTemporaryFolder, run
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 
@@ -54,8 +53,8 @@ class Remake(InTemporaryFolder):
 
     def remake(self, *arguments, **environment):
         self.calls.write_text("")
-        done = subprocess.run([sys.executable, ROOT / "results/remake.py", "--program", self.program, *arguments],
-                              capture_output=True, text=True, check=False, timeout=60, env={"CALLS": str(self.calls), **environment})
+        done = run(sys.executable, ROOT / "results/remake.py", "--program", self.program, *arguments,
+                   env={"CALLS": str(self.calls), **environment})
         return done, self.calls.read_text().splitlines()
 
     def test_measures_what_suits_the_machine_and_every_committed_file(self):

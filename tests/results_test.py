@@ -10,13 +10,12 @@ import os
 import pathlib
 import re
 import shutil
-import subprocess
 import sys
 import unittest
 from unittest import mock
 
 import attack_test
-from folder import InTemporaryFolder
+from folder import InTemporaryFolder, run
 
 sys.path.insert(0, "results")
 import auto_rules  # noqa: E402
@@ -25,10 +24,6 @@ import result_files  # noqa: E402
 
 RESULTS = pathlib.Path("results")
 COMPARE = pathlib.Path("/usr/share/benchmark/compare.py")  # Debian's libbenchmark-tools
-
-
-def run(*command, **more):
-    return subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=120, **more)
 
 
 class AutoRules(unittest.TestCase):

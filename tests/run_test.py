@@ -4,11 +4,10 @@ import json
 import os
 import pathlib
 import shutil
-import subprocess
 import sys
 import unittest
 
-from folder import new_folder
+from folder import new_folder, run
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 
@@ -72,8 +71,7 @@ class Study(unittest.TestCase):
         path.chmod(0o755)
 
     def run_script(self, *arguments, **environment):
-        return subprocess.run([self.tree / "run", *arguments], capture_output=True, text=True, timeout=60, check=False,
-                              env={"PATH": str(self.tools), **environment})
+        return run(self.tree / "run", *arguments, env={"PATH": str(self.tools), **environment})
 
     def program_arguments(self, *arguments):
         done = self.run_script(*arguments)
@@ -194,8 +192,7 @@ class Study(unittest.TestCase):
         """What count.py prints of a program's results."""
         self.write(self.tree / "program.xml", program)
         self.write(self.tree / "ctest.xml", ctest)
-        return subprocess.run([sys.executable, ROOT / "tests/count.py", self.tree / "ctest.xml", self.tree], capture_output=True,
-                              text=True, timeout=60, check=True)
+        return run(sys.executable, ROOT / "tests/count.py", self.tree / "ctest.xml", self.tree, check=True)
 
     def test_a_program_that_dies_or_tests_nothing_has_failed(self):
         done = self.count("<testsuites/>")

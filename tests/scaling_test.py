@@ -14,6 +14,7 @@ import time
 import unittest
 
 from faulty import FAULTY, PATIENCE, FaultyStudies, processes
+from folder import run
 
 OTHER_BUILD = os.environ["OTHER_BUILD"]
 MESSAGES = os.environ["MESSAGES"]
@@ -27,7 +28,7 @@ class Scaling(FaultyStudies):
         return [*MPIRUN, "-n", str(ranks), FAULTY, "study", self.folder / "study.json", "--out", self.out, *options]
 
     def run_study(self, ranks, *options, code=0):
-        ran = subprocess.run(self.command(ranks, *options), capture_output=True, text=True, timeout=PATIENCE)
+        ran = run(*self.command(ranks, *options))
         self.assertEqual(ran.returncode, code, ran.stdout + ran.stderr)
         self.assert_nothing_runs()
         return ran
@@ -59,7 +60,7 @@ class Scaling(FaultyStudies):
 
     def test_all_may_send_to_all_before_any_receives(self):
         """Simulates what ranks send about a task, for any number of repetitions."""
-        ran = subprocess.run([*MPIRUN, "-n", "3", MESSAGES], capture_output=True, text=True, timeout=PATIENCE)
+        ran = run(*MPIRUN, "-n", 3, MESSAGES)
         self.assertEqual(ran.returncode, 0, ran.stdout + ran.stderr)
 
     def test_a_sample_is_gathered_from_all_ranks(self):
@@ -105,7 +106,7 @@ class Scaling(FaultyStudies):
 
     def test_ranks_of_another_build_and_other_studies_are_refused(self):
         self.study(backends=["cpu_reference"], scenes=[{"scene": "box@4"}])
-        ran = subprocess.run([*self.command(1), ":", "-n", "1", OTHER_BUILD], capture_output=True, text=True, timeout=PATIENCE)
+        ran = run(*self.command(1), ":", "-n", 1, OTHER_BUILD)
         self.assertEqual(ran.returncode, 2, ran.stderr)
         self.assertIn("rank 1 on this host", ran.stderr)
         self.assertIn("same build", ran.stderr)
@@ -117,10 +118,9 @@ class Scaling(FaultyStudies):
         self.study(backends=["cpu_reference"], scenes=[{"scene": "box@4"}])
         command = [FAULTY, "study", self.folder / "study.json", "--ranks", "2"]
         surroundings = os.environ | {"LD_LIBRARY_PATH": str(self.folder)}
-        ran = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, env=surroundings)
+        ran = run(*command, env=surroundings)
         self.assertEqual(ran.returncode, 0, "without mpirun none is needed: " + ran.stderr)
-        ran = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE,
-                             env=surroundings | {"OMPI_COMM_WORLD_SIZE": "2", "OMPI_COMM_WORLD_RANK": "0"})
+        ran = run(*command, env=surroundings | {"OMPI_COMM_WORLD_SIZE": "2", "OMPI_COMM_WORLD_RANK": "0"})
         self.assertEqual(ran.returncode, 2)
         self.assertIn("libmpi.so.40", ran.stderr)
 

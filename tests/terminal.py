@@ -1,19 +1,17 @@
 """A program on a terminal, for tests of what it shows there."""
 
-import fcntl
 import os
 import pty
-import struct
 import subprocess
 import termios
 
 
-def on_terminal(command, columns, when=None, then=None):
-    """Runs a program whose standard error is a terminal; calls `then` with it once it shows `when`. Returns its exit code, its
-    standard output and what it has shown."""
+def on_terminal(command, columns, when=None, then=None, stream="stderr", env=None):
+    """Runs a program that has a terminal for a stream, its standard error unless `stream` is "stdout"; calls `then` with it once it
+    shows `when`. Returns its exit code, its standard output if that is no terminal, and what it has shown."""
     terminal, end = pty.openpty()
-    fcntl.ioctl(end, termios.TIOCSWINSZ, struct.pack("4H", 24, columns, 0, 0))
-    program = subprocess.Popen(list(map(str, command)), stdout=subprocess.PIPE, stderr=end, text=True)
+    termios.tcsetwinsize(end, (24, columns))
+    program = subprocess.Popen(list(map(str, command)), text=True, env=env, **{"stdout": subprocess.PIPE, stream: end})
     os.close(end)
     shown = b""
     try:

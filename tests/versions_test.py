@@ -8,7 +8,6 @@ import gzip
 import json
 import pathlib
 import re
-import subprocess
 import sys
 import unittest
 
@@ -17,7 +16,7 @@ import jsonschema
 sys.path.insert(0, "results")
 import result_files  # noqa: E402
 
-from program import VOXSPRING, InTemporaryFolder  # noqa: E402
+from program import VOXSPRING, InTemporaryFolder, run  # noqa: E402
 
 RESULTS = pathlib.Path("results")
 SCHEMAS = {"scene": RESULTS / "scene.schema.json", "study": RESULTS / "study.schema.json",
@@ -44,10 +43,6 @@ def committed(kind):
     return {"scene": sorted(pathlib.Path("harness/scenes").glob("*.json")),
             "study": sorted(pathlib.Path("harness/studies").glob("*.json")),
             "result": [OLD] + result_files.committed(RESULTS)}[kind]
-
-
-def run(*command):
-    return subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=300)
 
 
 class Schemas(unittest.TestCase):

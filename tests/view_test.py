@@ -18,7 +18,7 @@ import time
 import unittest
 
 import numpy
-from folder import InTemporaryFolder, nrrd
+from folder import InTemporaryFolder, nrrd, run
 
 VOXSPRING = os.environ["VOXSPRING"]
 FAULTY = os.environ["FAULTY"]
@@ -292,8 +292,7 @@ class View(InTemporaryFolder):
 
     def test_without_a_display_it_says_what_to_do(self):
         nowhere = {name: value for name, value in os.environ.items() if name not in ("DISPLAY", "WAYLAND_DISPLAY")}
-        ran = subprocess.run([VOXSPRING, "view", self.scene], env=nowhere, capture_output=True, text=True,
-                             timeout=PATIENCE)
+        ran = run(VOXSPRING, "view", self.scene, env=nowhere)
         self.assertEqual(ran.returncode, 1)
         self.assertIn("no window", ran.stderr)
         self.assertIn("voxspring run", ran.stderr)
@@ -302,8 +301,7 @@ class View(InTemporaryFolder):
     def test_bad_input_is_refused_before_a_window_opens(self):
         for arguments, words in ((["nowhere.json"], "nowhere.json"), ([self.scene, "--backend", "cuda_nothing"], "cuda_nothing"),
                                  ([self.scene, "--save", "state.vtu"], ".npz"), ([self.scene, "--size", "3x4"], "3x4")):
-            ran = subprocess.run([VOXSPRING, "view", *arguments], env=self.display.environment, capture_output=True,
-                                 text=True, timeout=PATIENCE)
+            ran = run(VOXSPRING, "view", *arguments, env=self.display.environment)
             self.assertEqual(ran.returncode, 2, ran.stderr)
             self.assertIn(words, ran.stderr)
 
