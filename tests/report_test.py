@@ -5,11 +5,9 @@ build/report-venv, which `./run test` installs; where either is missing all of t
 """
 
 import collections
-import contextlib
 import copy
 import functools
 import html
-import io
 import itertools
 import json
 import math
@@ -20,11 +18,12 @@ import re
 import resource
 import shutil
 import statistics
-import subprocess
 import sys
 import time
 import unittest
 import unittest.mock
+
+import numpy
 
 ROOT = pathlib.Path.cwd()
 PYTHON = ROOT / "build/report-venv/bin/python"
@@ -32,7 +31,7 @@ REPORT = ROOT / "results/report.py"
 H200 = ROOT / "results/nvidia-h200"
 sys.path.insert(0, str(ROOT / "results"))
 import result_files  # noqa: E402
-from folder import InTemporaryFolder, new_folder  # noqa: E402
+from folder import InTemporaryFolder, called, new_folder, run  # noqa: E402
 from results_test import with_work  # noqa: E402
 SKIPPED = 77
 # Kinds of figures for which the committed results have data.
@@ -56,20 +55,14 @@ def missing():
 
 def start_report(*arguments, python=(PYTHON,), largest_file=resource.RLIM_INFINITY):
     """Starts report.py as `./run report` does."""
-    return subprocess.run([*python, "-W", "error", REPORT, *map(str, arguments)], capture_output=True, text=True, timeout=120,
-                          preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (largest_file, largest_file)))
+    return run(*python, "-W", "error", REPORT, *arguments,
+               preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (largest_file, largest_file)))
 
 
 def report(*arguments):
     """Runs report.py in this process, which saves the three seconds that loading its packages takes."""
     import report as script
-    out, err, code = io.StringIO(), io.StringIO(), 0
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        try:
-            script.main(list(map(str, arguments)))
-        except SystemExit as end:
-            code = end.code
-    return subprocess.CompletedProcess(arguments, code, out.getvalue(), err.getvalue())
+    return called(lambda: script.main(list(map(str, arguments))))
 
 
 def figures_of(path):
@@ -87,6 +80,11 @@ def finding(path, name):
 
 def h200(study):
     return result_files.load(result_files.named(H200, study))
+
+
+def made_up(**lists):
+    """A result of these lists, with the context of a committed one."""
+    return {key: value for key, value in h200("table1").items() if key in ("context", "skipped")} | lists
 
 
 def medians(study):
@@ -248,14 +246,13 @@ class Input(Reports):
 
     def scaling(self, *rows):
         """The figures of a page of a scaling study, of rows (ranks, fields)."""
-        result = {key: value for key, value in h200("table1").items() if key in ("context", "skipped")}
         common = {"backend": "cpu_parallel", "formulation": "position", "precision": "float32", "tuning": "", "scaling": "strong",
                   "particles": 64**3,
                   "compute_seconds": 1e-3, "exchange_seconds": 1e-5, "waiting_seconds": 0.0, "efficiency": 1.0, "predicted_seconds": 1.0}
-        result["scaling"] = [{"scene": "box@64", **common, "ranks": ranks, **more} for ranks, more in rows]
-        for row in result["scaling"]:
+        found = [{"scene": "box@64", **common, "ranks": ranks, **more} for ranks, more in rows]
+        for row in found:
             row |= {"family": row["scene"], "name": f"{row['scene']}/cpu_parallel/position/float32"}
-        return self.page_of(result)
+        return self.page_of(made_up(scaling=found))
 
     def test_a_scaling_study_has_its_figure(self):
         rows = [("box@16", 1, "none", 1.0, "1x1x1"), ("box@16", 2, "memory", 0.9, "1x1x1"), ("box@16", 2, "mpi", 0.625, "1x1x1"),
@@ -435,11 +432,10 @@ def haptic_result(times=1):
                 "worst_seconds": 1.1e-4 * slower, "missed": 0, "steps_that_fit": 48 if drawn else 50, "force_error": 1e-6,
                 "real_time": True, "histogram": bins, "pictures_per_second": 60.0 if drawn else None}
 
-    result = {key: value for key, value in h200("table1").items() if key in ("context", "skipped")}
-    result["haptic"] = [row("grasp", "cuda_implicit_cached", 1000), row("grasp", "cuda_implicit_cached", 1000, drawn=True, slower=1.3),
-                        row("grasp", "cpu_parallel", 1000, slower=10), row("grasp", "cuda_implicit_cached", 1000, edited=True),
-                        row("grasp", "cuda_implicit_cached", 5000), row("grasp@30x26x23", "gl_compute_implicit", 1000, slower=2)]
-    return result
+    return made_up(haptic=[
+        row("grasp", "cuda_implicit_cached", 1000), row("grasp", "cuda_implicit_cached", 1000, drawn=True, slower=1.3),
+        row("grasp", "cpu_parallel", 1000, slower=10), row("grasp", "cuda_implicit_cached", 1000, edited=True),
+        row("grasp", "cuda_implicit_cached", 5000), row("grasp@30x26x23", "gl_compute_implicit", 1000, slower=2)])
 
 
 def truth_result():
@@ -450,11 +446,10 @@ def truth_result():
                 "model_error": error, "continuum_error": 1e-4, "order": None if across == 4 else claimed, "claimed_order": claimed,
                 "rounding_error": 0.0, "seconds": 0.1, "steps": 80, "particles": across**3}
 
-    result = {key: value for key, value in h200("table1").items() if key in ("context", "skipped")}
-    result["truth"] = [row("tension", "corners", 4, 1e-2, 2), row("tension", "corners", 8, 2.5e-3, 2), row("cube", "corners", 4, 2e-2, 1.25),
-                       row("cube", "corners", 8, 9e-3, 1.25), row("cube", "centres", 4, 1e-1, 1), row("cube", "centres", 8, 5e-2, 1),
-                       row("torsion", "centres", 4, 5e-2, None), row("torsion", "centres", 8, 1e-3, None)]
-    return result
+    return made_up(truth=[
+        row("tension", "corners", 4, 1e-2, 2), row("tension", "corners", 8, 2.5e-3, 2), row("cube", "corners", 4, 2e-2, 1.25),
+        row("cube", "corners", 8, 9e-3, 1.25), row("cube", "centres", 4, 1e-1, 1), row("cube", "centres", 8, 5e-2, 1),
+        row("torsion", "centres", 4, 5e-2, None), row("torsion", "centres", 8, 1e-3, None)])
 
 
 # Values that have confused readers before, for any key.
@@ -562,16 +557,8 @@ class Browser:
 
 
 def linear_rgb(colour):
-    channels = [int(colour[i:i + 2], 16) / 255 for i in (1, 3, 5)]
-    return [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in channels]
-
-
-def relative_luminance(colour):
-    return sum(weight * c for weight, c in zip((0.2126, 0.7152, 0.0722), linear_rgb(colour)))
-
-
-def product(matrix, vector):
-    return [sum(a * b for a, b in zip(row, vector)) for row in matrix]
+    channels = numpy.array([int(colour[i:i + 2], 16) / 255 for i in (1, 3, 5)])
+    return numpy.where(channels <= 0.04045, channels / 12.92, ((channels + 0.055) / 1.055) ** 2.4)
 
 
 # How eyes without one kind of cone see linear RGB: Machado, Oliveira and Fernandes (2009), Table 1, severity 1.
@@ -582,19 +569,18 @@ VISIONS = {
     "tritanopia": [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.303900]],
 }
 # From linear RGB to cones and from their cube roots to Oklab (Ottosson 2020), where equal distances look equally far.
-CONES = [[0.4122214708, 0.5363325363, 0.0514459929], [0.2119034982, 0.6806995451, 0.1073969566],
-         [0.0883024619, 0.2817188376, 0.6299787005]]
-OKLAB = [[0.2104542553, 0.7936177850, -0.0040720468], [1.9779984951, -2.4285922050, 0.4505937099],
-         [0.0259040371, 0.7827717662, -0.8086757660]]
+CONES = numpy.array([[0.4122214708, 0.5363325363, 0.0514459929], [0.2119034982, 0.6806995451, 0.1073969566],
+                     [0.0883024619, 0.2817188376, 0.6299787005]])
+OKLAB = numpy.array([[0.2104542553, 0.7936177850, -0.0040720468], [1.9779984951, -2.4285922050, 0.4505937099],
+                     [0.0259040371, 0.7827717662, -0.8086757660]])
 
 
 def seen(colour, vision):
-    rgb = [min(1, max(0, c)) for c in product(VISIONS[vision], linear_rgb(colour))]
-    return product(OKLAB, [cone ** (1 / 3) for cone in product(CONES, rgb)])
+    return OKLAB @ numpy.cbrt(CONES @ numpy.clip(VISIONS[vision] @ linear_rgb(colour), 0, 1))
 
 
 def contrast(one, other):
-    dark, light = sorted((relative_luminance(one), relative_luminance(other)))
+    dark, light = sorted((0.2126, 0.7152, 0.0722) @ linear_rgb(colour) for colour in (one, other))  # their luminance
     return (light + 0.05) / (dark + 0.05)
 
 
@@ -1006,8 +992,7 @@ class Parts(Reports):
         self.assertRegex(title, r"no change of a time in figure7 can be told .*\("
                          rf"{f'{partly} not comparable and ' * bool(partly)}{count} too noisy to tell\)\.$")
         self.assertNotIn("2.19 times", title)
-        said = subprocess.run([PYTHON, ROOT / "results/diff.py", "--json", *sorted(self.folder.glob("?.json"))],
-                              capture_output=True, text=True, timeout=60)
+        said = run(PYTHON, ROOT / "results/diff.py", "--json", *sorted(self.folder.glob("?.json")))
         expected = {"too noisy to tell": count} | ({"not comparable": partly} if partly else {})
         self.assertEqual((said.returncode, json.loads(said.stdout)["counts"]), (0, expected))
         # Results of two cards are no history of one card.
@@ -1298,21 +1283,20 @@ class Parts(Reports):
             self.skipTest("VOXSPRING does not name the program")
         result = h200("table1")
         small = {"heart": "heart@20x17x15", "box@32": "box@6"}
-        count = {scene: json.loads(subprocess.run([os.environ["VOXSPRING"], "info", scene, "--json"], capture_output=True,
-                                                  timeout=60).stdout)["active_particles"] for scene in small.values()}
+        program = os.environ["VOXSPRING"]
+        count = {scene: json.loads(run(program, "info", scene, "--json").stdout)["active_particles"] for scene in small.values()}
         for row in result["benchmarks"]:
             row["name"] = row["name"].replace(row["scene"], small[row["scene"]])
             row.update(scene=small[row["scene"]], particles=count[small[row["scene"]]])
         folder = self.folder / "pictures"
-        self.make(self.write("small.json", result), "--pictures", folder, "--program", os.environ["VOXSPRING"])
+        self.make(self.write("small.json", result), "--pictures", folder, "--program", program)
         if "no OpenGL" in self.out.read_text():
             self.skipTest("no OpenGL")
         alternatives = self.alternatives()
         self.assertEqual(len(alternatives), 5, "two each, and the one that opens the page")
         for scene in small.values():
-            run = subprocess.run([os.environ["VOXSPRING"], "run", scene, "--backend", "cpu_parallel:formulation=position",
-                                  "--steps", "2000"], capture_output=True, text=True, timeout=60)
-            largest = float(re.search(r"largest displacement (\S+)", run.stdout)[1])
+            said = run(program, "run", scene, "--backend", "cpu_parallel:formulation=position", "--steps", 2000).stdout
+            largest = float(re.search(r"largest displacement (\S+)", said)[1])
             self.assertIn(f"{scene} after 2000 steps of cpu_parallel position float32, coloured by displacement: at most "
                           f"{largest:.3g}", alternatives)
             self.assertRegex("\n".join(alternatives), rf"(?m)^{scene} .* error against float64: at most \d\.\de-\d")
