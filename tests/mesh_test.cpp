@@ -1,6 +1,7 @@
 // Meshes: what is read of their files, what is inside of them, and how a body carries them.
 #include "harness/mesh/mesh.h"
 
+#include <fmt/format.h>
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <omp.h>
@@ -107,13 +108,30 @@ void put(std::string& bytes, Number number, bool big_endian = false) {
 
 // --- Files --------------------------------------------------------------------------------------------
 
+std::string line_of(const glm::dvec3& p) { return fmt::format("{:f} {:f} {:f}\n", p.x, p.y, p.z); }
+
+/// Adds numbers to a file, as text or as bytes.
+struct Numbers {
+    std::string& file;
+    bool as_text, big;
+
+    void operator()(auto... numbers) const {
+        const auto add = [&](auto number) {
+            if (as_text) {
+                file += std::to_string(number) + " ";
+            } else {
+                put(file, number, big);
+            }
+        };
+        (add(numbers), ...);
+    }
+};
+
 std::string ascii_stl(const Mesh& mesh) {
     std::string text = "solid vertex of a facet\n";
     for (const Triangle& triangle : mesh.triangles) {
         text += "facet normal 0 0 0\nouter loop\n";
-        for (const std::uint32_t c : triangle)
-            text += "vertex " + std::to_string(mesh.points[c].x) + " " + std::to_string(mesh.points[c].y) +
-                    " " + std::to_string(mesh.points[c].z) + "\n";
+        for (const std::uint32_t c : triangle) text += "vertex " + line_of(mesh.points[c]);
         text += "endloop\nendfacet\n";
     }
     return text + "endsolid\n";
@@ -134,33 +152,15 @@ std::string binary_stl(const Mesh& mesh) {
 }
 
 std::string ply_file(const Mesh& mesh, const std::string& layout) {
-    const bool is_text = layout == "ascii", big = layout == "binary_big_endian";
-    std::string bytes =
-        "ply\nformat " + layout + " 1.0\ncomment end of a header\nelement vertex " +
-        std::to_string(mesh.points.size()) +
-        "\nproperty uchar quality\nproperty double z\nproperty float y\nproperty float x\n"
-        "element face " +
-        std::to_string(mesh.triangles.size()) +
-        "\nproperty list uchar float texcoord\nproperty list uchar short vertex_index\nend_header\n";
-    const auto add = [&](auto number) {
-        if (is_text) {
-            bytes += std::to_string(number) + " ";
-        } else {
-            put(bytes, number, big);
-        }
-    };
-    for (const glm::dvec3& p : mesh.points) {
-        add(std::uint8_t{7});
-        add(p.z);
-        add(float(p.y));
-        add(float(p.x));
-    }
-    for (const Triangle& triangle : mesh.triangles) {
-        add(std::uint8_t{1});
-        add(0.5F);
-        add(std::uint8_t{3});
-        for (const std::uint32_t c : triangle) add(std::int16_t(c));
-    }
+    std::string bytes = fmt::format(
+        "ply\nformat {} 1.0\ncomment end of a header\nelement vertex {}\nproperty uchar quality\n"
+        "property double z\nproperty float y\nproperty float x\nelement face {}\n"
+        "property list uchar float texcoord\nproperty list uchar short vertex_index\nend_header\n",
+        layout, mesh.points.size(), mesh.triangles.size());
+    const Numbers add{bytes, layout == "ascii", layout == "binary_big_endian"};
+    for (const glm::dvec3& p : mesh.points) add(std::uint8_t{7}, p.z, float(p.y), float(p.x));
+    for (const auto& [a, b, c] : mesh.triangles)
+        add(std::uint8_t{1}, 0.5F, std::uint8_t{3}, std::int16_t(a), std::int16_t(b), std::int16_t(c));
     return bytes;
 }
 
@@ -176,86 +176,59 @@ constexpr const char* obj_file =
 const std::vector<Tetrahedron> tetrahedra_of_box = {{0, 1, 3, 7}, {0, 3, 2, 7}, {0, 2, 6, 7},
                                                     {0, 6, 4, 7}, {0, 4, 5, 7}, {0, 1, 5, 7}};
 
-std::string cells_as_text(const std::string& before, int first) {
+/// A line for each tetrahedron: its number, or what all of them begin with, and its corners, counted from 1.
+std::string cells_as_text(bool numbered) {
     std::string text;
-    int number = 1;
-    for (const Tetrahedron& cell : tetrahedra_of_box) {
-        std::string line = before;
-        if (const auto at = line.find('#'); at != std::string::npos)
-            line.replace(at, 1, std::to_string(number));
-        text += line;
-        for (const std::uint32_t c : cell) text += " " + std::to_string(int(c) + first);
-        text += "\n";
-        ++number;
-    }
+    for (int number = 1; const auto& [a, b, c, d] : tetrahedra_of_box)
+        text += fmt::format("{} {} {} {} {}\n", numbered ? std::to_string(number++) : "9 4 2 0 1", a + 1,
+                            b + 1, c + 1, d + 1);
     return text;
 }
 
 std::string points_as_text(bool numbered) {
     std::string text;
-    const Mesh box = box_mesh();
-    for (std::size_t n = 0; n < box.points.size(); ++n) {
-        if (numbered) text += std::to_string(n + 1) + " ";
-        text += std::to_string(box.points[n].x) + " " + std::to_string(box.points[n].y) + " " +
-                std::to_string(box.points[n].z) + "\n";
-    }
+    for (int number = 1; const glm::dvec3& p : box_mesh().points)
+        text += (numbered ? fmt::format("{} ", number++) : "") + line_of(p);
     return text;
 }
 
 std::string vtk_file(bool binary) {
     std::string file = std::string("# vtk DataFile Version 4.2\na box\n") + (binary ? "BINARY" : "ASCII") +
                        "\nDATASET UNSTRUCTURED_GRID\nFIELD FieldData 1\nTimeValue 1 1 double\n";
-    const auto add = [&](auto number) {
-        if (binary) {
-            put(file, number, true);
-        } else {
-            file += std::to_string(number) + " ";
-        }
-    };
+    const Numbers add{file, !binary, true};
     add(0.5);
     file += "\nPOINTS 8 float\n";
-    for (const glm::dvec3& p : box_mesh().points) {
-        for (int axis = 0; axis < 3; ++axis) add(float(p[axis]));
-    }
+    for (const glm::dvec3& p : box_mesh().points) add(float(p.x), float(p.y), float(p.z));
     file += "\nMETADATA\nINFORMATION 0\n\nCELLS 7 33\n";
-    for (const std::int32_t number : {2, 0, 1}) add(number);  // a line
-    for (const Tetrahedron& cell : tetrahedra_of_box) {
-        add(std::int32_t{4});
-        for (const std::uint32_t c : cell) add(std::int32_t(c));
-    }
+    add(2, 0, 1);  // a line
+    for (const auto& [a, b, c, d] : tetrahedra_of_box) add(4, int(a), int(b), int(c), int(d));
     file += "\nCELL_TYPES 7\n";
-    for (const std::int32_t type : {3, 10, 10, 10, 10, 10, 10}) add(type);
+    add(3, 10, 10, 10, 10, 10, 10);
     return file + "\nCELL_DATA 7\nSCALARS x int\n";
 }
 
 std::string vtk_5_file() {
-    std::string text = "# vtk DataFile Version 5.1\na box\nASCII\nDATASET POLYDATA\nPOINTS 8 double\n" +
-                       points_as_text(false) +
-                       "POLYGONS 7 24\nOFFSETS vtktypeint64\n0 4 8 12 16 20 24\n"
-                       "CONNECTIVITY vtktypeint64\n0 2 3 1 4 5 7 6 0 1 5 4 2 6 7 3 0 4 6 2 1 3 7 5\n";
-    return text;
+    return "# vtk DataFile Version 5.1\na box\nASCII\nDATASET POLYDATA\nPOINTS 8 double\n" +
+           points_as_text(false) +
+           "POLYGONS 7 24\nOFFSETS vtktypeint64\n0 4 8 12 16 20 24\n"
+           "CONNECTIVITY vtktypeint64\n0 2 3 1 4 5 7 6 0 1 5 4 2 6 7 3 0 4 6 2 1 3 7 5\n";
 }
 
 std::string gmsh_2_file(bool binary) {
     std::string file = std::string("$MeshFormat\n2.2 ") + (binary ? "1" : "0") + " 8\n";
     if (!binary) {
         return file + "$EndMeshFormat\n$Nodes\n8\n" + points_as_text(true) +
-               "$EndNodes\n$Elements\n8\n1 15 2 0 1 1\n2 2 2 0 1 1 2 3\n" + cells_as_text("9 4 2 0 1", 1) +
+               "$EndNodes\n$Elements\n8\n1 15 2 0 1 1\n2 2 2 0 1 1 2 3\n" + cells_as_text(false) +
                "$EndElements\n";
     }
-    put(file, std::int32_t{1});
+    const Numbers add{file, false, false};
+    add(1);
     file += "\n$EndMeshFormat\n$Nodes\n8\n";
-    const Mesh box = box_mesh();
-    for (std::int32_t n = 0; n < 8; ++n) {
-        put(file, n + 1);
-        for (int axis = 0; axis < 3; ++axis) put(file, box.points[std::size_t(n)][axis]);
-    }
+    for (int number = 1; const glm::dvec3& p : box_mesh().points) add(number++, p.x, p.y, p.z);
     file += "\n$EndNodes\n$Elements\n6\n";
-    for (const std::int32_t number : {4, 6, 2}) put(file, number);
-    for (const Tetrahedron& cell : tetrahedra_of_box) {
-        for (const std::int32_t number : {9, 0, 1}) put(file, number);
-        for (const std::uint32_t c : cell) put(file, std::int32_t(c + 1));
-    }
+    add(4, 6, 2);
+    for (const auto& [a, b, c, d] : tetrahedra_of_box)
+        add(9, 0, 1, int(a + 1), int(b + 1), int(c + 1), int(d + 1));
     return file + "\n$EndElements\n";
 }
 
@@ -264,7 +237,7 @@ std::string gmsh_4_file() {
            "8\n"
            "1\n2\n3\n4\n5\n6\n7\n8\n" +
            points_as_text(false) + "$EndNodes\n$Elements\n2 7 1 7\n2 1 2 1\n1 1 2 3\n3 1 4 6\n" +
-           cells_as_text("#", 1) + "$EndElements\n";
+           cells_as_text(true) + "$EndElements\n";
 }
 
 struct File {
