@@ -9,7 +9,6 @@ result or the sources say.
 """
 
 import datetime
-import functools
 import json
 import pathlib
 import re
@@ -19,8 +18,6 @@ import sys
 HERE = pathlib.Path(__file__).resolve().parent
 ROOT = HERE.parent
 sys.path[:0] = [str(ROOT / "results"), str(ROOT / "tests")]
-
-import jinja2  # noqa: E402  # pylint: disable=wrong-import-position
 
 import comparison  # noqa: E402  # pylint: disable=wrong-import-position
 import includes_test  # noqa: E402  # pylint: disable=wrong-import-position
@@ -74,10 +71,6 @@ def architecture():
 
 def recorded_gates():
     return json.loads((HERE / "gates.json").read_text())
-
-
-# The backend of each machine whose float64 is compared with its float32.
-PRECISE = {results.CPU: "cpu_parallel", results.GPU: "cuda_implicit_cached"}
 
 
 # What apis.md compares: a step of implicit addressing in each API, and CUDA's resident kernel.
@@ -155,31 +148,19 @@ def claimed(machine):
     """(fastest row, number of tunings, its case's times in the machine's other studies over its own) of each backend on the
     heart."""
     tried = on_heart(machine)
-    studies = [result_files.study_of(path) for path in result_files.within(results.RESULTS / machine)]
-    names = [{results.name_of(row): row["real_time"] for row in results.medians(study, machine)
-              if (row["scene"], row["steps"]) == ("heart", tried[0][0]["steps"])} for study in studies if study != "fastest"]
+    names = [{results.name_of(row): row["real_time"] for row in results.medians_of(one)
+              if (row["scene"], row["steps"]) == ("heart", tried[0][0]["steps"])}
+             for study, one in results.studies(machine).items() if study != "fastest"]
     for own in tried:
         row = min(own, key=lambda one: one["real_time"])
         yield row, len(own), [of[results.name_of(row)] / row["real_time"] for of in names if results.name_of(row) in of]
-
-
-# What each study is measured for, and where its figures are.
-SUPPORTS = {
-    "table1": ("the paper's Table 1; starts", "table-1"), "figure7": ("the paper's Figure 7", "figure-7"),
-    "as_paper": ("the paper's strategies as it had them", "what-holds-and-what-does-not"),
-    "figure8": ("the paper's Figure 8; linear scaling", "figure-8"), "fastest": ("the first page; limits, targets", "as-fast-as-the-card-allows"),
-    "edits": ("topology changes at run time", "cuts-and-sutures"), "tuning": ("vertical lists; best blocks", "tuning"),
-    "formulations": ("what a formulation costs, and its error", "formulations"), "pareto": ("time against error", "formulations"),
-    "stability": ("the largest time step", "stability"), "stress": ("errors and extremes", "errors-and-extremes"),
-    "skips": ("what rests costs nothing; all blocks launched", "tiles-at-rest"), "energy": ("joules per step", "energy")}
 
 
 def durations(machine):
     """(study, rows, minutes that it took, or None) in the order of their measurement. For older files these are the minutes until the
     next study of the same commit began. Such a study that was resumed has the date of its last part, so that neither its own minutes nor
     those of the study before it are known."""
-    found = sorted(((result_files.study_of(path), results.loaded(path)) for path in result_files.within(results.RESULTS / machine)),
-                   key=lambda one: one[1]["context"]["date"])
+    found = sorted(results.studies(machine).items(), key=lambda one: one[1]["context"]["date"])
     parts = [(one["context"]["voxspring"]["commit"], datetime.datetime.fromisoformat(one["context"]["date"]),
               any(row.get("resumed") for row in one["benchmarks"])) for _, one in found]
     for (study, one), (commit, begin, resumed) in zip(found, parts):
@@ -194,19 +175,17 @@ def durations(machine):
 
 def machines_with_cards():
     """The machines with a graphics card whose results are committed, the page's own first."""
-    found = distinct([{"name": path.parent.name} for path in result_files.committed(results.RESULTS)
-                      if results.loaded(path)["context"]["voxspring"].get("gpu")], "name")
+    found = {path.parent.name for path in result_files.committed(results.RESULTS) if results.loaded(path)["context"]["voxspring"].get("gpu")}
     return sorted(found, key=lambda name: (name != results.GPU, name))
 
 
 def names_of_commits(machine):
     """The card of a machine, its driver, and the commits of its results. If there are several commits, each has its studies."""
-    found = [(result_files.study_of(path), results.loaded(path)["context"]["voxspring"])
-             for path in result_files.within(results.RESULTS / machine)]
-    commits = groups(({"study": study, "commit": context["commit"][:8]} for study, context in found), "commit")
-    parts = [f"commit {commit}" + ("" if len(commits) == 1 else f" ({', '.join(sorted(row['study'] for row in own))})")
-             for (commit,), own in commits.items()]
-    return f"{found[0][1]['gpu']}, driver {found[0][1]['driver']}; {'; '.join(parts)}"
+    contexts = {study: one["context"]["voxspring"] for study, one in results.studies(machine).items()}
+    commits = groups(contexts, lambda study: contexts[study]["commit"][:8])
+    parts = [f"commit {commit}" + f" ({', '.join(own)})" * (len(commits) > 1) for (commit,), own in commits.items()]
+    about = next(iter(contexts.values()))
+    return f"{about['gpu']}, driver {about['driver']}; {'; '.join(parts)}"
 
 
 def cards_of(one):
@@ -265,14 +244,11 @@ def continuum_errors():
     return [(text, [case for _, case in own]) for (text,), own in groups(errors, lambda one: f"{100 * one[0]:.1g} %").items()]
 
 
-@functools.cache
 def tables():
     """The macros of tables.jinja, which know what is defined here."""
-    environment = paper.ENVIRONMENT.overlay(loader=jinja2.ChoiceLoader([jinja2.PrefixLoader({"docs": jinja2.FileSystemLoader(HERE)}),
-                                                                       paper.ENVIRONMENT.loader]))
-    environment.filters["api_of"] = APIS.get
+    paper.ENVIRONMENT.filters["api_of"] = APIS.get
     names = vars(results) | facts.NAMES | globals() | {"median": lambda values: statistics.median(list(values))}
-    return environment.get_template("docs/tables.jinja", globals=names).module
+    return paper.ENVIRONMENT.get_template("docs/tables.jinja", globals=names).module
 
 
 def filled(name):

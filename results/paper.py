@@ -4,14 +4,13 @@
 Usage: paper.py [--check]
 
 The template is Jinja2: `{{ expression }}` stands for a figure, a verdict or, as `{{ tables.NAME() }}`, a table: functions of
-readme/facts.py and readme/tables.py, and macros of readme/tables.jinja, over MACHINE/STUDY.json.gz. A float is written with three
-digits, and a paragraph that had an expression is broken into lines anew. `{{ holds(condition) }}` writes nothing, and refuses the page
-if the condition is false: what its sentence claims is then no longer what the results say. Every such sentence is named, with its line,
-and nothing is written.
+readme/facts.py and macros of readme/tables.jinja, over MACHINE/STUDY.json.gz. A float is written with three digits, and a paragraph
+that had an expression is broken into lines anew. `{{ holds(condition) }}` writes nothing, and refuses the page if the condition is
+false: what its sentence claims is then no longer what the results say. Every such sentence is named, with its line, and nothing is
+written.
 --check changes nothing and exits with 1 if the page is not what the results say.
 """
 
-import functools
 import pathlib
 import re
 import sys
@@ -20,7 +19,7 @@ import traceback
 
 import jinja2
 
-from readme import facts, rows, tables
+from readme import facts, rows
 
 HERE = pathlib.Path(__file__).resolve().parent
 TEMPLATE, PAGE = HERE / "README.in.md", HERE / "README.md"
@@ -63,21 +62,16 @@ def sentence_of(paragraph, line):
     return " ".join((found[0][0] if found else paragraph).split())
 
 
-ENVIRONMENT = jinja2.Environment(loader=jinja2.FileSystemLoader(HERE / "readme"), finalize=written, undefined=jinja2.StrictUndefined,
-                                 keep_trailing_newline=True, trim_blocks=True, lstrip_blocks=True)
+ENVIRONMENT = jinja2.Environment(loader=jinja2.FileSystemLoader([HERE / "readme", HERE.parent]), finalize=written,
+                                 undefined=jinja2.StrictUndefined, keep_trailing_newline=True, trim_blocks=True, lstrip_blocks=True)
 
 
 class Tables:
-    """The tables of the page by name: macros of tables.jinja, and functions of tables.py."""
+    """The tables of the page by name: macros of tables.jinja."""
 
     def __getattr__(self, name):
-        if not hasattr(self.macros, name):
-            return getattr(tables, name)
-        return lambda *arguments: str(getattr(self.macros, name)(*arguments)).strip()
-
-    @functools.cached_property
-    def macros(self):
-        return ENVIRONMENT.get_template("tables.jinja", globals=vars(rows) | vars(tables) | facts.NAMES).module
+        macros = ENVIRONMENT.get_template("tables.jinja", globals=vars(rows) | facts.NAMES).module
+        return lambda *arguments: str(getattr(macros, name)(*arguments)).strip()
 
 
 def render(text, names, page):

@@ -10,10 +10,8 @@ import re
 import statistics
 
 import result_files
-from readme import tables
-from readme.rows import (CPU, GPU, PAPER, Missing, about_backend, by_name, contender, fastest_of, figure, having, is_papers,
-                         medians, medians_of, name_of, result, three_digits, tuning_of)
-from readme.tables import slow_down
+from readme.rows import (CPU, GPU, PAPER, Missing, about_backend, by_name, card_ids, contender, fastest_of, figure, is_papers, medians,
+                         medians_of, name_of, result, slow_down, studies, three_digits, tuning_of)
 from result_files import distinct, groups, listed, threshold_of  # noqa: F401 (templates use all names here)
 
 # Positions (48 bytes per particle) and lists (72 bytes) of more particles exceed the 60 MB of an H200's L2.
@@ -30,7 +28,6 @@ CHEAP = 0.05
 # If compute shaders reach more than this multiple of the arithmetic of fragment shaders, the latter say nothing about OpenGL.
 HELD_BACK = 4
 NOT_DECIDABLE = "not decidable on this card"
-NOT_MEASURED = "not measured yet"
 
 
 def row(study, scene, case, formulation="position", precision="float32", machine=GPU, rows=None):
@@ -92,9 +89,8 @@ def verdict(ratios):
 
 def provenance():
     """The numbers of commits and of cards that the results of the machine with the page's card come from."""
-    results = tables.results_of()
-    commits = {one["context"]["voxspring"]["commit"][:8] for one in results}
-    cards = {uuid for one in results for uuid in tables.cards_of(one)}
+    commits = {one["context"]["voxspring"]["commit"][:8] for one in studies().values()}
+    cards = {uuid for one in studies().values() for uuid in card_ids(one)}
     of_commits = f"commit {next(iter(commits))}" if len(commits) == 1 else f"{len(commits)} commits"
     return f"{of_commits} and of {'one card' if len(cards) == 1 else f'{len(cards)} cards'}"
 
@@ -105,12 +101,12 @@ def above_limit(rows):
 
 
 def rows_above_limit():
-    return [one for study in tables.results_of() for one in above_limit(medians_of(study))]
+    return [one for study in studies().values() for one in above_limit(medians_of(study))]
 
 
 def repetitions_above_limit():
     """The number of single repetitions that are faster than their limit, the number of all, and the rows of the former."""
-    repetitions = [one for study in tables.results_of() for one in study["benchmarks"] if one["run_type"] == "iteration"]
+    repetitions = [one for study in studies().values() for one in study["benchmarks"] if one["run_type"] == "iteration"]
     above = above_limit(repetitions)
     names = listed(sorted({f"{contender(one)} on {one['scene']}" for one in above}))
     marked = all(one.get("noisy") and one["limited_by"] == "launch" for one in above)
@@ -217,13 +213,13 @@ FETCHES = {"cuda_implicit_cached": "texture", "cuda_implicit_shared": "shared me
            "cuda_implicit_cached fetch=l1": "L1-cached loads"}
 
 
-def fastest_first(times):
+def fetches(times):
     """(time, strategy) pairs as `texture (2.4), shared memory (2.9)`: how each strategy fetches a neighbour, fastest first."""
     return ", ".join(f"{FETCHES[way]} ({three_digits(time)})" for time, way in sorted(times))
 
 
 def by_time(study, scene):
-    return fastest_first((us(study, scene, case), case) for case in FETCHES)
+    return fetches((us(study, scene, case), case) for case in FETCHES)
 
 
 def l1_wins():
@@ -302,32 +298,9 @@ def is_concatenated(one):
     return "layout=concatenated" in name_of(one)
 
 
-def as_paper_machine():
-    """The machine whose study as_paper is judged: the page's own, or else one with another card. None if no
-    machine has measured it."""
-    return max(having("as_paper"), key=lambda machine: machine == GPU, default=None)
-
-
-def as_paper_card():
-    """The card and the commit of the study as_paper; empty if it is of the page's own card."""
-    if as_paper_machine() in (None, GPU):
-        return ""
-    context = result("as_paper", as_paper_machine())["context"]["voxspring"]
-    return f", {context['gpu']}, commit {context['commit'][:8]}"
-
-
 def as_paper():
-    """The rows of the study as_paper."""
-    return medians("as_paper", as_paper_machine()) if as_paper_machine() else []
-
-
-def of_as_paper(say):
-    """Wraps `say`: the function returned calls it with the rows of as_paper that have no concatenated lists, or
-    returns NOT_MEASURED."""
-    def said(*arguments):
-        found = [one for one in as_paper() if not is_concatenated(one)]
-        return say(found, *arguments) if found else NOT_MEASURED
-    return said
+    """The rows of the study as_paper with vertical lists or none."""
+    return [one for one in medians("as_paper") if not is_concatenated(one)]
 
 
 def ratios_between(some, others, *keys):
@@ -336,25 +309,32 @@ def ratios_between(some, others, *keys):
     return [one["real_time"] / over[at] for one in some if (at := tuple(one[key] for key in keys)) in over]
 
 
-as_paper_addressing = of_as_paper(lambda found: addressing_verdict(datasets("paper", found)))
-as_paper_vertical = of_as_paper(lambda found: verdict(ratios_between(found, filter(is_concatenated, as_paper()), "scene", "backend")))
-as_paper_linear = of_as_paper(lambda found: linear_verdict(papers_lists, [one for one in found if one["scene"].startswith("box@")]))
-# The ways in which the implicit strategies fetch a neighbour, each with the microseconds that a step on a scene takes; fastest first.
-as_paper_fetches = of_as_paper(lambda found, scene: fastest_first(
-    (one["real_time"], one["backend"]) for one in found if one["scene"] == scene and one["backend"] in IMPLICIT))
+def as_paper_addressing():
+    return addressing_verdict(datasets("paper", as_paper()))
 
 
-@of_as_paper
-def as_paper_counters(found):
-    by_backend = groups(found, "backend")
+def as_paper_vertical():
+    return verdict(ratios_between(as_paper(), filter(is_concatenated, medians("as_paper")), "scene", "backend"))
+
+
+def as_paper_linear():
+    return linear_verdict(papers_lists, [one for one in as_paper() if one["scene"].startswith("box@")])
+
+
+def as_paper_fetches(scene):
+    return fetches((one["real_time"], one["backend"]) for one in as_paper() if one["scene"] == scene and one["backend"] in IMPLICIT)
+
+
+def as_paper_counters():
+    by_backend = groups(as_paper(), "backend")
     return verdict(ratios_between(by_backend["cuda_explicit_cached_grid",], by_backend["cuda_explicit_cached",], "scene"))
 
 
 def as_paper_opengl():
     if fragment_share() > HELD_BACK:
         return NOT_DECIDABLE
-    return of_as_paper(lambda found: verdict(ratios_between(
-        *([fastest_of(own) for own in groups(filter(of, found), "scene").values()] for of in (papers_cuda, is_fragments)), "scene")))()
+    fastest = ([fastest_of(own) for own in groups(filter(of, as_paper()), "scene").values()] for of in (papers_cuda, is_fragments))
+    return verdict(ratios_between(*fastest, "scene"))
 
 
 # --- Between studies, formulations, errors -----------------------------------------------------------------
