@@ -252,11 +252,7 @@ def tables():
 
 
 def filled(name):
-    if name == "architecture":
-        return architecture()
-    study = "haptic" if name.endswith("ticks") else name if name == "peers" else "scaling" if name == "cards" else ""
-    of_machines = [results.machines(study)] if study else []
-    return str(getattr(tables(), name)(*of_machines)).strip()
+    return architecture() if name == "architecture" else str(getattr(tables(), name)()).strip()
 
 
 PAGES = {ROOT / "README.md": ["heart"], HERE / "architecture.md": ["architecture"], HERE / "accuracy.md": ["float64", "truth", "gates"],

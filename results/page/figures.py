@@ -70,12 +70,6 @@ def sentence(text):
     return text if "_" in text.split(" ")[0] else text[:1].upper() + text[1:]
 
 
-def by_machine(findings):
-    """(machine, what was found there) in one sentence, machines with the same finding together."""
-    told = groups(findings, lambda finding: finding[1]).items()
-    return sentence("; ".join(f"on {listed(dict.fromkeys(machine for machine, _ in own))} {text}" for (text,), own in told))
-
-
 # --- Who is the fastest ------------------------------------------------------------------------------------
 
 def fastest(rows):
@@ -207,8 +201,11 @@ class Figure:
     @property
     def detail(self):
         """The findings in full, machine by machine; empty if the title says it all."""
-        told = [(machine, more or line) for machine, line, more in self.findings]
-        return by_machine(told) + "." if len(told) > 1 or self.findings[0][2] else ""
+        if len(self.findings) == 1 and not self.findings[0][2]:
+            return ""
+        # Machines with the same finding are named together.
+        told = groups(self.findings, lambda finding: finding[2] or finding[1]).items()
+        return sentence("; ".join(f"on {listed(dict.fromkeys(machine for machine, *_ in own))} {text}" for (text,), own in told)) + "."
 
     def panel(self, match, rows):
         about = self.about | self.about.get(rows[0].get("form"), {})
@@ -244,13 +241,6 @@ def latest_of(rows_of, *keys):
     """Returns a function of the Page: the latest row for each combination of the keys, of those that
     rows_of(results) makes, labelled."""
     return lambda page: labelled(reading.latest(rows_of(page.results), "machine", *keys))
-
-
-def in_units(list_name, **factors):
-    """Returns a function of the results: the rows of a list. name=(key, factor) adds the value of `key` times
-    `factor` as `name`."""
-    return lambda results: [row | {name: row[key] * factor for name, (key, factor) in factors.items()}
-                            for row in reading.rows_of(results, list_name)]
 
 
 def of_study(name):
@@ -506,13 +496,9 @@ def edits(figure, rows):
     return told[0][0], "edits slow, in the median of all strategies, " + listed(text for _, text in told)
 
 
-def overheads(page):
-    rows = latest_of(in_units("overhead", microseconds=("seconds_per_step", 1e6), host=("host_seconds_per_step", 1e6)),
-                     "scene", "contender", "handed_over")(page)
-    return [row | {"size": engineering(row["particles"], "particles")} for row in rows]
-
-
-@figure_of("overhead", overheads)
+@figure_of("overhead", latest_of(lambda results: [
+    row | {"host": row["host_seconds_per_step"] * 1e6, "size": engineering(row["particles"], "particles")}
+    for row in reading.rows_of(results, "overhead")], "scene", "contender", "handed_over"))
 def overhead(_, group):
     least = min(row["particles"] for row in group)
     small = [fastest(row for row in group if row["particles"] == least and row["handed_over"] == how)
@@ -523,8 +509,8 @@ def overhead(_, group):
             line + listed(f"{time} with {label} where steps are handed over {how}" for time, how, label in told))
 
 
-@figure_of("energy", latest_of(in_units("energy", millijoules=("joules_per_step", 1e3), microseconds=("seconds_per_step", 1e6)),
-                               "scene", "contender"))
+@figure_of("energy", latest_of(lambda results: [row | {"millijoules": row["joules_per_step"] * 1e3}
+                                               for row in reading.rows_of(results, "energy")], "scene", "contender"))
 def energy(_, group):
     told = []
     for (scene,), of_scene in sorted(groups(group, "scene").items(), key=lambda item: item[1][0]["particles"]):

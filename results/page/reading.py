@@ -176,10 +176,12 @@ def moved_and_computed(row):
 
 
 def rows_of(results, name):
-    """The rows of a list, with what tells them apart on the page. `compared` is the field `family` of a row in the file."""
+    """The rows of a list, with what tells them apart on the page, and microseconds per step. `compared` is the field `family` of a row in
+    the file."""
     return [row | {"machine": result.machine, "study": result.study, "commit": result.short_commit, "date": result.date,
                    "compared": row.get("family"), "family": result.family(row["backend"]), "contender": contender(row),
-                   "noisy": "; ".join(row.get("noisy", [])), "throttled": "; ".join(row.get("throttled", []))}
+                   "noisy": "; ".join(row.get("noisy", [])), "throttled": "; ".join(row.get("throttled", [])),
+                   "microseconds": in_microseconds(row.get("seconds_per_step"))}
             for result in results for row in result.lists[name]]
 
 
@@ -229,7 +231,6 @@ def scaling(results):
     """A row for each number of ranks and way of exchange that has an efficiency. `predicted` is the efficiency
     that the model predicts."""
     return [row | {"cut": row.get("cut", ""), "parts": "bricks" if is_bricks(row) else "slabs",
-                   "microseconds": row["seconds_per_step"] * 1e6,
                    **{name: row[f"{name}_seconds"] * 1e6 for name in ("compute", "exchange", "waiting")},
                    "predicted": row["efficiency"] * row["seconds_per_step"] / row["predicted_seconds"]}
             for row in rows_of(results, "scaling") if row.get("efficiency") and row.get("predicted_seconds")]
