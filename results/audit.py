@@ -36,20 +36,18 @@ def raw(study, machine=CARD):
 
 
 class Case:
-    """The repetitions of a scene, backend and tuning in a study."""
+    """The repetitions of a scene, backend and tuning in a study. Every other one, from the first on, takes part in choosing the fastest case;
+    `held_out` is the median of the others."""
 
     def __init__(self, rows):
         self.times = [row["real_time"] for row in rows if row["run_type"] == "iteration"]
         self.row, self.us = rows[0], statistics.median(self.times)
+        self.chosen_by, self.held_out = (statistics.median(self.times[first::2] if len(self.times) > 3 else self.times) for first in (0, 1))
         self.name = rows[0]["name"].split("/iterations:")[0]
         self.scene, self.backend, self.formulation, self.precision, *self.tuning = self.name.split("/")
 
     def __getitem__(self, key):
         return self.row[key]
-
-    def held_out(self):
-        """The median of the repetitions that do not take part in choosing the fastest case."""
-        return statistics.median(self.times[1::2]) if len(self.times) > 3 else self.us
 
     def of_limit(self, us=None):
         return 100 * self.row["limit_seconds"] * 1e6 / (us or self.us) if self.row["limit_seconds"] else None
@@ -76,11 +74,9 @@ def plain(scene, machine=CARD, **which):
 
 
 def best(several):
-    """(the fastest case, its time). Every other repetition, from the first on, chooses it; its time is the median of the others."""
-    if len(several) == 1:
-        return several[0], several[0].us
-    chosen = min(several, key=lambda case: statistics.median(case.times[0::2]) if len(case.times) > 3 else case.us)
-    return chosen, chosen.held_out()
+    """(the fastest case, its time). A case that is alone is not chosen, and has the time of all its repetitions."""
+    chosen = min(several, key=lambda case: case.chosen_by)
+    return chosen, chosen.us if len(several) == 1 else chosen.held_out
 
 
 def name_of(scene, label, formulation="position"):
@@ -92,24 +88,6 @@ def name_of(scene, label, formulation="position"):
 
 def named(study, scene, label, formulation="position", machine=CARD):
     return cases(study, machine)[name_of(scene, label, formulation)]
-
-
-def agrees(said, value):
-    """Whether the figure `said` is `value`, rounded to as many digits as the figure has or to three significant ones."""
-    if isinstance(value, str):
-        return said == value
-    text = said.replace(",", "")
-    mantissa, _, exponent = text.partition("e")
-    digits = len(mantissa.partition(".")[2])
-    forms = {f"{value:.{digits}e}" if exponent else f"{value:.{digits}f}", f"{value:.3g}"}
-    if not digits:  # A share that is known less exactly than to a percent is rounded to tens or hundreds.
-        forms.add(str(round(value, len(text.rstrip("0")) - len(text))))
-    return any(math.isclose(float(text), float(form), rel_tol=1e-9, abs_tol=1e-12) for form in forms)
-
-
-def numbers(cell):
-    """The figures of a cell, without marks, names and words."""
-    return NUMBER.findall(re.sub(r"`[^`]*`|\S*(?:=|_|@)\S*|10 \^|\^\d", " ", cell))
 
 
 def machine_of(words):
@@ -181,7 +159,7 @@ def tuning(cells, header, _):
     own = alike("tuning", scene=cells[1], backend=cells[0].strip("`"))
     chosen, us = best(own)
     default = next((case for case in own if not case.tuning), None)
-    usual = default and (default.held_out() if len(own) > 1 else default.us)
+    usual = default and (default.held_out if len(own) > 1 else default.us)
     if usual and usual < 1.03 * us:
         chosen, us = default, usual
     return {4: len(own), 2: None if cells[2] == "-" else usual, 3: us, 5: " ".join(chosen.tuning) or "the default"}
@@ -196,7 +174,7 @@ def fastest(cells, header, machine):
     scene, formulation, precision = cells[0].split(" ")
     own = alike("fastest", machine, scene=scene, formulation=formulation, precision=precision)
     case, papers = best(own)[0], [one for one in own if one.backend in PAPER]
-    us = case.held_out()
+    us = case.held_out
     return {"fastest": " ".join([f"`{case.backend}`"] + [precision] * (precision != "float32") + case.tuning), "of so many": len(own),
             **rates(case, us), "x the paper's best": best(papers)[1] / us if papers else None}
 
@@ -209,14 +187,14 @@ def across_cards(cells, header, _):
         if column.endswith(": fastest") and cells[at] != "-":
             own = alike("fastest", machine_of(column), scene=scene, formulation=formulation, precision=(precision or ["float32"])[0])
             case = best(own)[0]
-            times.append(case.held_out())
+            times.append(case.held_out)
             values |= {at: " ".join([f"`{case.backend}`"] + precision + case.tuning), at + 1: times[-1]}
     return values | {len(header) - 1: None if cells[-1] == "-" else times[-1] / times[0]}
 
 
 def targets(cells, header, machine):
     scene, formulation, _ = cells[0].split(" ")
-    return {2: named("fastest", scene, cells[3], formulation, machine).held_out() if cells[1].endswith(" us") else None}
+    return {2: named("fastest", scene, cells[3], formulation, machine).held_out if cells[1].endswith(" us") else None}
 
 
 def formulations(cells, header, _):
@@ -297,10 +275,10 @@ def files(cells, header, _):
 
 
 def heart(cells, header, machine):
-    own = {backend: plain("heart", machine, backend=backend) for backend in {case.backend for case in plain("heart", machine)}}
-    tried = own[cells[0].strip("`")]
+    tried = plain("heart", machine, backend=cells[0].strip("`"))
     case, us = best(tried)
-    return {"us per step": us, "x fastest": us / min(best(several)[1] for several in own.values())} | rates(case, us) | {"best of": len(tried)}
+    least = min(best(plain("heart", machine, backend=other.backend))[1] for other in plain("heart", machine))
+    return {"us per step": us, "x fastest": us / least} | rates(case, us) | {"best of": len(tried)}
 
 
 def claimed(cells, header, machine):
@@ -461,10 +439,21 @@ def claims():
 
 
 def is_right(claim):
+    """Whether the claim has the value, or as its first figure the value rounded to as many digits as the figure has or to three
+    significant ones."""
     if isinstance(claim.value, str):
         return claim.said == claim.value
-    said = numbers(claim.said)
-    return bool(said) and agrees(said[0], claim.value)
+    # Marks, names and words have no figures.
+    said = NUMBER.search(re.sub(r"`[^`]*`|\S*(?:=|_|@)\S*|10 \^|\^\d", " ", claim.said))
+    if not said:
+        return False
+    text = said[0].replace(",", "")
+    mantissa, _, exponent = text.partition("e")
+    digits = len(mantissa.partition(".")[2])
+    forms = {f"{claim.value:.{digits}e}" if exponent else f"{claim.value:.{digits}f}", f"{claim.value:.3g}"}
+    if not digits:  # A share that is known less exactly than to a percent is rounded to tens or hundreds.
+        forms.add(str(round(claim.value, len(text.rstrip("0")) - len(text))))
+    return any(math.isclose(float(text), float(form), rel_tol=1e-9, abs_tol=1e-12) for form in forms)
 
 
 def main():

@@ -126,8 +126,11 @@ def contradictions(result):
             yield f"energy[{index}].joules_per_step", row["joules_per_step"], f"{joules:g}, watts times seconds_per_step"
     for index, row in enumerate(rows.get("haptic", [])):
         due = row["missed"] if row.get("from_due") and number(row.get("missed")) else 0
-        counts = [one[1] for one in row.get("histogram") or [] if isinstance(one, list) and len(one) == 2 and number(one[1])]
-        if counts and unlike(row, "ticks", ticks := sum(counts) - due):
+        bins = [one for one in row.get("histogram") or [] if isinstance(one, list) and len(one) == 2 and all(map(number, one))]
+        for place, ((before, _), one) in enumerate(zip(bins, bins[1:]), start=1):
+            if one[0] <= before:
+                yield f"haptic[{index}].histogram[{place}]", one, "where a bin begins, beyond the one before, and a count above 0"
+        if bins and unlike(row, "ticks", ticks := sum(count for _, count in bins) - due):
             yield f"haptic[{index}].ticks", row["ticks"], f"{ticks}, as many as the histogram has"
         known = [value for value in (row.get(f"{name}_seconds") for name in ("median", "p99", "p999", "worst")) if number(value)]
         if known != sorted(known):

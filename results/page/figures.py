@@ -544,20 +544,17 @@ def scaling_forecast(_, group):
     return finding, half
 
 
-def drawing_costs(rows):
-    """The share by which drawing lowers the number of steps that fit into a tick, from pairs of rows that
-    differ in drawing alone."""
-    pairs = groups(rows, "scene", "contender", "hertz", "edited").values()
-    fitting = [{row["drawn"]: row["steps_that_fit"] for row in pair} for pair in pairs]
-    return [1 - pair["yes"] / pair["no"] for pair in fitting if pair.get("no") and "yes" in pair]
+# The ratio of the ends of a histogram's bin, as in harness/base/statistics.h.
+BIN = 10 ** (1 / 20)
 
 
 def histograms(page):
     """The rows with the begins, ends and shares of their bins, sorted by median; a contender's row with drawing follows that without."""
     found = []
     for row in latest_of(reading.haptic, "scene", "contender", "hertz", "edited", "drawn")(page):
-        edges = [(reading.bin_begin(number), reading.bin_begin(number + 1), share) for number, share in sorted(row["bins"].items())]
-        begins, ends, shares = ([reading.significant(value, 4) for value in values] for values in zip(*edges))
+        ticks = sum(count for _, count in row["histogram"])
+        bins = [(1e6 * begin, 1e6 * begin * BIN, count / ticks) for begin, count in row["histogram"]]
+        begins, ends, shares = ([reading.significant(value, 4) for value in values] for values in zip(*bins))
         found.append({**row, "begin": begins, "end": ends, "share": shares, "label": row["label"] + ", drawn" * (row["drawn"] == "yes"),
                       "rate": rate_text(row["hertz"]) + ", with edits" * (row["edited"] == "yes")})
     shown = []
@@ -582,7 +579,9 @@ def latencies(_, group):
         line = f"99.9{SPACE}% of the forces at {rate_text(highest)} are there within {time_text(first['p999'])} with {first['backend']}"
         more.append(f"the force of 99.9{SPACE}% of the ticks at {rate_text(highest)} is there in time in {within} of {len(plain)} "
                     f"rows, soonest with {first['contender']} on {first['scene']}: within {time_text(first['p999'])}")
-    if costs := drawing_costs(group):
+    pairs = groups(group, "scene", "contender", "hertz", "edited").values()
+    fitting = [{row["drawn"]: row["steps_that_fit"] for row in pair} for pair in pairs]
+    if costs := [1 - pair["yes"] / pair["no"] for pair in fitting if pair.get("no") and "yes" in pair]:
         more.append(f"drawing costs {percent(max(0, statistics.median(costs)))} of the steps that fit into a tick at the median")
     return line, "; ".join(more)
 

@@ -31,12 +31,12 @@ class Result:
         data = result_files.load(path)
         check(path, data)
         self.path, self.lists = path, {name: data.get(name, []) for name in LISTS}
-        for name, check_row in (("stability_map", check_map), ("haptic", check_histogram)):
-            for index, row in enumerate(self.lists[name]):
-                check_row(path, f"{name}[{index}]", row)
+        for index, row in enumerate(self.lists["stability_map"]):
+            check_map(path, f"stability_map[{index}]", row)
         result_files.check_agreement(path, data)
         context, about = data["context"], data["context"]["voxspring"]
         self.study, self.commit, self.date = about["study"]["name"], about["commit"], context["date"]
+        self.short_commit = self.commit[:7]
         self.machine = self.model = about["gpu"] if isinstance(about.get("gpu"), str) else about["cpu"]
         self.driver = about.get("driver") if isinstance(about.get("driver"), str) else ""
         self.cores, self.host = context.get("num_cpus"), context.get("host_name") or ""
@@ -50,10 +50,6 @@ class Result:
     def family(self, backend):
         """The name of a backend's API, which tells its times apart from those of other APIs."""
         return result_files.family(self.backends.get(backend, {}))
-
-    @property
-    def short_commit(self):
-        return self.commit[:7]
 
     def origin(self):
         """The machine, its driver, the commit and the date, for the caption of a figure."""
@@ -73,14 +69,6 @@ def check_map(path, where, row):
     for line in row["region"]:
         if len(line) != len(row["fraction"]):
             raise BadInput(f"{path}: {where}.region: {shown(line)}: expected {len(row['fraction'])} of {', '.join(REGIONS)}")
-
-
-def check_histogram(path, where, row):
-    begins = [begin for begin, _ in row.get("histogram") or []]
-    for index, (before, begin) in enumerate(zip(begins, begins[1:]), start=1):
-        if begin <= before:
-            raise BadInput(f"{path}: {where}.histogram[{index}]: {shown(row['histogram'][index])}: expected where a bin begins, beyond "
-                           "the one before, and a count above 0")
 
 
 # Rates of arithmetic; the highest of a device is its roof.
@@ -303,25 +291,10 @@ def scaling_forecast(results):
     return found
 
 
-# As in harness/base/statistics.h.
-HISTOGRAM_BEGIN, BINS_A_DECADE = 1e-7, 20
-
-
-def bins_of(row):
-    """The histogram of a row: {number of a bin: its share of the ticks}."""
-    counted = sum(count for _, count in row["histogram"])
-    return {round(BINS_A_DECADE * math.log10(begin / HISTOGRAM_BEGIN)): count / counted for begin, count in row["histogram"]}
-
-
-def bin_begin(number):
-    """The lower bound of a bin in microseconds."""
-    return 1e6 * HISTOGRAM_BEGIN * 10 ** (number / BINS_A_DECADE)
-
-
 def haptic(results):
     """A row for each rate and way of playing, of those that keep a histogram; times in microseconds."""
     return [row | {"edited": "yes" if row["edited"] else "no", "drawn": "yes" if row.get("drawn") else "no",
-                   "pictures": row.get("pictures_per_second"), "period": 1e6 / row["hertz"], "bins": bins_of(row),
+                   "pictures": row.get("pictures_per_second"), "period": 1e6 / row["hertz"],
                    **{name: in_microseconds(result_files.tick_seconds(row, name)) for name in ("median", "p99", "p999", "worst")}}
             for row in rows_of(results, "haptic") if row.get("histogram")]
 

@@ -103,11 +103,6 @@ class _Case:
         self._process.join()
 
 
-def _missing(peer: str) -> str:
-    """Why a peer cannot be imported; empty if it can. It is not imported here, where it would keep threads and memory."""
-    return "" if importlib.util.find_spec(peer) else f"no Python package {peer} is installed"
-
-
 def _row(argument: str, peer: str, reason: str) -> dict[str, str]:
     return {"name": f"{argument}/{peer}/position/float32", "scene": argument, "backend": peer, "formulation": "position",
             "precision": "float32", "tuning": "", "reason": reason}
@@ -124,7 +119,8 @@ def run(peers: list[str], scenes: dict[str, int], repetitions: int, device: str,
         cases, ended = [], results[-1].json
         try:
             for peer in peers:
-                reason = _missing(peer)
+                # It is not imported here, where it would keep threads and memory.
+                reason = "" if importlib.util.find_spec(peer) else f"no Python package {peer} is installed"
                 if not reason:
                     print(f"{argument}: warming up {peer}", file=sys.stderr)
                     case = _Case(peer, argument, steps, repetitions, device)
