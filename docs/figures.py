@@ -69,10 +69,6 @@ def architecture():
     return "\n".join(lines + ["```"])
 
 
-def recorded_gates():
-    return json.loads((HERE / "gates.json").read_text())
-
-
 # What apis.md compares: a step of implicit addressing in each API, and CUDA's resident kernel.
 APIS = {"cuda_implicit_cached": "CUDA", "vulkan_implicit": "Vulkan", "gl_compute_implicit": "OpenGL, compute",
         "gl_fragment_implicit": "OpenGL, fragments", "cuda_resident": "CUDA, resident"}
@@ -91,11 +87,6 @@ def tick_text(row, name):
 def from_due(rows):
     """Whether the times of rows of the study haptic begin when a tick was due. Those of older files begin when it was played."""
     return all(row.get("from_due") for row in rows)
-
-
-def judged(rows):
-    """Whether rows of a study say by what their states were judged. Those of older files do not."""
-    return all("passed" in row for row in rows)
 
 
 def handed_over(rows, backend):
@@ -145,8 +136,7 @@ def drawn_rows():
 
 
 def claimed(machine):
-    """(fastest row, number of tunings, its case's times in the machine's other studies over its own) of each backend on the
-    heart."""
+    """(fastest row, number of tunings, its case's times in other studies over its own) on the heart, of each backend."""
     tried = on_heart(machine)
     names = [{results.name_of(row): row["real_time"] for row in results.medians_of(one)
               if (row["scene"], row["steps"]) == ("heart", tried[0][0]["steps"])}
@@ -247,7 +237,8 @@ def continuum_errors():
 def tables():
     """The macros of tables.jinja, which know what is defined here."""
     paper.ENVIRONMENT.filters["api_of"] = APIS.get
-    names = vars(results) | facts.NAMES | globals() | {"median": lambda values: statistics.median(list(values))}
+    names = vars(results) | facts.NAMES | globals() | {
+        "median": lambda values: statistics.median(list(values)), "recorded_gates": json.loads((HERE / "gates.json").read_text())}
     return paper.ENVIRONMENT.get_template("docs/tables.jinja", globals=names).module
 
 

@@ -117,8 +117,7 @@ def tables(page):
 # cell has several figures, its value is a list of (words after the name of the column, part of the cell, value).
 
 def each(value_of, first=2):
-    """Makes an audit of all cells from column `first` on, except dashes: value_of(first cell of the row, name
-    of the column, cell)."""
+    """Makes an audit of the cells from column `first` on that are no dash: value_of(first cell of the row, column, cell)."""
     return lambda cells, header, _: {at: value_of(cells[0], header[at], cells[at]) for at in range(first, len(header)) if cells[at] != "-"}
 
 
@@ -404,8 +403,7 @@ SENTENCES = {
 
 
 def figures(values, header, cells):
-    """Yields (column, cell, value) for the values that an audit computed for a row, except those of columns
-    that the table lacks."""
+    """Yields (column, cell, value) for what an audit computed for a row, except of columns that the table lacks."""
     for key, value in values.items():
         if isinstance(key, int) or key in header:
             at = key if isinstance(key, int) else header.index(key)
@@ -414,8 +412,7 @@ def figures(values, header, cells):
 
 
 def claims():
-    """Returns the claims that are computed again, and descriptions of tables that no audit computes and of
-    sentences that no page has."""
+    """The claims that are computed again; tables that no audit computes, and sentences that no page has, in words."""
     found, without = [], []
     for page in PAGES:
         for where, header, rows, machine in tables(page):

@@ -35,8 +35,7 @@ def cards():
 
 
 def families():
-    """(key of their limits, machines) of each group of backends that are ranked among themselves, the fastest
-    group first. A group is either of the machines with cards or of the machine without a card."""
+    """(key of their limits, machines) of the backends that are ranked together, on cards or on the processor; the fastest first."""
     least = {}
     for machines in (tuple(cards()), (rows.CPU,)):
         for machine in machines:

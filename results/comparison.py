@@ -249,8 +249,7 @@ class Result:
         return (card, self.context.get("gpu") or name) if card else (name, name)
 
     def device(self, backend):
-        """(name, identity of the card or "") of the device of a backend. A processor with another number of
-        cores is another device."""
+        """(name, identity of the card or "") of a backend's device. Other numbers of cores are other devices."""
         on = self.backends.get(backend, {})
         cores = self.json["context"].get("num_cpus")
         name = on.get("device") or self.context.get("gpu") or self.context.get("cpu") or "unknown"
@@ -320,8 +319,7 @@ def scale_of(values):
 
 
 def noise_between(values, errors):
-    """The standard deviation between runs that, together with the errors of their medians, explains the scatter
-    of `values` (Paule and Mandel)."""
+    """The deviation between runs that, with the errors of medians, explains the scatter of `values` (Paule and Mandel)."""
     import numpy  # pylint: disable=import-outside-toplevel
     low, high = 0, scale_of(values)
     for _ in range(12 if errors.any() else 0):
@@ -502,8 +500,7 @@ def pair(old, new, options):
 
 
 def judge_state(a, b, row, differ, options):
-    """Returns the verdict and detail of two rows without looking at their times; an empty verdict leaves the
-    decision to the times."""
+    """The verdict and detail of two rows without their times; an empty verdict leaves the decision to the times."""
     if b.failure:
         return ("still fails" if a.failure else "now fails"), b.failure
     if a.failure:

@@ -148,8 +148,7 @@ def series(path):
 
 
 def exported(form, path, about):
-    """A result in Bencher's metric format, whose measure `latency` is in nanoseconds, or as
-    github-action-benchmark's customSmallerIsBetter."""
+    """A result as Bencher takes it, with nanoseconds as `latency`, or as github-action-benchmark's customSmallerIsBetter."""
     if form == "bmf":
         return {name: {"latency" if unit == "ns" else "energy": {"value": middle} | (
             {"lower_value": low, "upper_value": high} if count > 1 else {})} for name, unit, count, low, middle, high in series(path)}

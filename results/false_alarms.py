@@ -76,8 +76,7 @@ def api_of(result, backend):
 
 
 def differences(results):
-    """{("backend" or "API", name): how far unchanged rows of two studies lie from the shift of their API, as logarithms of
-    ratios}."""
+    """{("backend" or "API", name): distances of unchanged rows of two studies from the shift of their API, as logarithms}."""
     found = collections.defaultdict(list)
     for old, new in itertools.combinations(results, 2):
         for row in comparison.pair(old, new, comparison.Rule())[0]:
@@ -107,8 +106,7 @@ def resampled(result, generator, away=None, drift=0):
 
 
 def of_resampled(results, count, drift, rule):
-    """Makes pairs of resampled runs of each result, and prints how often these have false alarms and how often
-    a real change is found."""
+    """Resamples pairs of runs of each result, and prints how often they have false alarms and a real change is found."""
     away = differences(results)
     print("; ".join(f"{api}: {len(of)} ratios of unchanged rows; from the shift of their API half of them are at most "
                     f"{statistics.median(map(abs, of)):.2%} away, all at most {max(map(abs, of)):.2%}" for (kind, api), of in away.items() if kind == "API"))

@@ -126,8 +126,7 @@ def arguments_of(study, plain, machine):
 
 
 def measure(study, out, machine):
-    """Runs a study, or resumes it if it was cut short, and compresses the result if that is complete. Returns
-    (exit code, whether the result is complete)."""
+    """Runs or resumes a study, and compresses its result if that is whole. Returns (exit code, whether it is whole)."""
     plain = out / f"{study}.json"
     code = subprocess.run(arguments_of(study, plain, machine), check=False).returncode
     # Exit code 1: a backend failed, with its reason in the result, or the study could not go on.

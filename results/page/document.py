@@ -57,8 +57,7 @@ def by_size(entries):
 
 
 def headline(found, runs, drawn):
-    """(machine, the answer in a line, further sentences). The answer is about times, else about errors, else
-    the first figure's finding."""
+    """(machine, the answer in a line, further sentences): about times, else about errors, else the first figure's finding."""
     if found:
         machine, entries = next(iter(found.items()))
         told = [entry.best for entry in entries if entry.won]

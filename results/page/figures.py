@@ -161,8 +161,7 @@ class Page:
 
     @functools.cached_property
     def histories(self):
-        """{(machine, study): (its results by date, and what judged() says of the first and the last)}, if there
-        are several results."""
+        """{(machine, study): (its results by date, and what judged() says of the first and the last)} of several results."""
         found = groups((result for result in self.results if result.lists["benchmarks"]), lambda one: one.machine, lambda one: one.study)
         found = {key: sorted(files, key=lambda file: file.date) for key, files in found.items() if len(files) > 1}
         return {key: (files, *judged(files[0], files[-1])) for key, files in found.items()}
@@ -177,8 +176,7 @@ class Panel:
 
 
 class Figure:
-    """A figure as it is drawn: the rows of its table, its panels, and its findings. A backend has the same
-    colour in all figures."""
+    """A figure as it is drawn: the rows of its table, its panels and its findings. A backend has one colour in all figures."""
 
     def __init__(self, name, rows, page, tell, by, below):
         self.name, self.rows, self.page, self.below, self.about = name, rows, page, below, ABOUT["figures"][name]
@@ -238,8 +236,7 @@ def labelled(rows):
 
 
 def latest_of(rows_of, *keys):
-    """Returns a function of the Page: the latest row for each combination of the keys, of those that
-    rows_of(results) makes, labelled."""
+    """Returns a function of the Page: the latest row of rows_of(results) for each combination of the keys, labelled."""
     return lambda page: labelled(reading.latest(rows_of(page.results), "machine", *keys))
 
 
@@ -334,8 +331,7 @@ def curves(_, runs):
 
 
 def limits_below(rows):
-    """Lines at the limit and at ten times the limit. Their names stand where they leave the chart, below the
-    line, where no points are."""
+    """Lines at the limit and at ten times the limit, with names below their ends, where no points are."""
     low, high = (end(row["limit_microseconds"] for row in rows) for end in (min, max))
     slowest = max(row["microseconds"] for row in rows)
     layers = []
@@ -367,8 +363,7 @@ ON_CHIP = 1.9
 
 
 def intensities(page):
-    """Rows in float32 that have a rate of operations, with the roofs of their chart, the roofs' right end
-    (`edge`) and the axis's range."""
+    """Rows in float32 that have a rate of operations, with their chart's roofs, the roofs' right end (`edge`) and range."""
     rows = [row for row in reading.strategies(page.measured) if row["precision"] == "float32" and row["operation_rate"]]
     rows.sort(key=lambda row: row["particles"])
     scenes = set(INTENSITY_SCENES) & set(distinct(rows, "scene")) or {row["scene"] for row in rows[:1] + rows[-1:]}
@@ -466,8 +461,7 @@ def by_edited_steps(rows):
 
 
 def edited(page):
-    """A row for each quantity of each strategy. If there are several counts of edits, the rows are drawn as
-    lines over the count."""
+    """A row for each quantity of each strategy; over several counts of edits the rows are drawn as lines."""
     rows = [{**row, "base": row["without_edits"] * 1e6, "slower": 100 * (row["microseconds"] / (row["without_edits"] * 1e6) - 1)}
             for row in reading.strategies(page.measured) if row["edits"] and row["without_edits"]]
     found = []
@@ -587,8 +581,7 @@ def latencies(_, group):
 
 
 def claims_below(rows):
-    """A dashed line of the claimed order of convergence for each case that claims one, from the error on its
-    coarsest lattice on."""
+    """A dashed line of each case's claimed order of convergence, from the error on its coarsest lattice on."""
     layers = []
     for own in groups((row for row in rows if row["claimed_order"]), "scene").values():
         first, last = (end(own, key=lambda row: row["across"]) for end in (min, max))

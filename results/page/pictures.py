@@ -88,8 +88,7 @@ def choose(results):
 
 
 def read(path):
-    """Reads a picture: a PNG file whose text with the key "voxspring" says what it shows. Refuses a file without
-    such a text, and one that is cut off."""
+    """Reads a PNG file whose text with the key "voxspring" says what it shows. Refuses one that lacks the text or is cut off."""
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -129,8 +128,7 @@ def draw(program, path, wanted, coloured_by):
 
 
 def gather(results, folder, program):
-    """Returns {dataset: its two pictures in the folder} and (scenes, reason) of what is left out. Draws them if
-    there is a program."""
+    """{dataset: its two pictures in the folder} and (scenes, reason) of what is left out. A program draws what is missing."""
     chosen, left_out = choose(results)
     if program:
         try:

@@ -24,8 +24,7 @@ MEASURED = tuple(name for name in LISTS if name not in ("fastest", "failed", "sk
 
 
 class Result:
-    """One file. `machine` is the GPU, or the processor if there is no GPU, and whatever tells it apart from others
-    on the page that are called alike."""
+    """One file. `machine` is the GPU, or else the processor, and whatever tells it apart from others that are called alike."""
 
     def __init__(self, path):
         data = result_files.load(path)
@@ -90,8 +89,7 @@ ROOF_LABELS = {"memory, half written": "memory (dashed: half written)", "cache":
 
 
 def rooflines(results, rows):
-    """{API: the roofs that it measured} on the devices of the rows. Each device has only the API that reached
-    the fastest memory."""
+    """{API: the roofs that it measured} on the rows' devices, of each device the API that reached the fastest memory."""
     of_devices = {}
     for result in results:
         for name in distinct(rows, "backend"):
@@ -216,8 +214,7 @@ def is_bricks(row):
 
 
 def scaling(results):
-    """A row for each number of ranks and way of exchange that has an efficiency. `predicted` is the efficiency
-    that the model predicts."""
+    """A row for each number of ranks and way of exchange that has an efficiency, with the one that the model predicts."""
     return [row | {"cut": row.get("cut", ""), "parts": "bricks" if is_bricks(row) else "slabs",
                    **{name: row[f"{name}_seconds"] * 1e6 for name in ("compute", "exchange", "waiting")},
                    "predicted": row["efficiency"] * row["seconds_per_step"] / row["predicted_seconds"]}

@@ -155,8 +155,7 @@ def datasets(formulation="position", rows=None):
 
 
 def winner(ratios):
-    """The verdict on ratios of times: "holds" if all are clearly below 1, "inverts" if all are clearly above,
-    else "is undecided"."""
+    """"holds" if all ratios of times are clearly below 1, "inverts" if all are clearly above, else "is undecided"."""
     if all(ratio < 1 - ALIKE for ratio in ratios):
         return "holds"
     return "inverts" if all(ratio > 1 + ALIKE for ratio in ratios) else "is undecided"
@@ -421,8 +420,7 @@ def resting_ratio(scene, case, formulation="increment"):
 
 
 def launching_all(scene):
-    """For each implicit kernel: the time with every block launched, as in the paper, over that with only blocks
-    that hold a particle."""
+    """For each implicit kernel: the time with every block launched over that with only blocks that hold a particle."""
     return [ratio("skips", scene, f"{case} launched=all", case, formulation="increment") for case in IMPLICIT]
 
 
