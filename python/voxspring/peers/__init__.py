@@ -119,7 +119,7 @@ def run(peers: list[str], scenes: dict[str, int], repetitions: int, device: str,
         cases, ended = [], results[-1].json
         try:
             for peer in peers:
-                # It is not imported here, where it would keep threads and memory.
+                # The peer is looked for, but not imported: in this process it would keep threads and memory.
                 reason = "" if importlib.util.find_spec(peer) else f"no Python package {peer} is installed"
                 if not reason:
                     print(f"{argument}: warming up {peer}", file=sys.stderr)
