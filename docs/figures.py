@@ -8,7 +8,6 @@ A figure stands between `<!-- NAME -->` and `<!-- /NAME -->`. --check changes no
 result or the sources say.
 """
 
-import datetime
 import json
 import pathlib
 import re
@@ -147,20 +146,11 @@ def claimed(machine):
 
 
 def durations(machine):
-    """(study, rows, minutes that it took, or None) in the order of their measurement. For older files these are the minutes until the
-    next study of the same commit began. Such a study that was resumed has the date of its last part, so that neither its own minutes nor
-    those of the study before it are known."""
-    found = sorted(results.studies(machine).items(), key=lambda one: one[1]["context"]["date"])
-    parts = [(one["context"]["voxspring"]["commit"], datetime.datetime.fromisoformat(one["context"]["date"]),
-              any(row.get("resumed") for row in one["benchmarks"])) for _, one in found]
-    for (study, one), (commit, begin, resumed) in zip(found, parts):
-        after, after_resumed = min(((other, again) for of, other, again in parts if of == commit and other > begin), default=(None, False))
-        minutes = (after - begin).total_seconds() / 60 if after and not resumed and not after_resumed else None
-        rows = len(one["verification"]) or sum(len(one.get(name, [])) for name in comparison.PLACES)
-        # Half an hour or more is a pause between two days of measuring.
-        minutes = minutes if minutes and minutes < 30 else None
+    """(study, rows, minutes that it took; None if its file is too old to say) in the order of their measurement."""
+    for study, one in sorted(results.studies(machine).items(), key=lambda one: one[1]["context"]["date"]):
         seconds = one["context"]["voxspring"].get("elapsed_seconds")
-        yield study, rows, seconds / 60 if seconds else minutes
+        rows = len(one["verification"]) or sum(len(one.get(name, [])) for name in comparison.PLACES)
+        yield study, rows, seconds / 60 if seconds else None
 
 
 def machines_with_cards():
