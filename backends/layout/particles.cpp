@@ -112,12 +112,12 @@ std::vector<Real> pack_compliance(const Problem& problem, const Placement& place
 
 template <class Real>
 std::uint64_t particle_bytes(const Problem& problem, const Placement& placement, Formulation formulation,
-                             bool all_terms) {
+                             bool every_term) {
     const bool split = formulation == Formulation::compensated;
     const std::uint64_t axes = 3 * increment_pitch(placement) * sizeof(Real);
     return placement.words * ((split ? 4 : 2) * sizeof(ParticleRecord<Real>) +
-                              (all_terms || !problem.load.empty() ? sizeof(Vector<Real>) : 0) +
-                              (all_terms || problem.has_materials() ? sizeof(Real) : 0)) +
+                              (every_term || !problem.load.empty() ? sizeof(Vector<Real>) : 0) +
+                              (every_term || problem.has_materials() ? sizeof(Real) : 0)) +
            (by_increments(formulation) ? axes : 0) + (split ? axes : 0);
 }
 

@@ -69,7 +69,7 @@ std::vector<Real> pack_compliance(const Problem& problem, const Placement& place
 /// even if the problem has none.
 template <class Real>
 std::uint64_t particle_bytes(const Problem& problem, const Placement& placement, Formulation formulation,
-                             bool all_terms = false);
+                             bool every_term = false);
 
 /// All of Motion but the pointers `load` and `inverse_masses`, which the caller sets to device memory.
 template <class Real>
