@@ -36,7 +36,7 @@ install(DIRECTORY backends harness DESTINATION ${include_folder} COMPONENT devel
     PATTERN rank_backend.h EXCLUDE
     PATTERN scenes EXCLUDE PATTERN studies EXCLUDE)
 # A program that draws, such as voxspring-view, needs an OpenGL context and what a painter keeps in it.
-install(FILES backends/gl/check.h backends/gl/context.h backends/gl/handles.h backends/gl/program.h
+install(FILES backends/gl/context.h backends/gl/handles.h backends/gl/program.h
     backends/gl/storage_buffer.h DESTINATION ${include_folder}/backends/gl COMPONENT development)
 install(FILES backends/glsl/terms.h backends/glsl/uniforms.h DESTINATION ${include_folder}/backends/glsl COMPONENT development)
 

@@ -23,8 +23,6 @@ import time
 import unittest
 import unittest.mock
 
-import numpy
-
 ROOT = pathlib.Path.cwd()
 PYTHON = ROOT / "build/report-venv/bin/python"
 REPORT = ROOT / "results/report.py"
@@ -1308,5 +1306,6 @@ if __name__ == "__main__":
         print(f"skipped: {reason}")
         sys.exit(SKIPPED)
     sys.path.insert(1, str(next((ROOT / "build/report-venv/lib").glob("python3*")) / "site-packages"))
+    import numpy
     from page import charts, pictures, reading
     unittest.main()
