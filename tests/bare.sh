@@ -110,7 +110,8 @@ mapfile -t listed < <(sources)
 [ ${#listed[@]} -gt 0 ] || cannot "apt-get knows no Debian to install from: apt-get update?"
 
 mkdir -p "$kept"
-export CCACHE_DIR=${CCACHE_DIR:-${XDG_CACHE_HOME:-$HOME/.cache}/ccache}
+# Without ccache this folder stays empty, and everything is compiled.
+export CCACHE_DIR=${CCACHE_DIR:-$(ccache --get-config cache_dir 2>/dev/null || echo "$kept/ccache")}
 mkdir -p "$CCACHE_DIR"
 system=$(mktemp -d "$kept/system-XXXXXX")
 # Outside of the namespaces nothing of this machine is mounted in it.
