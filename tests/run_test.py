@@ -162,12 +162,20 @@ class Study(unittest.TestCase):
         self.write(self.tree / "ctest.xml", CTEST_RESULTS)
         done = self.run_script("test", *arguments, **environment)
         self.assertEqual(done.returncode, 1, done.stdout + done.stderr)
+        self.printed = done.stdout
         return seen.read_text().splitlines(), done.stdout.splitlines()[-1]
 
     def test_counts_what_the_tests_say_and_requires_mesa(self):
         self.assertEqual(self.stage_results("release"), (["ci gl,vulkan"], "2 passed, 3 failed, 2 skipped"))
         self.assertEqual(self.stage_results("release", VOXSPRING_REQUIRE="")[0][-1], "ci ")
         self.assertEqual(self.stage_results("release", VOXSPRING_REQUIRE="cuda,gl")[0][-1], "ci cuda,gl")
+
+    def test_stages_that_would_begin_too_late_are_skipped_and_named(self):
+        for within, skipped in (("0", 3), ("1000", 2)):
+            shutil.rmtree(self.tree / "build/release/gtest", ignore_errors=True)
+            _, last = self.stage_results("release", "format", VOXSPRING_BEGIN_WITHIN=within)
+            self.assertTrue(last.endswith(f", {skipped} skipped"), last)
+            self.assertEqual("skipped: the stage format, since" in self.printed, within == "0")
 
     def test_the_quick_tests_take_the_program_that_a_study_built(self):
         self.stand_in("ccache")
