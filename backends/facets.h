@@ -280,7 +280,7 @@ public:
     /// Makes the device check the state while it steps, from the next upload() or rewind() on. A check
     /// changes no bit of the state. Until the first call nothing is checked.
     virtual void monitor(const DivergenceMonitor&) {}
-    /// When the run left the monitor's limits; empty if it has not. Synchronizes.
+    /// Between which steps the run left the limits that monitor() set; empty if it has not. Synchronizes.
     virtual std::optional<Divergence> divergence() { return std::nullopt; }
 
     /// Makes one step and counts what it did. Empty if the backend counts nothing.

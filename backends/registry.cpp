@@ -1,6 +1,6 @@
 #include "backends/registry.h"
 
-#include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <cctype>

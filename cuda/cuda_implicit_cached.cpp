@@ -1,4 +1,4 @@
-// The grid in global memory, read through the texture path.
+// The grid in global memory, read through a texture object or, with fetch=l1, through L1.
 #include "cuda/common/implicit.h"
 
 namespace voxspring::cuda {

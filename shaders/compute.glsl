@@ -61,8 +61,8 @@ Vec3 before_of(int index) {
 #endif
 }
 
-// Writes the particle's state at t + dt, given the sum of its spring forces at t. `before` is
-// before_of(index).
+// Writes the particle's state at t + dt, given the sum of its spring forces at t. before_of(index) gives
+// `before`: x or u at t - dt, or the increment.
 void integrate_and_store(int index, Point here, uint bits, Vec3 before, Vec3 spring_force_sum) {
     precise Vec3 force = spring_force_sum;
     if (LOADS) force += Vec3(loads[3 * index], loads[3 * index + 1], loads[3 * index + 2]);

@@ -228,7 +228,7 @@ class Pictures(InTemporaryFolder):
                   for pair in zip(*rows)]
         self.assertGreater(max(errors), 0)
         self.assertAlmostEqual(about["largest"] / max(errors), 1, places=12)
-        self.assertIn(f"largest error against float64 {max(errors):.6g}\n", result.stdout)
+        self.assertIn(f"largest displacement error in the last picture, against float64: {max(errors):.6g}\n", result.stdout)
         # float64 compared with itself gives a picture as well.
         result = succeeds("run", "box@8", "--backend", "cpu_reference", "--steps", 40, "--out", self.out, "--colour", "error")
         self.assertEqual(read_png(self.out)[1]["largest"], 0)

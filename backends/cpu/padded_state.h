@@ -1,5 +1,5 @@
-// How cpu_parallel lays out the lattice in memory, and the state of a problem and what acts on its particles,
-// as arrays over that grid.
+// The memory layout of cpu_parallel. The lattice becomes a padded grid. The state of a problem, and what acts
+// on its particles, are arrays over this grid.
 #pragma once
 
 #include <array>

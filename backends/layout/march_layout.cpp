@@ -45,7 +45,7 @@ SoaPlaces march_places(const Lattice& lattice, std::size_t real_bytes) {
 
 namespace {
 
-/// Calls visit(particle, element) for each particle.
+/// Calls visit(particle, element) for each particle; element is its index in the arrays of the layout.
 template <class Visit>
 void visit_particles(const Problem& problem, const SoaPlaces& places, Visit visit) {
     const auto particles = std::ptrdiff_t(problem.particle_count());

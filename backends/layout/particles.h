@@ -78,8 +78,8 @@ Motion<Real> make_motion(const Problem& problem);
 /// Active and pinned bits of every particle.
 std::vector<std::uint32_t> state_bits(const Problem& problem);
 
-/// The terms (records/terms.h) of a step that `problem` has. Terms that say how neighbour lists are stored
-/// are not among them.
+/// The terms (records/terms.h) that `problem` has: materials, damping, gravity, pins and loads. Bits for
+/// other choices of a kernel are not set.
 std::uint32_t terms_of(const Problem& problem);
 
 /// Every particle that the tool holds, in the order of Tool::particles; empty without a tool.

@@ -413,9 +413,9 @@ private:
             beyond |= elsewhere;
         }
         if (out_.turns > 1) return beyond == 0 ? 0 : mixed_border;
-        // A direction in which the warp has no neighbours may count as part of the border or not. All such
-        // directions are counted: then more warps of a block have the same kind of border, and share its
-        // code.
+        // A border is the set of directions whose springs wait for points of other blocks. A direction in
+        // which the warp has no neighbours may be in it or not. The largest kind that fits is taken, so that
+        // more warps of a block have the same kind and share its code.
         int best = mixed_border;
         for (int y = -1; y <= 1; ++y) {
             for (int z = -1; z <= 1; ++z) {

@@ -34,7 +34,7 @@ std::uint64_t group_operations(const Problem& problem) {
     std::uint64_t groups = 0;
     for (const std::uint32_t bits : {FACE_BITS, EDGE_BITS, CORNER_BITS})
         groups += (problem.group_bits & bits) != 0 ? 1 : 0;
-    // With materials each spring carries the stiffness, so the first group's sum is already the force.
+    // With materials each spring includes its stiffness. The first group's sum starts the force, others add.
     if (problem.has_materials() && groups > 0) --groups;
     return groups * vector_operations;
 }

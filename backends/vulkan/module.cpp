@@ -28,7 +28,7 @@ enum Op : std::uint32_t {
 enum Decoration : std::uint32_t { spec_id = 1, array_stride = 6, binding = 33, offset = 35 };
 enum Storage : std::uint32_t { uniform_storage = 2, buffer_storage = 12 };
 
-/// What a module declares about its ids.
+/// What a SPIR-V module declares per id: names, members, decorations, types, constants and variables.
 struct Declarations {
     struct Member {
         std::string name;

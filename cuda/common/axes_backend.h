@@ -53,7 +53,7 @@ inline std::string class_refusal(const Problem& problem, Precision precision, Fo
     return {};
 }
 
-/// The macros REAL, FETCH, TERMS and EQUAL_EDGES for a kernel that evaluates springs by class.
+/// The macros REAL, FETCH, TERMS and EQUAL_EDGES for a kernel that has code per spring_class().
 inline std::map<std::string, std::string> class_macros(const Problem& problem, Formulation formulation,
                                                        Precision precision) {
     // These kernels have no term for pins: their masks say which particles move.

@@ -158,7 +158,10 @@ private:
     std::string refused(const Problem& problem) const override {
         if (options_.secondary == Secondary::never) {
             if (const std::string why = grouped_list_refusal(problem); !why.empty())
-                return "the lists hold one stiffness and one rest length per spring group: " + why;
+                return "the neighbour lists have one stiffness and one rest length for all face springs, one "
+                       "for all edge "
+                       "springs and one for all corner springs: " +
+                       why;
         }
         if (std::string why = list_entry_refusal(problem, this->formulation()); !why.empty()) return why;
         if (options_.rows && options_.layout == ListLayout::concatenated) {

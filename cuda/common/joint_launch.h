@@ -72,7 +72,7 @@ public:
         if (mark == 0) return {};
         const ResidentStall stall = ResidentStall::unpacked(mark);
         return block + " " + std::to_string(stall.block) + " waited in vain for step " +
-               std::to_string(stall.step) + " (counted from the latest upload) for " +
+               std::to_string(stall.step) + " (counted since the body was last uploaded to the device) for " +
                std::to_string(max_wait_nanoseconds / 1'000'000'000) +
                " seconds: what it waited for did not run at the same time";
     }

@@ -87,7 +87,7 @@ VOXSPRING_HOST_DEVICE Vector<Real> listed_force(const DeltaStep<Real>& step, con
         [&](int dx, int dy, int dz) { return step.compliance[row(dx, dy, dz) + dx]; });
 }
 
-/// Adds the forces of the particle's springs beyond the lattice to `force` and returns the sum.
+/// Adds the forces of the particle's off-lattice springs (Problem::springs) to `force`. Returns the sum.
 template <class Terms, class Real, class Current>
 VOXSPRING_HOST_DEVICE Vector<Real> with_off_lattice_springs(Vector<Real> force, const DeltaStep<Real>& step,
                                                             const Slice& slice, std::uint32_t lane,

@@ -291,7 +291,8 @@ private:
         out_ << "\n";
         if (const Pictures* pictures = exports_->pictures();
             pictures != nullptr && pictures->colouring() == Colouring::error)
-            out_ << "largest error against float64 " << pictures->largest() << "\n";
+            out_ << "largest displacement error in the last picture, against float64: " << pictures->largest()
+                 << "\n";
         return 0;
     }
 

@@ -227,10 +227,10 @@ void print_limits(const nlohmann::json& limits, std::ostream& out) {
         say(", compute shaders ", "compute_shader_float32_operations_per_second", "op/s");
         out << " (" << device.at("device").get<std::string>() << ")\n";
         if (fragment < compute / 4) {
-            out << "    " << family << " runs fragment shaders on this device with 1/"
+            out << "    " << family << " runs fragment shaders on this device at 1/"
                 << std::lround(compute / fragment)
-                << " of the arithmetic of compute shaders: its rows say what that part of the device can "
-                   "do, not what the API can\n";
+                << " of the arithmetic rate of compute shaders: rows of its fragment shaders show a limit of "
+                   "this device, not of the API\n";
         }
     }
 }

@@ -28,8 +28,8 @@ inline constexpr glm::ivec2 default_size{1280, 960};
 /// to look_at(), and a colour scale up to the largest value in them. The legend of a picture states the
 /// largest value in that picture. A single picture needs no look_at().
 ///
-/// Particles of parts that nothing holds (parts.h) are drawn where they are, but do not affect the camera or
-/// the scale: they fall for ever, and the rest of the body would shrink to a dot of one colour.
+/// Where something holds a part of the body, particles of other parts (parts.h) are drawn but do not affect
+/// the camera or the scale: they may drift far, and the held part would shrink to a dot of one colour.
 class Pictures {
 public:
     /// The sides of `size` are from min_picture_side to max_picture_side. Throws Unavailable if there is no

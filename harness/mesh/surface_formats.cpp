@@ -55,7 +55,8 @@ PlyType ply_type(const MeshBytes& bytes, std::string_view name) {
         {"double", ply_number<double>},        {"float64", ply_number<double>}};
     const auto found = types.find(name);
     if (found == types.end())
-        bytes.refuse(name, "a type of PLY: char, uchar, short, ushort, int, uint, float or double");
+        bytes.refuse(
+            name, "a type of PLY: char, uchar, short, ushort, int, uint, float, double, or int8 to float64");
     return found->second;
 }
 

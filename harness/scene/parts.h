@@ -35,7 +35,7 @@ std::string with_commas(std::size_t number);
 struct PartsToKeep {
     std::size_t least = 0;  ///< parts with fewer particles are left out; 0: all but the largest are
 
-    /// The spelling of command lines and scene files: "largest", or the number.
+    /// As command lines and scene files spell it: "largest", or `least` as a number.
     std::string text() const { return least == 0 ? "largest" : std::to_string(least); }
 };
 inline constexpr std::int64_t max_part_particles = 4'294'967'295;

@@ -291,7 +291,7 @@ Simulation::Change Simulation::stitch(const std::pair<std::uint32_t, std::uint32
         all.springs.push_back(added.spring);
         const double stable = frequency_squared_at(scene_.stable_time_step, scene_.problem.damping);
         if (frequency_bound_squared(all) > stable + share_of_room * room)
-            return {0, "another stitch there would make the time step unstable"};
+            return {0, "another stitch there could make the time step unstable"};
     }
     Change change = by_hand([&](SpringEditor& editor) { return editor.join(edit.added); });
     if (is_new && change.springs > 0) stitches_.push_back(added.spring);

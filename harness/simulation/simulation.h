@@ -155,7 +155,7 @@ private:
     void follow_motion();
 
     Problem without_hand() const;
-    /// Uploads, with the present state, a problem that differs from `problem_` only in its tool.
+    /// Uploads, with the present state, a problem that differs from `problem_` only in tool and loads.
     void upload(Problem next);
     void use_tool_of(const Problem& problem);
 

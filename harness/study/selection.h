@@ -48,9 +48,9 @@ void select_scenes(Study& study, const std::vector<std::string>& globs);
 /// backend.
 std::vector<std::string> select_backends(Study& study, const std::vector<std::string>& globs);
 
-/// The globs "!GLOB" of --backend that leave nothing out: they match no backend of the study's scenes, nor
-/// one that another glob names. Empty if the study takes `auto`, or its kind has the scenes. `study` is as
-/// before select_backends().
+/// The globs "!GLOB" of --backend that leave nothing out: they match no backend of the study's scenes and
+/// none that another glob names. Empty if the study or a glob asks for `auto`, or if the study lists no
+/// scenes. To be called before select_backends(), which changes the study.
 std::vector<std::string> globs_without_effect(const Study& study, const std::vector<std::string>& globs);
 
 /// Text for the message about a `pattern` that matches no backend: what is accepted, and which name may have

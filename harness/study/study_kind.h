@@ -44,8 +44,8 @@ public:
     virtual bool takes(const Capabilities&) const { return true; }
     /// The number of rows that a case adds to the result if it runs, as far as is known beforehand.
     virtual int rows_of_case(const Study&, const StudyScene&) const { return 1; }
-    /// The number of steps of a case, all repetitions and time steps together, for the estimate of the time
-    /// left.
+    /// The number of steps of a case over all repetitions and all values of dt, which estimates of the time
+    /// left need.
     virtual double steps_of_case(const Study& study, const StudyScene& item) const {
         return double(item.steps) * study.repetitions;
     }

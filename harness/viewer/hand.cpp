@@ -11,8 +11,8 @@ namespace {
 
 /// A stroke is cut in pieces of at least this number of pixels.
 constexpr double stretch = 4;
-/// Each piece begins this number of pixels before the end of the previous one, because the body moves between
-/// frames.
+/// Each further piece of a stroke begins this number of pixels before the end of the previous one, because
+/// the body moves between frames.
 constexpr double overlap = 10;
 
 }  // namespace

@@ -182,7 +182,7 @@ class Figure:
         self.name, self.rows, self.page, self.below, self.about = name, rows, page, below, ABOUT["figures"][name]
         self.columns, self.legend = charts.columns(self.about["columns"], self.about.get("named")), self.about.get("legend", "backend")
         self.columns += page.counters(rows, {key for key, *_ in self.columns} | IN_COLUMNS)
-        # The caption names the results of the figure: those with the list `having`, or of the study of that name.
+        # The caption names the figure's results: those that have the list called `having`, or are of the study so called.
         having = self.about.get("having", "benchmarks")
         self.results = [one for one in page.results if (one.lists[having] if having in one.lists else one.study == having)]
         groups_told = groups(rows, *by.split(" ")) if by else {(listed(distinct(rows, "machine")),): rows}

@@ -26,9 +26,9 @@ struct BrickShape {
     VOXSPRING_HOST_DEVICE constexpr int nz() const { return tz * wz; }
 
     // In shared memory a row of particles is ordered by i: the i-th particles of all tiles lie side by side,
-    // so that lanes whose tiles are in one row use different banks. The frame's point at X = nx is stored
-    // after the particles with i = 0. The frame's point at X = -1, if there is one, is stored before those
-    // with i = tx - 1.
+    // so that lanes whose tiles are in one row use different banks. The frame is the points around the brick.
+    // Its point at X = nx is stored after the particles with i = 0. Its point at X = -1, only where there are
+    // both, is stored before those with i = tx - 1.
     VOXSPRING_HOST_DEVICE constexpr int column(int i) const {
         const int of = i < 0     ? tx - 1
                        : i == tx ? 0

@@ -128,8 +128,8 @@ struct MarchOutput {
     Real* increment;
 };
 
-/// The bits of a thread's mask word when a plane arrives: one for each spring of visit_springs(); one for
-/// each particle of the previous plane that moves; one for each row of that plane that has a particle.
+/// The bits of a thread's mask word when a plane arrives. Per spring of visit_springs(): it exists. Per
+/// particle of the previous plane: it moves. Per row of that plane: it has a particle.
 template <int rows>
 struct PlaneMask {
     static constexpr int springs = 23 * rows + 8;
