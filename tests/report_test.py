@@ -27,7 +27,10 @@ ROOT = pathlib.Path.cwd()
 PYTHON = ROOT / "build/report-venv/bin/python"
 REPORT = ROOT / "results/report.py"
 H200 = ROOT / "results/nvidia-h200"
+# Packages of the page's environment go before Debian's older ones.
+sys.path[1:1] = map(str, (ROOT / "build/report-venv/lib").glob("python3*/site-packages"))
 sys.path.insert(0, str(ROOT / "results"))
+import numpy  # noqa: E402
 import result_files  # noqa: E402
 from folder import InTemporaryFolder, called, new_folder, run  # noqa: E402
 from results_test import with_work  # noqa: E402
@@ -1305,7 +1308,5 @@ if __name__ == "__main__":
     if reason := missing():
         print(f"skipped: {reason}")
         sys.exit(SKIPPED)
-    sys.path.insert(1, str(next((ROOT / "build/report-venv/lib").glob("python3*")) / "site-packages"))
-    import numpy
     from page import charts, pictures, reading
     unittest.main()
