@@ -8,6 +8,7 @@ A figure stands between `<!-- NAME -->` and `<!-- /NAME -->`. --check changes no
 result or the sources say.
 """
 
+import functools
 import json
 import pathlib
 import re
@@ -224,6 +225,7 @@ def continuum_errors():
     return [(text, [case for _, case in own]) for (text,), own in groups(errors, lambda one: f"{100 * one[0]:.1g} %").items()]
 
 
+@functools.cache
 def tables():
     """The macros of tables.jinja, which know what is defined here."""
     paper.ENVIRONMENT.filters["api_of"] = APIS.get

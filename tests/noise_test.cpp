@@ -176,7 +176,7 @@ const Registered drawn_on_card =
 
 nlohmann::json result_of_study(const std::string& kind, const std::vector<std::string>& backends,
                                const nlohmann::json& settings = nlohmann::json::object(),
-                               std::optional<int> ranks = {}) {
+                               std::optional<int> ranks = {}, bool strained = false) {
     Study study;
     study.name = "test";
     study.kind = kind;
@@ -184,6 +184,7 @@ nlohmann::json result_of_study(const std::string& kind, const std::vector<std::s
     study.backends = backends;
     study.settings = settings;
     study.scenes = {{"box@4", 4, {}}};
+    if (strained) study.scenes.front().settings[StudyScene::strained_key] = true;
     StudyOptions options;
     options.ranks = ranks;
     return run_study(study, options);
@@ -270,6 +271,14 @@ TEST_F(CardInAStudy, TellsItsEnergy) {
     EXPECT_EQ(row.at("meter"), "NVML");
     EXPECT_EQ(row.at("passed"), true);
     EXPECT_GT(row.at("motion_max"), row.at("tolerance")) << "without any motion any state would pass";
+}
+
+// Catches batches that begin at the scene's own start, from which nothing moves by that much in four steps.
+TEST_F(CardInAStudy, StepsFromAStrainedStartWhereTheStudyAsksForOne) {
+    const nlohmann::json row =
+        row_of("energy", result_of_study("energy", {"on_card"}, nlohmann::json::object(), {}, true));
+    EXPECT_EQ(row.at("passed"), true);
+    EXPECT_GT(row.at("motion_max"), 0.1);
 }
 
 TEST_F(CardInAStudy, HasNoEnergyOfAWrongBackend) {

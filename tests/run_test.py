@@ -176,6 +176,8 @@ class Study(unittest.TestCase):
             _, last = self.stage_results("release", "format", VOXSPRING_BEGIN_WITHIN=within)
             self.assertTrue(last.endswith(f", {skipped} skipped"), last)
             self.assertEqual("skipped: the stage format, since" in self.printed, within == "0")
+        done = self.run_script("test", "format", VOXSPRING_BEGIN_WITHIN="soon")
+        self.assertEqual((done.returncode, done.stderr), (2, "run: VOXSPRING_BEGIN_WITHIN: soon; expected a whole number of seconds\n"))
 
     def test_the_quick_tests_take_the_program_that_a_study_built(self):
         self.stand_in("ccache")

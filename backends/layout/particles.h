@@ -65,7 +65,7 @@ std::vector<Real> pack_inverse_masses(const Problem& problem, const Placement& p
 template <class Real>
 std::vector<Real> pack_compliance(const Problem& problem, const Placement& placement);
 
-/// Bytes of the arrays of a problem's state, loads and masses. With `all_terms` there are loads and masses
+/// Bytes of the arrays of a problem's state, loads and masses. With `every_term` there are loads and masses
 /// even if the problem has none.
 template <class Real>
 std::uint64_t particle_bytes(const Problem& problem, const Placement& placement, Formulation formulation,
