@@ -1242,13 +1242,14 @@ class Parts(Reports):
             self.assertEqual(sorted(paths), sorted(folder.iterdir()))
             # Files of one machine may be of two cards, and names then say of which.
             texts.append({re.sub("-GPU-[0-9a-f]+", "", path.name): path.read_text() for path in paths})
+            self.assertEqual(len(texts[-1]), len(paths))
         self.assertEqual(*texts)
         names = [f"{name}-{scene}-NVIDIA-H200.svg" for name in ("front", "curves") for scene in ("beam", "box@32", "heart")]
         self.assertEqual(sorted(texts[0]), sorted([*names, "map-box@8-NVIDIA-H200.svg", "stability-NVIDIA-H200.svg"]))
         front = texts[0]["front-heart-NVIDIA-H200.svg"]
         for text in ("total error (relative L2)", "cuda_resident", "increment"):
             self.assertIn(f">{text}<", front)
-        self.assertIn(">heart, NVIDIA H200", front)
+        self.assertRegex(front, r">heart, NVIDIA H200( \(GPU-[0-9a-f]+\))?<")
         self.assertNotIn(">cpu_parallel<", front, "it has no run there")
         # A number is whole in text, and short in attributes.
         self.assertIn(">0.0003<", texts[0]["map-box@8-NVIDIA-H200.svg"])
