@@ -21,7 +21,7 @@ import tempfile
 ROOT = pathlib.Path.cwd()
 CXX = os.environ.get("CXX", "c++")
 FLAGS = ["-std=c++20", "-O1", "-ffp-contract=off", "-fopenmp", "-DHWY_COMPILE_ONLY_STATIC", "-DHWY_SHARED_DEFINE", "-I."]
-LIBRARIES = ["-fopenmp", "-lhwy"]
+LIBRARIES = ["-fopenmp", "-lhwy", "-lfmt"]
 SOURCES = [*(f"backends/{name}.cpp" for name in ("api", "backend", "disk_cache", "limits", "registry", "rest_policy", "suggestion")),
            "backends/cpu/*.cpp",
            *(f"backends/layout/{name}.cpp" for name in ("blocks", "border_blocks", "delta_lists", "neighbour_lists", "particles",
