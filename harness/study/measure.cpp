@@ -67,7 +67,8 @@ struct MeasurementContext {
     }
 };
 
-/// How many starts of a backend are measured; no further one is begun after max_start_seconds.
+/// How many starts of a backend (construction, compilation, upload) are measured. After max_start_seconds no
+/// further start is begun.
 constexpr std::size_t starts = 3;
 constexpr double max_start_seconds = 5;
 constexpr const char* launch_before = "launch";
@@ -103,8 +104,9 @@ public:
     }
 
     /// Starts a compilation in the case's process, if that saves time, and returns whether it was started. It
-    /// saves none for a large scene, since compiling requires an upload, which takes longer. Nor does it for
-    /// APIs other than CUDA, which compile faster than a second backend is constructed.
+    /// saves none for a large scene, since compiling requires an upload, which takes longer than the
+    /// compilation. It saves none for APIs other than CUDA either: they compile faster than a second backend
+    /// is constructed.
     bool begin_compiling() {
         const bool compiles = !capabilities_of(case_.capabilities()).kernel_compiler.empty();
         if (!compiles || known("warm") || is_heavy(context_.scene)) return false;
@@ -132,8 +134,8 @@ public:
         attempt([&] { case_.scope().keep("step work", case_.finish("counting its work")); });
     }
     /// Measures the time of a kernel launch in the case's process, if launches limit the speed of its steps.
-    /// This is done before the repetitions and after them: other activity of the processor may last for
-    /// seconds, and must not raise the limit.
+    /// It is measured before and after the repetitions, and the shorter time counts: other activity of the
+    /// processor may last for seconds, and must not raise the limit of a step.
     void measure_launch(const char* when) {
         if (!failure_.empty() || !case_.process() || known(when)) return;
         if (bound(launch_seconds(), {}).longest.limited_by != "launch") return;
@@ -164,7 +166,8 @@ public:
         });
     }
 
-    /// Starts the backend some more times, each in a separate process, since one start is no sample.
+    /// Starts the backend some more times, each in a separate process, since a single start says nothing
+    /// about how much starts vary.
     void measure_starts() {
         if (finished() || !context_.batch.start_times || known("starts")) return;
         attempt([&] {
@@ -242,7 +245,7 @@ public:
         return median(observed().seconds);
     }
     bool on_host() const { return capabilities_of(case_.capabilities()).steps_on_host(); }
-    /// Steps without a pause, in a separate process while no other has the device.
+    /// Steps without a pause, in a separate process, while no other process uses the device.
     void sustain() {
         if (known("sustained")) return;
         attempt([&] {
@@ -374,7 +377,8 @@ std::string TimedCase::other_repetition() const {
     return {};
 }
 
-/// Adds the card's clock and other users to `answer`. Call it right after a batch: later the clock falls.
+/// Adds the card's clock and the number of other programs' processes on the card to `answer`. Call it right
+/// after a batch: later the clock falls.
 void TimedCase::look_at_card(nlohmann::json& answer) {
     if (context_.card == nullptr || capabilities_of(case_.capabilities()).uuid.empty()) return;
     if (const auto mhz = context_.card->clock_mhz()) answer["card_mhz"] = *mhz;
@@ -438,7 +442,7 @@ StepBound TimedCase::bound(std::optional<double> launch, const std::vector<Devic
 }
 
 /// The limit of a step. Empty if the backend does not tell the step's work, or if steps leave out tiles at
-/// rest: only the limit for the whole body is known.
+/// rest, since the limit is known only for steps of the whole body.
 LimitPart TimedCase::limit_part(const StudyBench& bench, Counters& counters) const {
     if (kept("step work").is_null() || leaves_out_tiles()) return {};
     const StepWork work = step_work_of(kept("step work"));
@@ -455,7 +459,7 @@ LimitPart TimedCase::limit_part(const StudyBench& bench, Counters& counters) con
     return part;
 }
 
-/// Adds counters: how many processes made the repetitions, and by how much their medians differ.
+/// Adds counters, if several processes made the repetitions: how many, and by how much their medians differ.
 void TimedCase::count_processes(const Observed& seen, Counters& counters) const {
     std::vector<std::vector<double>> of_process(1);
     for (int n = 0; n < done(); ++n) {
@@ -550,7 +554,7 @@ void TimedCase::add_rows(StudyBench& bench, int number) {
     for (const Row& one : google_benchmark_rows(row, repetitions, number)) bench.add("benchmarks", one);
 }
 
-/// Makes every case compile, several at once, since a compiler has one thread.
+/// Makes every case compile, several at once, since a compiler uses one thread only.
 void compile_together(StudyBench& bench, std::vector<TimedCase>& cases) {
     at_once(
         cases.size(), bench.side_by_side(),
@@ -605,9 +609,9 @@ int repeat_interleaved(StudyBench& bench, std::vector<TimedCase>& cases) {
 }
 
 /// Judges the states that the cases' last repetitions left. This is done after all `total` repetitions, since
-/// it takes all cores and gigabytes of memory. Until then each state stays on its device, where nothing else
-/// runs. While one state is judged, the next one is read; more states of a large scene would not fit into
-/// memory.
+/// it takes all cores and gigabytes of memory. Until then each state stays in its case's process, which does
+/// nothing else. While one state is judged, the next one is read; more states of a large scene would not fit
+/// into memory.
 void judge_states(StudyBench& bench, std::vector<TimedCase>& cases, int total) {
     if (!cases.empty() && !interrupted()) cases.front().begin_reading();
     for (std::size_t n = 0; n < cases.size() && !interrupted(); ++n) {
@@ -618,8 +622,8 @@ void judge_states(StudyBench& bench, std::vector<TimedCase>& cases, int total) {
     }
 }
 
-/// Runs and judges every case that needs it from the strained start. While one state is judged, the next case
-/// runs.
+/// Runs every case that needs it from the strained start, and judges the states. While one state is judged,
+/// the next case runs.
 void judge_strained_starts(StudyBench& bench, std::vector<TimedCase>& cases, int total) {
     if (!cases.empty() && !interrupted()) cases.front().begin_strained_start();
     for (std::size_t n = 0; n < cases.size() && !interrupted(); ++n) {
@@ -678,7 +682,8 @@ void add_spreads(StudyBench& bench, const Scene& scene, const std::vector<Backen
 void check_batch(const Study& study, const Scene& scene, const Batch& batch) {
     const std::string where = "study " + study.name;
     if (!batch.rewind && !scene.edits.empty())
-        throw BadInput(where, "rewind of " + scene.name, "false", "true: its edits are made from the start");
+        throw BadInput(where, "rewind of " + scene.name, "false",
+                       "true, since the scene has edits, which are made at given steps after the start");
     const std::int64_t steps =
         batch.rewind ? batch.steps : std::int64_t(batch.steps) * (1 + batch.repetitions);
     if (steps > max_steps_in_all)
@@ -714,7 +719,8 @@ struct TimedGroup {
 };
 
 /// Makes the fastest case of each formulation and precision step without a pause. A case on the host counts
-/// only if no device was measured: beside a device, readers do not look for the host's row.
+/// only if none on a device was measured in that formulation and precision: where a result has a device,
+/// nobody asks for the host's sustained speed.
 void sustain_fastest(StudyBench& bench, std::deque<TimedGroup>& groups) {
     std::map<std::pair<Formulation, Precision>, TimedCase*> fastest;
     for (TimedGroup& group : groups) {
@@ -791,8 +797,8 @@ void measure(StudyBench& bench, const Batch& batch) {
             }
             solve_strained_start(bench, *solution, batch, cases, strained);
             judge_strained_starts(bench, cases, total);
-            // The processes of this group end together, before the next group's start. So none runs while
-            // backends on the host are timed.
+            // All processes of this group end now, at the same time, so that none of them runs while a later
+            // group is timed: for example backends on the host.
             for (Case& one : timed.entered) one.dismiss();
             for (Case& one : timed.entered) one.restart();
         }

@@ -7,24 +7,24 @@
 
 namespace voxspring {
 
-/// Throws BadInput if the scene cannot be timed in such batches: a scene with edits needs `rewind`, and all
-/// steps together may be at most max_steps_in_all.
+/// Throws BadInput if the scene cannot be timed in such batches: a scene with edits needs `batch.rewind`, and
+/// at most max_steps_in_all steps may be made without a rewind.
 void check_batch(const Study& study, const Scene& scene, const Batch& batch);
 constexpr int max_steps_in_all = 1000000000;
 
-/// The reference for the states that `specs` leave after all steps. `last` is the problem then, after all
-/// edits. Must be called before anything is timed, since it takes all cores.
+/// The reference for the states that `specs` leave after all steps of `batch`. `last` is the problem after
+/// all edits. Must be called before anything is timed, since it takes all cores.
 ReferenceSolution solution_of(StudyBench& bench, const Problem& last, const Batch& batch,
                               const std::vector<BackendSpec>& specs);
 
-/// The reference for states after `steps` steps of a scene that may differ from the bench's, without the
-/// converged solution.
+/// The reference for states after `steps` steps of `scene`, which may differ from the bench's scene. It lacks
+/// the converged solution.
 ReferenceSolution solution_of(StudyBench& bench, const Scene& scene, const Problem& last, int steps,
                               const std::vector<BackendSpec>& specs);
 
-/// Adds to `row` the errors and the verdict of the state that its run left, and of how many repetitions.
-/// Throws std::runtime_error if the state does not agree with the reference. For kinds of study whose rows
-/// have their verdict with them.
+/// Adds to `row` the errors and the verdict of `left`, the state that the measured run left, and records that
+/// the verdict covers `repetitions_judged` repetitions. Throws std::runtime_error if the state does not agree
+/// with the reference. For kinds of study whose rows of measurements include the verdict.
 void add_verdict(Row& row, const ReferenceSolution& solution, const State& left, const BackendSpec& spec,
                  int repetitions_judged);
 
@@ -38,8 +38,8 @@ void add_spreads(StudyBench& bench, const Scene& scene, const std::vector<Backen
 /// false. The state after the last batch is compared with float64 (errors.h); the other batches must have
 /// left the same bits. If the backend is not deterministic, the state after every batch is compared instead.
 /// If the scene's own start strains too few springs, a further batch from a start in which every spring is
-/// strained is compared as well. A DeviceError fails that case only, and so does the end of its process, or a
-/// run that diverges. What the journal has is not run again. If there are more backends than
+/// strained is compared as well. A DeviceError, the end of a case's process or a run that diverges fails that
+/// case only. What the journal has is not measured again. If there are more backends than
 /// StudyOptions::together, they are measured group by group, and interleaved within each group. The rows give
 /// reasons not to trust their times (noise.h). After an interruption, cases that are not finished are left
 /// out.

@@ -62,7 +62,7 @@ StudyScene read_scene(JsonObject object, const Study& study, const StudyKind& ki
     StudyScene item;
     item.scene = kind.read_scene(object);
     item.steps = study.steps;
-    // A kind with its own key for scenes also decides their steps.
+    // A kind whose list of scenes is not called "scenes" decides by itself how many steps are made.
     if (kind.scenes_key() == "scenes")
         item.steps = read_count(object, "steps", max_steps_in_all, study.steps);
     if (const auto backends = object.find("backends")) item.backends = read_patterns(*backends);

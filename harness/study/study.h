@@ -28,16 +28,17 @@ struct StudyScene {
     std::shared_ptr<const Scene> built = nullptr;  ///< a scene in memory, instead of load_scene(scene)
     nlohmann::json settings = nlohmann::json::object();  ///< the kind's own keys in the study file
 
-    /// The key for whether steps begin at strained_start() instead of the scene's own start, which strains
-    /// too few springs in few steps to verify a backend.
+    /// The key of a setting: whether steps begin at strained_start() (random displacements that strain every
+    /// spring) instead of the scene's own start. In few steps that start may strain too few springs to verify
+    /// a backend.
     static constexpr const char* strained_key = "strained_start";
     bool is_strained() const { return settings.value(strained_key, false); }
 };
 
-/// What a study file says (results/study.schema.json). A backend pattern is `GLOB[:key=value,...]`: it
-/// stands, with these options, for every registered backend whose name matches and that takes them.
-/// `formulation=*` and `precision=*` stand for each one that the backend has. `auto[:key=value,...]` is what
-/// `--backend auto` chooses for the scene (auto_choice.h).
+/// What a study file says (results/study.schema.json). A backend pattern is `GLOB[:key=value,...]`: it stands
+/// for every registered backend whose name matches and that takes these options. `formulation=*` and
+/// `precision=*` stand for each formulation and each precision that the backend has. `auto[:key=value,...]`
+/// is what `--backend auto` chooses for the scene (auto_choice.h).
 struct Study {
     std::string name;
     std::string description;
@@ -59,9 +60,10 @@ constexpr int max_ranks = 1024;
 
 /// What the command line changes about a study.
 struct StudyOptions {
-    /// Keep what matches one of these globs (a backend's name or its label; a scene's name); if empty, keep
-    /// all. A glob that matches nothing in the study, but a backend or a scene outside it, adds that; a
-    /// backend is added once to each scene. "!GLOB" leaves out the backends that match.
+    /// Globs that backends (by name or label) and scenes (by name) of the study must match to be kept; all
+    /// are kept if there are none. A glob that matches nothing in the study adds the backends or the scene
+    /// that it names outside the study; a backend is added once to each scene. "!GLOB" leaves out the
+    /// backends that match.
     std::vector<std::string> backends;
     std::vector<std::string> scenes;
     VolumeOptions volume;  ///< options for each scene that is a volume file or a mesh
@@ -76,43 +78,45 @@ struct StudyOptions {
     /// For a scaling study: the processes that mpirun started, of which this one is rank 0. Null without
     /// mpirun.
     MpiRanks* mpi = nullptr;
-    /// The largest number of processes that exist together and measure in turns. If all have a context on a
-    /// GPU, each one makes the next one start more slowly.
+    /// The largest number of cases whose processes exist at the same time and are measured in turns. Each
+    /// process with a context on a GPU makes the next one start more slowly.
     int together = 32;
-    /// The largest number of cases that do at once what is not timed: construct, compile, go through a suite.
-    /// Empty: one per two cores.
+    /// The largest number of cases that do untimed work at the same time: construct a backend, compile, run a
+    /// suite (suite.h). Empty: one per two processors.
     std::optional<int> side_by_side;
     std::optional<std::filesystem::path> out;
-    bool resume = false;  ///< continue what an earlier run of the same study left beside `out`
-    /// How long a case's process may send nothing before it counts as hung. An answer is a batch or a
-    /// measurement; the longest one of the built-in studies, a map of stability on OpenGL in software, takes
-    /// minutes.
+    bool resume = false;  ///< continue from the journal that an earlier run of this study left beside `out`
+    /// How long a case's process may send nothing before it counts as hung. A process sends something after
+    /// each batch or measurement. In the built-in studies the longest measurement takes minutes: a map of
+    /// stability with OpenGL on the processor.
     std::chrono::duration<double> timeout = std::chrono::minutes(30);
     /// The program whose processes measure. Empty: this program, whose main() must have called worker_main()
     /// (worker_main.h). If main() is not yours, in a plugin for example, name any program of the same build
-    /// that calls it, such as the installed `voxspring`, which has Voxspring's backends only.
+    /// that calls worker_main(), such as the installed `voxspring`, which has Voxspring's backends only.
     std::filesystem::path worker;
 };
 
 /// Runs the study and returns the result. With `out` every finished measurement is written at once to a
 /// journal beside it (journal.h), and the file is replaced after every scene; the journal is removed when the
 /// study is finished. The first SIGINT or SIGTERM stops the study after the work in flight; the result is
-/// then `unfinished`. A scene named by the study itself is skipped if this machine has too little memory for
-/// it. Two different scenes with the same name are refused, since results identify scenes by name.
+/// then `unfinished`. A scene that is too large for this machine's memory is skipped, or refused if
+/// `options.scenes` is not empty. Two different scenes with the same name are refused, since results identify
+/// scenes by name.
 ///
-/// Each case is measured in a separate process of `options.worker`, which is started anew. This process
-/// itself is not forked, so its threads may hold any locks. A process can run one study at a time, since it
-/// catches SIGINT and SIGTERM meanwhile.
+/// Each case is measured in a separate process. For each scene `options.worker` is started as a new program,
+/// which forks the processes of its cases. This process itself is never forked, so its threads may hold any
+/// locks. A process can run one study at a time, since it catches SIGINT and SIGTERM meanwhile.
 ///
-/// Throws std::logic_error, before anything else, if no worker can be started; BadInput before anything has
-/// run, and for a worker of another build; Unwritten or std::system_error if the disk is full.
+/// Throws std::logic_error, before anything else, if no worker can be started; BadInput for a mistake in the
+/// study or the options, before anything has run, for a worker of another build, and if a device changes
+/// during the study; Unwritten or std::system_error if the disk is full.
 Result run_study(Study study, const StudyOptions& options);
 
 /// Whether a result comes from a study that was interrupted.
 bool is_unfinished(const Result& result);
 
-/// Whether anything was measured: whether a list of measurements has a row. The lists of cases that were
-/// skipped or failed, and of what `auto` chose, hold none.
+/// Whether anything was measured: whether any list has a row, apart from the lists `skipped`, `failed` and
+/// `auto` (the choices of `auto`).
 bool has_measured(const Result& result);
 
 }  // namespace voxspring

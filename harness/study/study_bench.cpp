@@ -26,8 +26,8 @@ namespace {
 
 bool has_driver(const BackendSpec& spec) { return spec.entry->api != host_api; }
 
-/// Longer than a driver takes to report whether there is a device. A backend that hangs here hangs again
-/// later, and its row then says so.
+/// The time-out of look_for_devices(): longer than a driver takes to report whether there is a device. A
+/// backend that hangs there hangs again when its case begins, and its row then says so.
 constexpr std::chrono::seconds patience_for_devices{20};
 
 /// Empty, or why a backend on the card `uuid` may not be in one table with `backends`.
@@ -141,7 +141,8 @@ std::optional<Case> StudyBench::entered(Case one, bool limits) {
             unavailable = absent.what();
         }
     });
-    // If the device was available for an earlier scene, it has been lost since.
+    // A backend that has been described found its device earlier in this study, so the device has been lost
+    // since.
     const bool lost = context()["backends"].contains(spec.entry->name);
     if (failure) {
         one.scope().keep("not entered", *failure);
@@ -275,7 +276,8 @@ std::mt19937& StudyBench::order() {
     return *order_;
 }
 
-/// Begins to watch the first card that a backend uses. All backends on a card use the same card.
+/// Begins to watch the first card that a backend uses. A study uses only this card: refusal_of() refuses
+/// backends on others.
 void StudyBench::watch_card(const std::string& uuid) {
     if (uuid.empty() || context().contains("card_watched")) return;
     try {
@@ -287,7 +289,7 @@ void StudyBench::watch_card(const std::string& uuid) {
     }
 }
 
-/// Sets the case's limits. Those of a device are measured once, by the first case on it.
+/// Sets the case's limits. A device's limits are measured once, by the first case on that device.
 void StudyBench::measure_limits(Case& benchmark_case) {
     benchmark_case.limits = limits_.of(capabilities_of(benchmark_case.capabilities()), [&] {
         return benchmark_case.measure_limits(JournalScope(journal_, "limits "));

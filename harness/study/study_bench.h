@@ -1,5 +1,5 @@
 // What a kind of study needs to measure one scene: the backends, each in a separate process, the references,
-// and the lists that rows are added to.
+// and the lists of the result.
 #pragma once
 
 #include <concepts>
@@ -62,8 +62,8 @@ public:
     /// device are not expected to run, and do not count in the estimate of the time left.
     void look_for_devices(const std::vector<StudyScene>& items);
 
-    /// Turns to a scene of the study. `number`, from 1, identifies it in the journal, since a study may have
-    /// a scene twice.
+    /// Turns to a scene of the study. `number`, from 1, identifies `item` in the journal, since a study may
+    /// have two items of one scene.
     void turn_to(const StudyScene& item, std::shared_ptr<const Scene> scene, std::size_t number);
 
     const Study& study() const { return study_; }
@@ -72,21 +72,22 @@ public:
     const Scene& scene() const { return *scene_; }
     /// The backends that the study asks for on this scene, including those that rules chose for `auto`.
     const std::vector<BackendSpec>& specs() const { return specs_; }
-    /// The specs() in as few groups of at most StudyOptions::together as possible, whose sizes differ by at
-    /// most one. Backends that step on the host are in further groups, after all others.
+    /// specs() divided into groups, whose cases are measured in turns. There are as few groups of at most
+    /// StudyOptions::together backends as possible, and their sizes differ by at most one. Backends that step
+    /// on the host are divided in the same way, into groups after all others.
     std::vector<std::vector<BackendSpec>> groups() const;
 
-    /// The case of a backend, ready to be asked. Empty if it cannot run the scene; the result then has the
-    /// reason.
+    /// The case of a backend, ready to be asked. Empty if the backend cannot run the scene or fails, in which
+    /// case the result has the reason, or if the study is interrupted.
     std::optional<Case> enter(const BackendSpec& spec, const CaseProgram& program, EnterOptions how = {});
-    /// The cases of `specs` that can run the scene. If they construct at once, each has a share of the
-    /// processors from then on, except for backends that step on the processor.
+    /// The cases of `specs` that can run the scene. If they are constructed at once, the process of each uses
+    /// an equal share of the processors from then on; a backend that steps on the processor uses all of them.
     std::vector<Case> enter_all(std::span<const BackendSpec> specs, const CaseProgram& program,
                                 EnterOptions how);
     /// How many cases do untimed work at the same time.
     std::size_t side_by_side() const;
-    /// How many cases upload at once. For a heavy scene there are just enough that one computes while others
-    /// compile or wait for their device.
+    /// How many cases upload at once. For a heavy scene (is_heavy()) there are at most three: enough that one
+    /// computes while the others compile or wait for their device.
     std::size_t uploads_side_by_side() const;
 
     /// Adds a row to a list of the result. A row that a case's process has made arrives as JSON.
@@ -100,8 +101,8 @@ public:
     /// How many of specs() run the scene, as far as is known by now.
     int expected_cases() const;
 
-    /// Both add a row to `skipped`. refuse(): the backend does not run the scene at all. skip(): it does, but
-    /// cannot do something that the study asks for.
+    /// Both functions add a row to `skipped`. refuse(): the backend does not run the scene at all. skip(): it
+    /// runs the scene, but cannot do something that the study asks for.
     void refuse(const BackendSpec& spec, const std::string& reason);
     void skip(const BackendSpec& spec, const std::string& reason);
     /// Adds a row to `failed`.
@@ -130,8 +131,8 @@ public:
 
 private:
     Case case_of(const BackendSpec& spec, const CaseProgram& program);
-    /// Returns the case, or nothing if it cannot run the scene or the study is interrupted. `limits`: also
-    /// measures the limits of the case's device.
+    /// Returns the case, or nothing if it cannot run the scene, if it failed, or if the study is interrupted.
+    /// `limits`: also measures the limits of the case's device.
     std::optional<Case> entered(Case one, bool limits);
     void introduce_at_once(std::vector<Case>& cases) const;
     void expect_less(const BackendSpec& spec);

@@ -28,14 +28,15 @@ public:
     StudyKind& operator=(const StudyKind&) = delete;
     virtual ~StudyKind() = default;
 
-    /// Reads those keys of a study file that belong to the kind. Keys that it does not ask for are refused.
+    /// Reads those keys of a study file that belong to the kind. The keys that read() does not ask for are
+    /// refused.
     virtual void read(JsonObject&) {}
     /// The key of the list of scenes, usually "scenes"; with another key --scene is refused. read_scene()
     /// returns the scene that an item of the list names, and checks the keys of the item that belong to the
-    /// kind. These are later in StudyScene::settings.
+    /// kind. Later these keys are in StudyScene::settings.
     virtual std::string scenes_key() const { return "scenes"; }
     virtual std::string read_scene(JsonObject& item) const { return item.require("scene").string(); }
-    /// The scene of an item, if the kind makes it; null if load_scene() does.
+    /// The scene of an item, if the kind makes it; null if load_scene() is to load it.
     virtual std::shared_ptr<const Scene> own_scene(const StudyScene&) const { return nullptr; }
 
     /// Throws BadInput, before anything is measured, if the scene cannot be studied by this kind.
@@ -44,8 +45,7 @@ public:
     virtual bool takes(const Capabilities&) const { return true; }
     /// The number of rows that a case adds to the result if it runs, as far as is known beforehand.
     virtual int rows_of_case(const Study&, const StudyScene&) const { return 1; }
-    /// The number of steps of a case over all repetitions and all values of dt, which estimates of the time
-    /// left need.
+    /// The number of steps of a case over all repetitions and all time steps. Used to estimate the time left.
     virtual double steps_of_case(const Study& study, const StudyScene& item) const {
         return double(item.steps) * study.repetitions;
     }

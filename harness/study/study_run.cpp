@@ -83,9 +83,9 @@ Study narrowed(Study study, const StudyOptions& options) {
     return study;
 }
 
-/// Loads scenes and keeps them, since each is needed twice: to check the study, and to run it. It keeps up to
-/// a quarter of the machine's memory; if that is too little, the largest scenes are kept, which take the
-/// longest to build.
+/// Loads scenes and keeps them, since each is needed twice: to check the study, and to run it. The scenes
+/// kept have up to a quarter of the particles that this machine's memory can hold. If there are more, the
+/// largest scenes are kept, which take the longest to build.
 class StudyScenes {
 public:
     /// `volume` has the options for scenes that are volume files or meshes.
@@ -256,7 +256,7 @@ void StudyRun::check(const StudyScene& item) {
     check_backends(item);
 }
 
-/// Throws if there is no backend to run, as far as is known without a device.
+/// Throws BadInput if there is no backend to run on the scene, as far as is known without a device.
 void StudyRun::check_backends(const StudyScene& item) const {
     const auto check_each = [](const std::vector<std::string>& asked) {
         for (const std::string& pattern : asked) {
@@ -270,7 +270,7 @@ void StudyRun::check_backends(const StudyScene& item) const {
                    accepted_globs(patterns_of(study_, item).front()));
 }
 
-/// The cost of a scene as far as is known beforehand: particle steps.
+/// The cost of a scene in particle steps, as far as is known beforehand.
 Progress::Scene StudyRun::cost_of(const StudyScene& item) const {
     constexpr double overhead = 5e6;  // time of a case outside its steps, in particle steps
     if (too_large_.contains(item.scene)) return {};
@@ -287,7 +287,7 @@ void StudyRun::begin_result() {
     context() = build_context();
     context()["gpu"] = context()["driver"] = context()["gl_renderer"] = nullptr;
     context()["study"] = {{"name", study_.name}, {"kind", study_.kind}, {"repetitions", study_.repetitions}};
-    std::set<std::string> strained;  // a study may have several items of one scene
+    std::set<std::string> strained;  // names of scenes; a set, since several items may have the same scene
     for (const StudyScene& item : study_.scenes) {
         if (item.is_strained()) strained.insert(item.scene);
     }
@@ -302,8 +302,9 @@ nlohmann::json StudyRun::description() {
     nlohmann::json scenes = nlohmann::json::array(), files = nlohmann::json::object();
     for (const StudyScene& item : study_.scenes) {
         scenes.push_back({item.scene, item.steps, item.backends, item.settings});
-        // Files, volumes that they name and scenes that another program built may have changed since the
-        // journal was written. Built-in scenes belong to this program, whose fingerprint is compared anyway.
+        // Scene files, the volumes that they name and scenes built by another program may have changed since
+        // the journal was written. Built-in scenes belong to this program, whose fingerprint is compared
+        // anyway.
         const bool may_change = item.built != nullptr || !is_builtin(item.scene);
         if (may_change && !too_large_.contains(item.scene))
             files[item.scene] = fingerprint_of(*scenes_.of(item));
@@ -374,7 +375,8 @@ Result StudyRun::run() {
         try {
             run_scene(item, ++number);
         } catch (const Interrupted&) {
-            // Interrupted while a reference was computed: no case of this scene is finished.
+            // Interrupted, for example while a reference was computed. The result has the rows of the cases
+            // that were finished before.
         }
         if (interrupted()) break;
         publish();
@@ -403,8 +405,8 @@ void StudyRun::run_scene(const StudyScene& item, std::size_t number) {
     kind_->run(*bench_);
 }
 
-/// The number of rows with measurements. The rows of `benchmarks` do not count: each case of them also has a
-/// row of `verification`.
+/// The number of rows with measurements. The rows of `benchmarks` do not count: each case in that list also
+/// has a row of `verification`.
 std::size_t StudyRun::row_count() const {
     std::size_t count = 0;
     for (const auto& [name, list] : result_.lists()) {

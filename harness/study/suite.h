@@ -16,8 +16,8 @@ namespace voxspring {
 /// Rows, by the list of the result that they belong to.
 using Rows = std::map<std::string, std::vector<nlohmann::json>>;
 
-/// How a suite makes a measurement: calls `measure`, unless the measurement `name` is already known. The name
-/// must be unique within the suite.
+/// How a suite makes a measurement: calls `measure`, unless the journal already has the measurement `name`.
+/// The name must be unique within the suite.
 using Once = std::function<void(const std::string& name, const std::function<Rows()>& measure)>;
 
 /// Runs a suite in a case's process.
@@ -37,7 +37,7 @@ struct SuiteHooks {
     /// Makes the case of a backend; the runner of that case is a SuiteRunner. Returns empty if the case
     /// cannot run, and has then added a row that says so.
     std::function<std::optional<Case>(const BackendSpec&)> enter;
-    /// What earlier cases have found out, as information for the next one; may be empty.
+    /// Returns what earlier cases have found out, as information for the next one. May be an empty function.
     std::function<nlohmann::json()> known = {};
     OnEvent on_event = {};
 };

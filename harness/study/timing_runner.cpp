@@ -178,8 +178,8 @@ private:
         return answer;
     }
 
-    /// For a scene with edits: times a batch without them, and rewinds. This is done right before the batch
-    /// with edits, so that both run at the same clocks.
+    /// For a scene with edits: times a batch without them, rewinds, and returns the time. This is done right
+    /// before the batch with edits, so that both run at the same clocks. Empty if the scene has no edits.
     std::optional<double> plain(Backend& backend) {
         if (runner_.edits_within(batch_.steps) == 0) return std::nullopt;
         const Timing timing = backend.timed([&] { backend.step(batch_.steps); });
@@ -219,7 +219,8 @@ private:
 
     /// Runs batches without a pause: for a third of `seconds` until clocks settle, and then for `seconds`.
     /// Returns for those `seconds` the mean time of a step by the backend's clock, and what the device's
-    /// meter says, if it has one. The last batch must leave the same state as the first one.
+    /// meter says, if it has one. If the backend is deterministic, the last batch must leave the same state
+    /// as the first one.
     nlohmann::json sustain(Backend& backend, double seconds) {
         std::optional<PinnedThreads> pinned;
         if (backend.capabilities().steps_on_host()) pinned.emplace();
@@ -250,13 +251,14 @@ private:
         }
         answer["seconds_per_step"] = stepped / (double(batches) * batch_.steps);
         if (comparable && fingerprint_of(backend) != first)
-            throw std::runtime_error("batches without a pause left another state than the first one");
+            throw std::runtime_error("batches without a pause left another state than the first batch");
         return answer;
     }
 
-    /// The latency of each edit by itself, from an idle device until it is idle again. The least of three
-    /// runs counts, since an edit is far shorter than what may interrupt it. They must leave the same state
-    /// as a batch that does not wait for its edits, whose state is judged.
+    /// The latency of each edit by itself, from an idle device until it is idle again. Of three runs the
+    /// shortest latency counts, since an edit is far shorter than what may interrupt it. If the backend is
+    /// deterministic, the last run must leave the same state as a batch that does not wait for its edits,
+    /// since only such a batch is judged.
     nlohmann::json edits(Backend& backend) {
         constexpr int plays = 3;
         const AllProcessors all;
@@ -279,15 +281,16 @@ private:
             runner_.rewind(backend);
             runner_.run(backend, batch_.steps);
             if (fingerprint_of(backend) != left)
-                throw std::runtime_error("edits timed by themselves left another state than a timed batch");
+                throw std::runtime_error(
+                    "edits timed by themselves left another state than the same edits in a batch");
         }
         return {{"edits", latency.size()},
                 {"edit_seconds_median", median(latency)},
                 {"edit_seconds_max", *std::max_element(latency.begin(), latency.end())}};
     }
 
-    /// Runs a batch from a start in which every spring is strained. Later questions must not need the scene's
-    /// own start.
+    /// Runs a batch from a start in which every spring is strained. The case's process must not be asked for
+    /// a run from the scene's own start afterwards.
     nlohmann::json strained(Backend& backend) {
         const State start = strained_start(scene_.problem);
         backend.monitor({});

@@ -13,10 +13,9 @@ struct Batch {
     int repetitions = 0;
     bool total_error = true;  ///< whether errors are also measured against the converged solution
     bool start_times = true;  ///< whether rows report start times; cases are then started one by one
-    /// Whether each batch starts from the scene's state. If not, each continues where the previous one ended.
-    /// That is for scenes without edits whose upload takes longer than many batches. After the same number of
-    /// steps all cases are at the same state except for rounding, and errors are measured after the last
-    /// batch.
+    /// Whether each batch starts from the scene's state. If not, each continues where the previous one ended,
+    /// for scenes without edits whose upload takes longer than many batches. After the same number of steps
+    /// all cases are at the same state except for rounding, and errors are measured after the last batch.
     bool rewind = true;
     /// How long the fastest cases of a scene are also stepped without a pause; 0: not at all. The repetitions
     /// are bursts of milliseconds, at clocks that a device may not hold for a second.
