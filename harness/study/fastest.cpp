@@ -23,8 +23,8 @@ namespace voxspring {
 namespace {
 
 /// A row whose repetitions are split into two halves. The fastest row is chosen by the median of one half,
-/// and reports times from the other half. The least of many medians is partly luck; the reported times are
-/// free of that bias.
+/// and its reported time is the median of the other half. The least of many medians is partly luck, and the
+/// other half is free of that bias.
 struct SplitCase {
     Row row;
     double chosen_by = 0;  ///< us per step, the median of the half that chooses
@@ -34,7 +34,8 @@ using SplitCases = std::vector<SplitCase>;
 /// Bounds of a target's value: no time is shorter, and no rate of updates is higher.
 constexpr double min_target = 1e-12, max_target = 1e18;
 
-/// Splits `row`, unless it has fewer than four repetitions. `microseconds` has the time per step of each.
+/// Splits `row`, unless it has fewer than four repetitions. `microseconds` has the time per step of each
+/// repetition.
 SplitCase split_case_of(Row row, const std::vector<double>& microseconds) {
     const double all = row.benchmark->real_microseconds;
     constexpr std::size_t fewest = 4;
@@ -141,7 +142,7 @@ Target read_target(JsonObject object) {
         target.quantity = Quantity(n);
         target.value = value->number(min_target, max_target);
     }
-    if (given != 1) object.value().refuse("one of " + joined(names));
+    if (given != 1) object.value().refuse("exactly one of " + joined(names));
     if (target.quantity == Quantity::speed_ratio)
         target.over = object.require("over", "a glob of backends").string();
     object.finish();
@@ -176,7 +177,7 @@ std::string percent_of(const nlohmann::json& fraction) {
 std::string verdict(const nlohmann::json& target) {
     if (target.at("met").is_null()) return "not measured";
     return (target.at("met").get<bool>() ? "met: " : "missed: ") + quantity_text(target, "measured") + ", " +
-           percent_of(target.at("reached")) + " of it";
+           percent_of(target.at("reached")) + " of the target";
 }
 
 }  // namespace
@@ -299,7 +300,7 @@ void print_fastest(const Result& result, std::ostream& out, TableWidth width) {
         const std::string dataset = of.scene + " " + of.formulation + " " + of.precision;
         if (!block.at("paper").is_null()) {
             const Row paper{.identity = {.name = block.at("paper").at("name"), .scene = of.scene}};
-            out << dataset << ": the best of the paper's is " << paper.label() << "\n";
+            out << dataset << ": the fastest of the paper's strategies is " << paper.label() << "\n";
         }
         out << dataset << ": auto takes " << block.at("auto").at("reason").get<std::string>() << "\n";
         for (const auto& target : block.at("targets")) {

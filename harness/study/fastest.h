@@ -24,7 +24,7 @@ enum class Quantity : std::uint8_t {
     spring_updates_per_second,
     fraction_of_limit,
     ready_seconds,
-    speed_ratio,  ///< time of a step of the fastest of `over`, divided by that of the fastest of `backends`
+    speed_ratio,  ///< step time of the fastest of `over`, divided by that of the fastest of `backends`
 };
 std::string to_string(Quantity quantity);
 
@@ -37,9 +37,9 @@ struct Target {
     double value = 0;
 };
 
-/// The list `fastest` of a result (results/schema.json). It has one block for each scene, formulation and
-/// precision with a row in `benchmarks`, in the order of these rows. A block includes its targets and what
-/// `--backend auto` would choose (auto_choice.h).
+/// The list `fastest` of a result (results/schema.json). Each element, a block, is the summary of one scene,
+/// formulation and precision with a row in `benchmarks`; blocks are in the order of these rows. A block
+/// includes its targets and what `--backend auto` would choose (auto_choice.h).
 std::vector<nlohmann::json> fastest_of(const Result& result, const std::vector<Target>& targets);
 
 /// Reads the list `targets` of a study file. Throws BadInput.

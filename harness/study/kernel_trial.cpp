@@ -26,7 +26,7 @@ double cpu_seconds_of_process() {
 std::shared_ptr<const Scene> checked(std::shared_ptr<const Scene> scene) {
     if (!scene->edits.empty() || scene->problem.has_tool())
         throw BadInput("judge()", "body", scene->name,
-                       "a body without edits and without a tool, of which a kernel is told nothing");
+                       "a body without edits and without a tool, since a kernel is told of neither");
     return scene;
 }
 
@@ -116,7 +116,7 @@ ReferenceSolution KernelTrial::solve(const Scene& scene) {
     ReferenceSolution solution{scene.problem, steps_, references_.after(scene, steps_), {}, scene.state};
     const RoundingModel model = rounding_model_of(spec_);
     solution.spreads.emplace_back(model, references_.spread(scene, steps_, solution.same_step, model));
-    solution.refined.reason = "it is not computed for a kernel";
+    solution.refined.reason = "the converged solution is not computed for a kernel";
     return solution;
 }
 

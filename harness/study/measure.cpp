@@ -650,7 +650,7 @@ ReferenceSolution solution_of(StudyBench& bench, const Problem& last, const Batc
 ReferenceSolution solution_of(StudyBench& bench, const Scene& scene, const Problem& last, int steps,
                               const std::vector<BackendSpec>& specs) {
     ReferenceSolution solution{last, steps, bench.references().after(scene, steps), {}, scene.state};
-    solution.refined.reason = "the study does not ask for it";
+    solution.refined.reason = "the study does not ask for the converged solution";
     add_spreads(bench, scene, specs, solution);
     return solution;
 }

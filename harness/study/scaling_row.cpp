@@ -16,20 +16,20 @@
 namespace voxspring {
 namespace {
 
-/// Whether in this way a part's borders are stepped and sent first, so that they travel while the rest of the
-/// part is stepped.
+/// Whether ranks that exchange borders in this `way` step and send the borders of their parts first, so that
+/// the borders travel while the rest of the part is stepped.
 bool overlaps(const std::string& way) { return way.ends_with("_overlap"); }
 
-/// "2600" for 2612.3: a model's figure has no more than two significant digits.
+/// "2600" for 2612.3: a figure of the model is given with no more than two significant digits.
 std::string two_digits(double count) {
     const double unit = std::pow(10, std::max(0.0, std::floor(std::log10(count)) - 1));
     return fixed_text(unit * std::round(count / unit), 0);
 }
 
-/// The model that a row is compared with, see compare(). Times are in seconds per step.
+/// The model that a row is compared with (compare()). Times are in seconds per step.
 struct ScalingModel {
     double particle;         ///< time per particle, with one rank
-    double own, ghosts;      ///< particles of the largest part
+    double own, ghosts;      ///< particles of the largest part: those it steps, and those it only reads
     double particles;        ///< particles of the body
     double latency, border;  ///< time of an exchange: fixed, and for its bytes
     bool overlaps;
@@ -90,7 +90,7 @@ std::vector<ScalingRow> scaling_rows_of(JsonObject result, const std::string& sc
     }
     if (rows.empty())
         throw BadInput(list.file(), "scaling", scene,
-                       "one of its scenes: " +
+                       "one of the result's scenes: " +
                            (scenes.empty() ? "it has none" : joined({scenes.begin(), scenes.end()})));
     return rows;
 }

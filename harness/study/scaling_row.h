@@ -21,16 +21,17 @@ struct ScalingRow : Row {
     std::string cut = {};  ///< how many parts along x, y and z: "1x1x2"
     std::string way = {};  ///< how borders are exchanged: "none", or one of known_ways
     double seconds_per_step = 0;
-    /// Per step, of the rank with the most work.
+    /// Times of one step, in the rank with the most work.
     double compute_seconds = 0, exchange_seconds = 0, waiting_seconds = 0;
     std::uint64_t largest_part = 0;  ///< particles of the largest part, ghosts included
     std::uint64_t ghosts = 0;        ///< number of ghosts of all parts together
-    std::uint64_t border_bytes = 0;  ///< per step, of the rank that sends most
+    std::uint64_t border_bytes = 0;  ///< the most bytes that a rank sends per step
     std::optional<double> latency_seconds = {}, seconds_per_byte = {};
     std::optional<bool> same_bits = {};
     std::optional<double> efficiency = {}, predicted_seconds = {};
-    std::optional<std::uint64_t> judged_particles = {};  ///< in a sample; empty: all particles are judged
-    std::optional<double> pays_from_particles = {};      ///< from this size on, `ranks` pay by the model
+    std::optional<std::uint64_t> judged_particles = {};  ///< size of the sample; empty: all are judged
+    /// Number of particles from which on `ranks` ranks are faster than one in the model of compare().
+    std::optional<double> pays_from_particles = {};
 
     static void fields(auto& row, auto& of) {
         of.required("family", row.family);
@@ -57,9 +58,10 @@ struct ScalingRow : Row {
 
 /// Compares `row` with `one`, the row of the same family with one rank, and sets efficiency, prediction and
 /// `pays_from_particles`. In the model each particle of the largest part takes as long as in `one`, and the
-/// largest number of bytes is exchanged. If both overlap, the longer time counts, else their sum. Borders
-/// grow with the square of a body's length. With `pays_from_particles` particles `row.ranks` ranks are as
-/// fast as one in the model; empty if the time of an exchange was not measured, or if no such size is found.
+/// largest number of bytes is exchanged. The time of a step is the sum of computing and exchanging, or the
+/// longer of the two if they overlap. Borders grow with the square of a body's length. In the model
+/// `row.ranks` ranks are as fast as one if the body has `pays_from_particles` particles. That is empty if the
+/// time of an exchange was not measured, or if there is no such size.
 void compare(ScalingRow& row, const ScalingRow& one);
 
 /// The rows of `scene` in the result of a scaling study. Throws BadInput if the result has no list `scaling`,

@@ -195,7 +195,7 @@ std::vector<std::string> select_backends(Study& study, const std::vector<std::st
         // Names and labels, which a glob is compared with, have no ':'; "[:" begins a class of characters.
         if (leaves_out(glob) && named.find(':') != std::string::npos && named.find("[:") == std::string::npos)
             throw BadInput("command line", "--backend", glob,
-                           "after the ! a glob of names, or of labels as a result has them, such as "
+                           "a glob of backends' names or of labels (as in results) after the !, such as "
                            "!cpu_parallel/increment/float64");
         std::set<std::string> added;
         for (std::size_t n = 0; n < study.scenes.size(); ++n) {

@@ -31,7 +31,7 @@ bool leaves_out(const std::string& glob);
 /// Applies the command line's --backend to a scene's cases: it removes some of them, and may add others.
 std::vector<BackendSpec> select(std::vector<BackendSpec> specs, const std::vector<std::string>& globs);
 
-/// The patterns of an item's backends: its own, or else those of the study.
+/// The backend patterns of an item: its own if it has some, otherwise those of the study.
 const std::vector<std::string>& patterns_of(const Study& study, const StudyScene& item);
 /// The backends that are known before the scene is loaded: all except those that rules choose for `auto`.
 std::vector<BackendSpec> known_specs(const Study& study, const StudyScene& item);

@@ -19,11 +19,11 @@ struct Momentum {
 };
 Momentum momentum(const Problem& problem, const State& state);
 
-/// Energy of the particles that can move and of all springs.
+/// Energy of the particles that can move and of the springs between particles; a tool's springs do not count.
 struct Energy {
     double kinetic = 0;     ///< sum of m |v|^2 / 2
     double springs = 0;     ///< sum of k (|d| - l)^2 / 2, free of cancellation
-    double field = 0;       ///< of gravity and loads: -sum of (m g + load).u, u the displacement
+    double field = 0;       ///< by gravity and loads: -sum of (m g + load).u, u the displacement
     double field_size = 0;  ///< sum of |(m g + load).u|
     double total() const { return kinetic + springs + field; }
     double size() const { return kinetic + springs + field_size; }
@@ -67,10 +67,10 @@ struct StateSummary {
     /// displacements of particles 2^n voxels apart along an axis. Empty without a lattice.
     std::vector<double> spectrum;
 };
-/// Summarises `state`, which the problem's particles reached from `start`. The order of summation does not
+/// Summarises `state`, which a run of the problem reached from `start`. The order of summation does not
 /// depend on the number of threads.
 StateSummary summary_of(const Problem& problem, const State& start, const State& state);
-/// As above, for a state whose energy() is `known`.
+/// The function above, for a state whose energy() is already `known`.
 StateSummary summary_of(const Problem& problem, const State& start, const State& state, const Energy& known);
 
 /// Compares a run with the reference, both after the same steps from the same start:

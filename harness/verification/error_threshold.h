@@ -41,20 +41,21 @@ struct Spread {
 };
 
 /// The number of random runs beside the one that rounds to nearest. It is three in general, and one for a
-/// very large body, whose many particles are statistics enough. A small body has fifteen: the largest of
-/// three runs would be a matter of luck, and further runs take little time.
+/// very large body, whose many particles are statistics enough. A small body has fifteen, since the largest
+/// error of three runs would be a matter of luck, and further runs take little time.
 int random_runs(std::size_t particles);
 
-/// No bound exceeds this share of the motion, since a larger bound would pass a backend that computes
-/// something else.
+/// No bound on an error exceeds this share of the motion, unless the reference does not move: a larger bound
+/// would pass a backend that computes something else.
 constexpr double max_share_of_motion = 0.1;
 /// The gate in multiples of the spread. A spread is the largest error of a few runs, and a correct backend's
 /// error is about as large. docs/accuracy.md has the measurements.
 constexpr double gate_in_spreads = 4;
-/// A bound below this number of spreads cannot tell a wrong backend from rounding, and is not applied.
+/// A bound below this number of spreads cannot tell a wrong backend from rounding. Such a bound is not
+/// applied.
 constexpr double min_gate_in_spreads = 2;
-/// Lower limit of the bound on a statistic of a chaotic scene, as a share of Statistic::size. A statistic is
-/// of one moment of one trajectory, and is noisy because moments differ.
+/// Lower limit of the bound on a statistic of a chaotic scene, as a share of Statistic::size. A statistic
+/// describes one moment of one trajectory, and is noisy because moments differ.
 constexpr double min_statistics_share = 0.25;
 /// Upper limit of statistic_gate() as a share of Statistic::size. A backend that does nothing differs by 1.
 constexpr double max_statistics_share = 0.75;
@@ -65,8 +66,9 @@ constexpr double max_statistics_share = 0.75;
 double gate(double spread, double motion, double admitted);
 /// mean_gate() is at least this share of the motion: a mean may be small by chance in the runs of a spread.
 constexpr double min_share_of_mean = 0.02;
-/// The bound on the error of the mean over all particles. Rounding errors cancel in a mean, so it shows a
-/// wrong gravity in a few steps of a large body, where each particle moves by less than a position resolves.
+/// The bound on the error of the mean displacement over all particles. Rounding errors cancel in a mean. So
+/// it shows a wrong gravity within a few steps of a large body, in which each particle moves by less than a
+/// float32 position resolves.
 double mean_gate(double spread, double motion, double admitted);
 /// Whether rounding carries the scene so far that no displacement can be judged.
 bool is_chaotic(const Spread& spread);

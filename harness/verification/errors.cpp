@@ -75,8 +75,8 @@ double strained_share(const ReferenceSolution& solution, const BackendSpec& spec
     const Spread* const spread = spread_of(solution, rounding_model_of(spec));
     if (spread == nullptr || is_chaotic(*spread)) return 0;
     const double admitted = admitted_error(problem, spec, solution.steps);
-    // If rounding carries single particles too far, the bound on the maximum is infinite, and that on the rms
-    // counts.
+    // If rounding carries single particles too far, the bound on the largest error is infinite, and the bound
+    // on the root mean square counts.
     const double bound = std::min(gate(spread->max, spread->motion_max, admitted),
                                   gate(spread->rms, spread->motion_rms, admitted));
     if (const auto known = solution.strained_shares.find(bound); known != solution.strained_shares.end())

@@ -37,21 +37,21 @@ const Spread* spread_of(const ReferenceSolution& solution, const RoundingModel& 
 
 /// The result of judge().
 struct JudgedState : Comparison {
-    std::optional<Energy> energy;  ///< energy of the state, if judge() needed it
+    std::optional<Energy> energy;  ///< energy of the state, if judge() computed it
 };
 
 /// Compares a state with the reference. The largest difference and the root mean square are each judged by
-/// gate(), and the mean by mean_gate() (error_threshold.h), which admit the error that a tuning asks for
-/// (`sleep`). In a chaotic scene none of them is judged: the state fails only if it is not finite or one of
-/// its statistics exceeds statistic_gate().
+/// gate(), and the mean by mean_gate() (error_threshold.h), which admit the error that tuning options ask for
+/// (such as `sleep`, which stops slow tiles). In a chaotic scene none of the three is judged: the state fails
+/// only if it is not finite or one of its statistics exceeds statistic_gate().
 JudgedState judge(const ReferenceSolution& solution, const State& state, const BackendSpec& spec);
 
 /// The least strained_share() with which a run verifies a backend.
 constexpr double min_strained_share = 0.5;
 /// The share of the springs whose length at the end of the reference run differs from the rest length by more
-/// than the error that a backend may have. A backend without these springs would fail. That error is the
-/// smaller of the bounds on the largest error and on the root mean square error. The result is 0 if no
-/// displacement is judged, and 1 if there are no springs.
+/// than the error that a backend may have. A backend that leaves these springs out would fail. The error that
+/// it may have is the smaller of the bounds on the largest error and on the root mean square error. The
+/// result is 0 if no displacement is judged, and 1 if there are no springs.
 double strained_share(const ReferenceSolution& solution, const BackendSpec& spec);
 
 /// The accuracy that a row reports. Unknown values are absent. results/schema.json defines each field.

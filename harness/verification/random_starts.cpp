@@ -26,7 +26,7 @@ State random_start(const Problem& problem, double amplitude) {
 State strained_start(const Problem& problem) {
     const double shortest = 1e6 * std::sqrt(problem.shortest_squared());
     State state = random_start(problem, 0.1 * shortest);
-    state.increment = {};  // the zeros of a body of 10^8 particles take gigabytes
+    state.increment = {};  // means zeros, which take gigabytes for a body of 10^8 particles
     return state;
 }
 

@@ -66,7 +66,7 @@ std::optional<State> unpacked(const std::optional<std::string>& bytes, std::size
     return state;
 }
 
-/// Adds a list of the start's state. An empty list gives the same hash as a list of zeros.
+/// Adds one list of the state at the start. An empty list gives the same hash as a list of zeros.
 void add_start(Hash& hash, const std::vector<glm::dvec3>& list, std::size_t particles) {
     if (!list.empty()) return hash.add_numbers(list);
     hash.add_number(particles);
@@ -111,7 +111,8 @@ void add(Hash& hash, const Scene& scene, int steps) {
     hash.add_number(time_step);
     add_start(hash, scene.state.displacement, scene.problem.particle_count());
     add_start(hash, scene.state.increment, scene.problem.particle_count());
-    // Ghosts, the tool and edits are added only if present, so that scenes without them keep their seeds.
+    // Ghosts, the tool and edits are added only if present, so that they change no hash, and thus no seed, of
+    // scenes without them.
     if (!ghosts.empty()) hash.add_numbers(ghosts);
     if (scene.problem.has_tool()) {
         hash.add_numbers(tool.particles);
@@ -292,9 +293,9 @@ void References::check_first_steps(const Scene& scene, int steps) const {
     constexpr double agreement = 1e-9;
     const double apart = relative_difference(other.displacement, one.displacement);
     if (apart <= agreement) return;
-    throw std::logic_error(
-        fmt::format("after {} steps {} differs from {} by {:g} (relative L2): neither is a reference", first,
-                    parallel_reference_name, reference_backend, apart));
+    throw std::logic_error(fmt::format(
+        "after {} steps {} differs from {} by {:g} (relative L2): neither can serve as the reference", first,
+        parallel_reference_name, reference_backend, apart));
 }
 
 State References::after(const Scene& scene, int steps) {
@@ -368,8 +369,8 @@ Spread References::measured_spread(const Scene& scene, int steps, const State& e
         runs.backend->read(runs.state);
         return runs.state;
     };
-    // Only chaotic scenes are judged by statistics. Usually the first run shows that a scene is chaotic. Runs
-    // before the one that shows it are repeated.
+    // Only chaotic scenes are judged by statistics. Usually the first run shows that a scene is chaotic. Any
+    // runs before the one that shows it are repeated in the end, to take their statistics.
     std::optional<Problem> edited;
     std::optional<StateSummary> reference_summary;
     const auto take_statistics = [&](const State& state) {
@@ -402,7 +403,7 @@ Spread References::measured_spread(const Scene& scene, int steps, const State& e
 
 Refined References::refined(const Scene& scene, const Span& span, std::vector<int> counts) {
     constexpr int doublings = 4;
-    constexpr std::size_t max_columns = 5;  // beyond the tenth order rounding dominates
+    constexpr std::size_t max_columns = 5;  // removes errors up to dt^10; beyond, rounding dominates
     constexpr double smallest = 1e-11;
     Refined result;
     if (!scene.edits.empty()) {
@@ -421,7 +422,7 @@ Refined References::refined(const Scene& scene, const Span& span, std::vector<in
     // no run is made.
     std::size_t affordable = affordable_runs(scene, counts);
     if (affordable < std::min(counts.size(), std::max<std::size_t>(asked, 3))) affordable = 0;
-    std::vector<std::vector<glm::dvec3>> row;  // row of Neville's tableau; first the run itself
+    std::vector<std::vector<glm::dvec3>> row;  // of Neville's tableau: the run, then its extrapolations
     std::vector<glm::dvec3> finest_asked;
     for (std::size_t k = 0; k < counts.size(); ++k) {
         if (k == affordable) {
@@ -451,8 +452,10 @@ Refined References::refined(const Scene& scene, const Span& span, std::vector<in
             return result;
         }
     }
-    result.reason = fmt::format("float64 does not converge: its extrapolations in {} steps differ by {:g}",
-                                result.finest, result.uncertainty);
+    result.reason = fmt::format(
+        "float64 does not converge in time: extrapolations with and without the run of {} steps differ by "
+        "{:g}",
+        result.finest, result.uncertainty);
     return result;
 }
 

@@ -41,8 +41,8 @@ struct Span {
     double time_step = 0;
     int steps = 0;
 };
-/// `scene` with the time step that covers the span in `steps` steps. All callers get the same bits for it,
-/// and exactly span.time_step if `steps` is span.steps.
+/// `scene` with the time step that covers the span in `steps` steps. All callers get the same bits for the
+/// time step, and exactly span.time_step if `steps` is span.steps.
 Scene in_steps(const Scene& scene, const Span& span, int steps);
 
 /// The limit of float64 runs as their time step goes to zero.
@@ -57,11 +57,11 @@ struct Refined {
 ///
 /// Short runs of small bodies use cpu_reference: one thread and a plain loop over a list of springs. It
 /// shares only the functions of spring.h with the backends under test. Other runs use PerturbedReference,
-/// without a perturbation, on all cores with SIMD. The first steps are checked against cpu_reference on the
+/// without a perturbation, on all cores with SIMD. Its first steps are checked against cpu_reference on the
 /// same scene. PerturbedReference shares the filling of SIMD registers (simd/lanes-inl.h) with cpu_parallel,
 /// and only the functions of spring.h with other backends. Beyond four million particles the list of springs
-/// may not fit into memory, so the check is left out. Nothing is kept then, because reading would take longer
-/// than computing the few steps for which such scenes are timed.
+/// may not fit into memory, so the check is left out. The states of such bodies are not kept either, because
+/// reading one would take longer than computing the few steps for which such scenes are timed.
 class References {
 public:
     /// Called about ten times per second with the number of steps of a trajectory that are done. An exception
@@ -84,8 +84,8 @@ public:
     /// doublings, or if further runs would take too long, it gives up; Refined::reason then says why.
     Refined refined(const Scene& scene, const Span& span, std::vector<int> counts);
 
-    /// The spread of each rounding model: how far its rounding carries the scene in `steps` steps from
-    /// `reference`.
+    /// The spread of each rounding model: how far rounding by this model carries the scene, in `steps` steps,
+    /// from `reference`, the state after these steps.
     std::vector<Spread> spreads(const Scene& scene, int steps, const State& reference,
                                 const std::vector<RoundingModel>& models);
     Spread spread(const Scene& scene, int steps, const State& reference, const RoundingModel& model) {
@@ -115,7 +115,7 @@ private:
     int computed_ = 0;
 };
 
-/// A hash of the scene, made by this executable. Scenes equal in every number have the same hash.
+/// A hash of the scene and of this executable. Scenes equal in every number have the same hash.
 std::string fingerprint_of(const Scene& scene);
 
 /// The name of the backend that is the plain, single-threaded reference.

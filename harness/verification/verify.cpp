@@ -131,7 +131,7 @@ double rounding_tolerance(const Problem& problem, const State& reference, Precis
 Comparison differences(const State& state, const State& reference) {
     constexpr double infinity = std::numeric_limits<double>::infinity();
     Comparison result;
-    // The errors stay infinite if not every component can be compared.
+    // The errors stay infinite if a displacement is not finite or if the numbers of particles differ.
     result.relative_l2 = result.max = result.rms = result.mean = infinity;
     const bool fits =
         reference.displacement.empty() || state.displacement.size() == reference.displacement.size();

@@ -84,12 +84,12 @@ double rounding_tolerance(const Problem& problem, const State& reference, Precis
 
 /// A hash that is the same for states with the same bits.
 std::string fingerprint_of(const State& state);
-/// A hash of a backend's state, by the backend itself where it has one. Only hashes of one process can be
-/// compared.
+/// A hash of a backend's state, computed by the backend itself if it can do so. Only hashes made in one
+/// process can be compared.
 std::string fingerprint_of(Backend& backend);
 
-/// Compares displacements without a tolerance. Comparison::reason is set if one is not finite or if their
-/// number differs from the reference's. A reference without displacements is at rest.
+/// Compares displacements without a tolerance. Comparison::reason is set if a displacement is not finite or
+/// if the number of displacements differs from the reference's. A reference without displacements is at rest.
 Comparison differences(const State& state, const State& reference);
 
 /// Sets comparison.reason if `max`, `rms` or `mean` exceeds its tolerance, and otherwise makes it empty.
