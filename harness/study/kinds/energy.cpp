@@ -23,9 +23,9 @@
 namespace voxspring {
 namespace {
 
-/// Time before a measurement: clocks settle, and samples of power stop including earlier activity.
+/// Time before a measurement, in which clocks settle and samples of power cease to include earlier activity.
 constexpr double lead_seconds = 2;
-/// How long an idle device is watched.
+/// How long the power of the idle device is measured.
 constexpr double idle_seconds = 3;
 
 struct EnergyRow : Row {
@@ -55,11 +55,12 @@ public:
           monitor_(divergence_monitor(scene, steps_)),
           runner_(scene) {}
 
-    /// Watches the device while it idles, with the case's data on it, and then while it steps.
+    /// Measures the device's power while it idles, with the case's data on it, and then while it steps.
     nlohmann::json answer(Backend& backend, const nlohmann::json&, const OnEvent&) override {
         const auto meter = energy_meter_of(backend.capabilities());
         backend.monitor(monitor_);
-        // The return to the start between batches is measured with them, so it is made as cheap as possible.
+        // The return to the start before each batch is part of what is measured, so it is made as cheap as
+        // possible.
         runner_.rewind(backend);
         runner_.keep_start(backend);
         run_batch(backend);
@@ -94,7 +95,7 @@ public:
     }
 
 private:
-    /// Every batch begins at the scene's start: a run of minutes might diverge.
+    /// Every batch begins at the scene's start, since a single run of minutes might diverge.
     void run_batch(Backend& backend) {
         runner_.rewind(backend);
         runner_.run(backend, steps_);
@@ -140,7 +141,7 @@ public:
         const int steps = bench.item().steps;
         SharedState shared(scene.problem.particle_count());
         State left;
-        std::optional<ReferenceSolution> solution;  // once the first device has a meter
+        std::optional<ReferenceSolution> solution;  // computed when the first state is judged
         int done = 0;
         // One case after another: a card that two processes hold draws more power while it idles.
         for (const BackendSpec& spec : bench.specs()) {
@@ -192,7 +193,7 @@ public:
     }
 
 private:
-    // The energy counter is updated at least every tenth of a second, which is 1% of ten seconds.
+    // The energy counter is updated at least every tenth of a second, which is 1% of these ten seconds.
     static constexpr double min_seconds = 10;
     double seconds_ = min_seconds;  ///< how long each case is measured
 };

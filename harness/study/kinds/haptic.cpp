@@ -1,6 +1,7 @@
-// The kind of study `haptic`: plays a recorded motion of a hand in real time, and measures when the force
-// comes back. Steps of the same motion are compared with float64 first, and the motion that was played with
-// the same ticks without waiting.
+// The kind of study `haptic`: plays a recorded motion of a hand in real time, in ticks (the tool moves, a
+// step is made, the force is read), and measures when the force comes back. Before that, steps of the same
+// motion are compared with float64. After it, the state that was left is compared with that of the same ticks
+// without waiting.
 #include <sched.h>
 
 #include <algorithm>
@@ -40,10 +41,11 @@ namespace {
 
 /// Seconds from one edit to the next, if a motion is played with edits.
 constexpr double edit_seconds = 0.1;
-/// How many times a case compares its force with the reference, at even intervals of its steps.
+/// How many forces of a case are compared with the reference, at even intervals of its steps.
 constexpr int compared_forces = 20;
 
-/// One playing of the motion: `hertz` ticks per second for `seconds`, if asked for with edits or drawn.
+/// One playing of the motion: `hertz` ticks per second for `seconds`. `edited`: springs are cut and sutured
+/// meanwhile. `drawn`: pictures of the body are drawn meanwhile.
 struct Playing {
     double hertz = 0;
     bool edited = false, drawn = false;
@@ -61,8 +63,9 @@ struct HapticRow : Row {
     Playing playing = {};
     int ticks = 0;
     double median_seconds = 0, worst_seconds = 0;
-    std::optional<double> p99_seconds = {}, p999_seconds = {};  ///< empty: too few ticks
-    /// Always true: a latency begins when the tick is due. Absent in older files: it began with the tick.
+    std::optional<double> p99_seconds = {}, p999_seconds = {};  ///< empty: too few ticks for it
+    /// Always true: a latency is measured from when its tick is due. Absent in older files, which measured it
+    /// from when the tick began.
     std::optional<bool> from_due = {};
     int missed = 0, steps_that_fit = 0;
     std::optional<double> force_error = {}, force_tolerance = {};
@@ -99,8 +102,8 @@ struct HapticRow : Row {
     }
 };
 
-/// A percentile that at least ten values exceed; empty if there are too few values. With fewer it would just
-/// be one of the largest values.
+/// A percentile that at least ten values exceed; empty if there are too few values. If fewer exceeded it, it
+/// would just be one of the largest values.
 std::optional<double> percentile_of_many(const std::vector<double>& sorted, double fraction) {
     constexpr long least_beyond = 10;
     const bool enough = std::lround(double(sorted.size()) * (1 - fraction)) >= least_beyond;
@@ -124,8 +127,8 @@ CutAndSuture cut_and_suture_of(const Scene& scene) {
     return edits;
 }
 
-/// The scene whose `steps` steps are judged. As while a motion is played, the tool moves in each step. If
-/// `edited`, the springs are cut, sutured and cut again, so that at the end a cut is open.
+/// The scene whose `steps` steps are judged. The tool moves in each step, as it does while a motion is
+/// played. If `edited`, the springs are cut, sutured and cut again, so that at the end a cut is open.
 Scene judged_scene(const Scene& scene, bool edited, int steps) {
     Scene judged = scene;
     judged.tool_motion.every = 1;
@@ -181,8 +184,8 @@ private:
     bool granted_ = false;
 };
 
-/// Waits for the beginnings of ticks. Notes how long the thread was off its processor during waits, since
-/// ticks are interrupted in the same way.
+/// Waits until ticks are due. Notes how long the thread was off its processor during waits, since ticks are
+/// interrupted in the same way.
 class Waiting {
 public:
     /// Sleeps until shortly before `when`, and then polls the clock, since a sleep ends late.
@@ -264,27 +267,29 @@ public:
         nlohmann::json forces = nlohmann::json::array();
         for (const glm::dvec3& f : forces_of(runner, backend, steps_)) forces.push_back({f.x, f.y, f.z});
         nlohmann::json left = shared_state_.put(backend.download());
-        // The backend reads the problem that `runner` has.
+        // The backend reads the problem of `runner`, which is destroyed now. So it gets the scene's problem
+        // again.
         runner_.rewind(backend);
         return {{"forces", std::move(forces)}, {"left", std::move(left)}};
     }
 
 private:
-    /// What a playing did: the places of the tool, in parts of the motion, the numbers of the ticks before
-    /// which an edit was made, and a hash of the state that was left, if another run can leave the same bits.
+    /// What a playing did. `places`: for each tick, where the tool was, as a fraction of the motion.
+    /// `edited`: the indices of the ticks that began with an edit. `left`: a hash of the state in the end;
+    /// empty unless the backend is deterministic.
     struct Played {
         std::vector<double> places;
         std::vector<std::size_t> edited;
         std::string left;
     };
 
-    /// Plays the whole motion in `playing.seconds`, with one tick every 1 / hertz seconds. In a tick the
-    /// tool's place is sent, one step is made, and the force is read. Ticks whose time has passed before they
-    /// can begin are left out.
+    /// Plays the whole motion in `playing.seconds`, with one tick every 1 / hertz seconds. In a tick the tool
+    /// is moved, one step is made, and the force is read. Ticks that are due before the previous tick has
+    /// ended are left out.
     ///
     /// The latency of a tick, played or left out, is the time from when it is due until the next force is
-    /// there. If only played ticks counted, one long tick would hide the delay of those left out because of
-    /// it.
+    /// there. If only played ticks counted, one long tick would hide the delay of the ticks that are left out
+    /// because of it.
     HapticRow play(Backend& backend, const Playing& playing, Played& played) {
         HapticRow row;
         row.playing = playing;
@@ -350,7 +355,7 @@ private:
         return row;
     }
 
-    /// Plays the same ticks without waiting and drawing, and throws unless that leaves the same state.
+    /// Plays the same ticks without waiting and without drawing, and throws unless they leave the same state.
     void check(Backend& backend, const Played& played) {
         if (played.left.empty()) return;
         stand_at_start(backend, false);
@@ -383,7 +388,8 @@ private:
         }
     }
 
-    /// Runs each edit and some ticks once, so that compilations and captures happen before the first tick.
+    /// Runs each edit and some ticks once, so that kernels are compiled and CUDA graphs recorded before the
+    /// first tick.
     void warm_up(Backend& backend) {
         runner_.rewind(backend);
         edited_ = scene_.problem;
@@ -395,8 +401,8 @@ private:
     }
 
     /// Plays one tick, at the fraction `part` of the motion's duration. If a picture is due, the tick begins
-    /// by handing over the data that the picture needs. After the force, handing over would make the next
-    /// tick late.
+    /// by handing over the data that the picture needs. If the tick ended with that, the next tick would
+    /// begin late.
     glm::dvec3 tick_once(Backend& backend, double part, int steps) {
         const ToolMotion& motion = scene_.tool_motion;
         if (drawing_) drawing_->hand_over_if_due();
@@ -406,8 +412,9 @@ private:
     }
 
     /// The largest number of steps per tick for which a tick takes at most `period` seconds; 0 if one step
-    /// takes longer. Ticks run back to back, with pictures if the motion had some. The median of few ticks
-    /// brackets the number. The mean over a longer time, in which pictures are drawn, decides.
+    /// takes longer. Ticks run back to back, with pictures if the motion had some. The median of a few ticks
+    /// brackets the number. Within the bracket the mean over a longer time, in which pictures are drawn,
+    /// decides.
     int steps_that_fit(Backend& backend, double period) {
         constexpr int most = 1 << 16, least_ticks = 9;
         const double long_enough = drawing_ ? 0.1 : 0.03;
@@ -439,16 +446,17 @@ private:
         return std::min(low, most);
     }
 
-    /// Null unless the case is drawn. Declared before real_time_, so that its threads have normal priority.
+    /// Null unless the case is drawn. Declared before real_time_, so that the threads of `shared_` have
+    /// normal priority.
     const std::unique_ptr<Shared> shared_;
-    const RealTime real_time_;  // declared before the members that start threads for steps
+    const RealTime real_time_;  // declared before all members that start threads for steps
     const Scene& scene_;
     const int steps_;
     const CutAndSuture edits_;
     Problem edited_;
     SceneRunner runner_;
     SharedState& shared_state_;
-    std::map<double, int> fit_;           ///< steps that fit into a tick, by rate
+    std::map<double, int> fit_;           ///< steps that fit into a tick, by ticks per second
     std::optional<LiveDrawing> drawing_;  ///< exists while a drawn motion is played
 };
 
@@ -459,7 +467,7 @@ const RegisteredCaseRunner haptic_runner("haptic", [](const BackendSpec& spec, c
 
 // --- In the process of the study ------------------------------------------------------------------------
 
-/// The float64 runs that the steps before the playings are compared with, with edits or without.
+/// The float64 reference, with edits or without, for the steps that a case makes before its playings.
 struct Judgement {
     Judgement(StudyBench& bench, bool with_edits)
         : edited(with_edits),
@@ -480,16 +488,16 @@ struct Judgement {
     std::vector<glm::dvec3> forces;
 };
 
-/// Sets the largest difference of the forces from the reference's, relative to the largest force, and its
-/// bound: what a particle's largest accepted error changes in every spring of the tool at once. Throws if the
-/// difference exceeds it.
+/// Sets in `row` the largest difference of the forces from the reference's, relative to the largest force,
+/// and its bound. The bound is the change of the force if all particles that the tool holds are off by the
+/// largest accepted error, but no more than max_share_of_motion. Throws if the difference exceeds the bound.
 void judge_force(HapticRow& row, const nlohmann::json& forces, const Judgement& by);
 
 /// How the motion is played: settings of the study, which a scene may override.
 struct Motions {
     std::vector<double> rates{1000, 5000, 10000};
     double seconds = 2;  ///< how long the motion is played
-    /// Replaces `seconds` for the playing at the highest rate without edits and drawing.
+    /// Replaces `seconds` for the playing at the highest rate without edits and without drawing.
     std::optional<double> longest_seconds;
 
     void read(JsonObject& from) {
@@ -509,8 +517,8 @@ struct Motions {
             all.push_back({rate, false, false, is_long ? longest_seconds.value_or(seconds) : seconds});
             all.push_back({rate, true, false, seconds});
         }
-        // Edits make a drawing build new meshes, equally often at any rate. So playings with edits are drawn
-        // at the lowest rate only.
+        // After an edit the drawing thread builds a new mesh, equally often at any rate. So playings with
+        // edits are drawn at the lowest rate only.
         for (const double& rate : rates) {
             all.push_back({rate, false, true, seconds});
             if (&rate == &*lowest) all.push_back({rate, true, true, seconds});
@@ -532,7 +540,7 @@ public:
             throw BadInput(where, "tool of " + what, missing, "a tool that moves, in a haptic study");
         if (!scene.edits.empty())
             throw BadInput(where, what, counted(scene.edits.size(), "edit"),
-                           "none in a haptic study, which makes its own");
+                           "no edits in a haptic study, which makes its own");
     }
     int rows_of_case(const Study&, const StudyScene& item) const override {
         return int(motions_of(item).playings().size());
@@ -576,7 +584,7 @@ void judge_force(HapticRow& row, const nlohmann::json& forces, const Judgement& 
     row.force_tolerance = std::min(of_springs / largest, max_share_of_motion);
     if (*row.force_error > *row.force_tolerance)
         throw std::runtime_error("its force does not agree with float64: error " +
-                                 error_text(*row.force_error) + " of the largest, tolerance " +
+                                 error_text(*row.force_error) + " of the largest force, tolerance " +
                                  error_text(*row.force_tolerance));
 }
 
@@ -695,13 +703,13 @@ void HapticStudy::print(const Result& result, std::ostream& out, TableWidth widt
          {{"threshold/motion", 4}, [](const auto& row) { return threshold_text(row.verdict); }}},
         width, out);
     if (!rows.empty())
-        out << "The host's thread was " << (real_time ? "" : "not ")
-            << "real-time (SCHED_FIFO). Missed: ticks that began before the previous tick's force was "
-               "there. Pictures/s: of the body, drawn meanwhile on the same card.\n";
+        out << "The thread that steps was " << (real_time ? "" : "not ")
+            << "real-time (SCHED_FIFO). Missed: ticks that were left out, since they were due before "
+               "the force of the tick before was there. Pictures/s: of the body, drawn on the same card.\n";
     if (!pictures.empty())
         out << "A picture takes " << si(median(pictures), "s")
-            << ", and handing the displacements over takes " << si(median(hand_overs), "s")
-            << " of the stepping thread (medians over the rows).\n";
+            << ", and handing its displacements over takes " << si(median(hand_overs), "s")
+            << " of the thread that steps (medians over the rows).\n";
     print_unmeasured(result, out);
 }
 

@@ -1,5 +1,5 @@
-// The kind of study `overhead`: the cost of a step apart from its work, if steps are handed over one by one
-// or many at once. Each state that a timed repetition left is judged.
+// The kind of study `overhead`: the cost of a step apart from its work, if the host hands steps over one by
+// one or many at once. The state that the timed repetitions left is judged.
 #include <algorithm>
 #include <limits>
 #include <memory>
@@ -25,7 +25,7 @@
 namespace voxspring {
 namespace {
 
-/// The numbers of steps for which the host's time is measured: so few that no backend has to wait for its
+/// The numbers of steps for which the host's time is measured: so few that no call has to wait for the
 /// device.
 constexpr int unhindered_one_by_one = 50;
 constexpr int unhindered_at_once = 500;
@@ -66,9 +66,9 @@ public:
     }
 
 private:
-    /// Seconds per step: first for the calls alone, then until the last step is done. Each is the least of
-    /// the repetitions after the first one, which includes work that only a first run does. All leave the
-    /// same bits, so that judging the last state judges each.
+    /// Seconds per step: `first` for the calls alone, `second` until the last step is done. Each is the least
+    /// of the repetitions after the first one, which includes work that only a first run does. Throws if a
+    /// deterministic backend does not leave the same bits each time; judging the last state then judges all.
     std::pair<double, double> shortest(Backend& backend, int steps, bool at_once) {
         std::pair most(std::numeric_limits<double>::infinity(), std::numeric_limits<double>::infinity());
         const bool comparable = backend.capabilities().deterministic;
@@ -127,7 +127,7 @@ public:
         const Scene& scene = bench.scene();
         const int steps = bench.item().steps;
         bench.show("float64 reference", 0, 1);
-        // Before anything is timed, since it takes all cores.
+        // The reference is computed before anything is timed, since that takes all cores.
         const ReferenceSolution solution = solution_of(bench, scene, scene.problem, steps, bench.specs());
         SharedState shared(scene.problem.particle_count());
         State left;

@@ -87,12 +87,13 @@ void print_fronts(const Result& result, std::ostream& out, TableWidth width) {
     for (const std::string& text : diverged) out << text << "\n";
 }
 
-/// Repetitions of a run stop once together they have taken this many seconds.
+/// No further repetition of a run begins once all of them together have taken this many seconds.
 constexpr double max_seconds = 1;
-/// A first run of more seconds than this counts as a repetition: it needs no separate warm-up.
+/// A first run that takes more seconds than this counts as a repetition: it needs no separate warm-up.
 constexpr double long_run_seconds = 0.25;
 
-/// The device's name in rows. If APIs name a card differently, all use the first name, kept in `by_uuid`.
+/// The device's name in rows. If APIs name a card differently, rows have the name that came first, kept in
+/// `by_uuid`.
 std::string device_of(const Capabilities& capabilities, std::map<std::string, std::string>& by_uuid) {
     const std::string& device = capabilities.device;
     return capabilities.uuid.empty() ? device : by_uuid.emplace(capabilities.uuid, device).first->second;
@@ -110,7 +111,7 @@ TimedRuns time_runs(Backend& backend, const Scene& scene, const DivergenceMonito
                     int repetitions) {
     SceneRunner runner(scene);
     TimedRuns timed;
-    backend.monitor({});  // an earlier run that diverged has left a monitor
+    backend.monitor({});  // an earlier run that diverged may have left its monitor
     const auto once = [&] {
         runner.rewind(backend);
         return backend.timed([&] { runner.run(backend, steps); }).device_seconds;
@@ -126,7 +127,7 @@ TimedRuns time_runs(Backend& backend, const Scene& scene, const DivergenceMonito
         total += timed.seconds.back();
     }
     timed.last = backend.download();
-    // Divergence is judged by the last state: checks during the runs would be timed.
+    // Divergence is found from the last state, since checks during the runs would be timed.
     timed.divergence = find_divergence(backend, runner, monitor, timed.last, steps);
     return timed;
 }
@@ -228,7 +229,7 @@ ParetoRow run_step(const StudyBench& bench, Case& benchmark_case, const Step& st
     one.end_time = step.end_time;
     one.diverged = timed.contains("diverged");
     if (!one.diverged && !comparison.passed())
-        throw std::runtime_error("does not agree with cpu_reference: " + comparison.reason + " (in " +
+        throw std::runtime_error("does not agree with float64: " + comparison.reason + " (in " +
                                  counted(std::uint64_t(steps), "step") + ")");
     if (one.diverged) {
         one.reason = timed.at("diverged").get<std::string>();
@@ -256,14 +257,16 @@ public:
     void check(const Study&, const StudyScene& item, const Scene& scene) const override {
         const std::string where = "scene " + scene.name;
         if (!scene.edits.empty())
-            throw BadInput(where, "edits", counted(scene.edits.size(), "edit"),
-                           "none in a pareto study: with edits the error falls only with the first power of "
-                           "the time step");
+            throw BadInput(
+                where, "edits", counted(scene.edits.size(), "edit"),
+                "no edits in a pareto study: with edits the error falls only with the first power of "
+                "the time step");
         if (!std::isfinite(scene.stable_time_step))
             throw BadInput(where, "stable time step", "infinite", "a scene with springs");
         if (steps_at(fractions_.back(), item) > max_steps_in_all)
-            throw BadInput(where, "time_steps", std::to_string(fractions_.back()),
-                           "fractions that take at most " + std::to_string(max_steps_in_all) + " steps");
+            throw BadInput(
+                where, "time_steps", std::to_string(fractions_.back()),
+                "fractions with which a run takes at most " + std::to_string(max_steps_in_all) + " steps");
     }
     int rows_of_case(const Study&, const StudyScene&) const override { return int(fractions_.size()); }
     double steps_of_case(const Study& study, const StudyScene& item) const override {
@@ -278,7 +281,7 @@ public:
         try {
             measure(bench, counts, rows_of);
         } catch (const Interrupted&) {
-            // The rows so far are the result.
+            // The result has the rows that were finished before the interruption.
         }
         std::vector<ParetoRow> rows;
         for (const int steps : counts) rows.insert(rows.end(), rows_of[steps].begin(), rows_of[steps].end());
@@ -293,7 +296,8 @@ public:
     }
 
 private:
-    /// The steps to the end time of all runs, which is that of the item's steps at the first fraction.
+    /// The number of steps until the end time, which is the same for all runs: the end of `item.steps` steps
+    /// at the first fraction.
     double steps_at(double fraction, const StudyScene& item) const {
         return std::round(item.steps * (fractions_.front() / fraction));
     }
@@ -327,8 +331,8 @@ private:
                 ReferenceSolution solution{stepped.problem, steps, bench.references().after(stepped, steps),
                                            *refined, stepped.state};
                 // Backends are judged at the largest time step only (error_threshold.h). At smaller ones the
-                // effect of rounding is what the study measures, spreads would take as long as all else, and
-                // the backends run the same code.
+                // effect of rounding is what the study measures, spreads would take as long as the rest of
+                // the study, and the backends run the same code as at the largest.
                 if (steps == counts.front()) {
                     for (const Case& one : cases) add_spreads(bench, stepped, {one.spec()}, solution);
                 }

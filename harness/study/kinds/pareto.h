@@ -10,7 +10,7 @@
 
 namespace voxspring {
 
-/// One case at one time step: the run time to the end time, and the errors there.
+/// One case at one time step: the run time until the end time, and the errors at the end time.
 struct ParetoRow : Row {
     std::string device = {};  ///< one name per card, for all APIs
     double time_step = 0, fraction_of_stable = 0, end_time = 0;

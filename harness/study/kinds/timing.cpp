@@ -1,4 +1,4 @@
-// The kinds of study `timing`, the time of a step with its errors, and `fastest`, which also says for each
+// Two kinds of study. `timing` measures the time of a step and its errors. `fastest` also says for each
 // dataset which strategy is the fastest, and compares it with targets.
 #include <algorithm>
 #include <cmath>
@@ -31,8 +31,8 @@ public:
     void check(const Study& study, const StudyScene& item, const Scene& scene) const override {
         check_batch(study, scene, batch_of(study, item, scene));
     }
-    /// If slow cases may stop repeating early, we assume two repetitions: large scenes stop early, and take
-    /// most of the time.
+    /// If slow cases may stop repeating early (`most_case_seconds`), this assumes two repetitions per case:
+    /// the cases of large scenes stop early, and take most of the time.
     double steps_of_case(const Study& study, const StudyScene& item) const override {
         const bool cuts = std::isfinite(most_case_seconds_);
         return double(item.steps) * (cuts ? std::min(study.repetitions, 2) : study.repetitions);
@@ -52,8 +52,8 @@ protected:
         if (const auto seconds = study.find("sustained_seconds"))
             sustained_seconds_ = seconds->number(0, 3600);
     }
-    /// The batch for a scene. A scene with edits always makes all of its steps, since edits belong to certain
-    /// steps.
+    /// The batch for a scene. To stay within `most_particle_steps` it may have fewer steps than the item
+    /// says, unless the scene has edits, which belong to certain steps.
     Batch batch_of(const Study& study, const StudyScene& item, const Scene& scene) const {
         const auto most = most_particle_steps_ / std::int64_t(scene.problem.particle_count());
         const bool fewer = scene.edits.empty() && most < item.steps;
