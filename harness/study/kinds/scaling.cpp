@@ -1,4 +1,4 @@
-// The kind of study `scaling`: a scene stepped by several ranks, each with a part of it.
+// The kind of study `scaling`: a scene stepped by several ranks, each of which steps a part of the scene.
 #include <fmt/format.h>
 #include <omp.h>
 
@@ -36,8 +36,8 @@ namespace {
 
 // --- In the process of a case ---------------------------------------------------------------------------
 
-/// Whether the backend takes any number of threads on the processor. For a card, the option `threads` means
-/// something else, and has a list of values.
+/// Whether the backend takes any number of threads on the processor. Backends on a card may have an option
+/// `threads` with another meaning, which has a list of values.
 bool has_host_threads(const BackendSpec& spec) {
     const auto found = spec.entry->tuning.find("threads");
     return found != spec.entry->tuning.end() && found->second.empty();
@@ -85,7 +85,7 @@ void take_times(const std::vector<RankReport>& reports, int steps, ScalingRow& r
         totals.push_back(longest);
     }
     row.noisy = reasons_of_noise({.seconds = totals});
-    // If two times are in the middle, we take the larger one: their mean would belong to no batch.
+    // If two times are in the middle, the larger one counts, since their mean would be the time of no batch.
     std::vector<double> sorted = totals;
     std::sort(sorted.begin(), sorted.end());
     const double middle = sorted[sorted.size() / 2];
@@ -103,8 +103,8 @@ void take_times(const std::vector<RankReport>& reports, int steps, ScalingRow& r
     row.waiting_seconds = busiest.waiting / steps;
 }
 
-/// Adds the observations of each rank's card to `row`. If ranks are separate processes, other ranks on the
-/// same card do not count as other users.
+/// Adds to `row` the clocks and other users of each rank's card. If ranks are separate processes, other ranks
+/// on the same card do not count as other users.
 void take_cards(const std::vector<RankReport>& reports, bool processes, ScalingRow& row) {
     for (const RankReport& report : reports) {
         Observed seen{.card_mhz = report.card_mhz, .other_users = report.other_users};
@@ -143,23 +143,24 @@ int ranks_of_a_device(const std::vector<RankReport>& reports) {
     return most;
 }
 
-/// The ways in which ranks exchange their borders.
+/// The ways in which ranks exchange their borders (RankPlan::way), and "mpi".
 const std::vector<std::string> known_ways = {
     "memory", "mpi", "peer", "peer_overlap", "stores", "stores_overlap", "nccl", "nccl_overlap"};
 
-/// The ways to cut a scene into subdomains (Decomposition). `slabs` cut across the longest axis, `layers`
-/// always across z: every backend stores the particles of a layer side by side.
+/// The ways to cut a scene into subdomains (Decomposition). `slabs` cut across the longest axis; `layers`
+/// always cut across z, since every backend stores the particles of one layer side by side; `bricks` cut
+/// along several axes.
 const std::vector<std::string> known_cuts = {"slabs", "layers", "bricks"};
 
 /// A cut as text: "2x2x1".
 std::string text_of(glm::ivec3 cut) { return fmt::format("{}x{}x{}", cut.x, cut.y, cut.z); }
 
-/// The key of a scene in a study file for the number of layers in each part of a Sample. Without this key the
-/// whole body is verified.
+/// The key of a scene in a study file for the number of layers in each brick of a Sample, the particles that
+/// are verified. Without this key the whole body is verified.
 constexpr const char* sample_key = "sample_layers";
 constexpr int max_sample_layers = 1024;
 
-/// The key of a study and of a scene in a study file for the ways to measure.
+/// The key of a study, and of a scene in a study file, for the ways of exchanging borders to measure.
 constexpr const char* ways_key = "ways";
 
 class ScalingStudy final : public StudyKind {
@@ -185,7 +186,7 @@ public:
         const int layers = item.settings.at(sample_key);
         if (const std::string why = Sample::refusal(scene, layers); !why.empty())
             throw BadInput("study " + study.name, std::string(sample_key) + " of " + scene.name,
-                           std::to_string(layers), "a possible number of layers to verify: " + why);
+                           std::to_string(layers), "a number of layers that can be verified: " + why);
     }
     bool takes(const Capabilities& capabilities) const override {
         return capabilities.has_borders || !capabilities.border_ways.empty();
@@ -246,7 +247,7 @@ private:
     int begun_ = 0;
 };
 
-/// The study's largest number of ranks that is not above `limit`, which the command line sets.
+/// The study's largest number of ranks that is not above `limit`.
 int ScalingStudy::most_ranks(const Study& study, int limit) const {
     int most = 1;
     for (const StudyScene& item : study.scenes) {
@@ -257,8 +258,8 @@ int ScalingStudy::most_ranks(const Study& study, int limit) const {
     return most;
 }
 
-/// The cuts for a number of ranks, each once. Decomposition::bricks() returns the slabs if bricks would not
-/// send less; then there are no bricks.
+/// The cuts for a number of ranks, each once. Decomposition::bricks() returns slabs if bricks would not send
+/// less; these slabs are left out here.
 std::vector<glm::ivec3> ScalingStudy::cuts_for(const Problem& problem, int ranks) const {
     const glm::ivec3 slabs = Decomposition::slabs(problem, ranks);
     if (ranks == 1) return {slabs};
@@ -280,7 +281,8 @@ void ScalingStudy::find_cuts(const StudyBench& bench) {
     }
 }
 
-/// The ways to exchange borders that both study and backend have. Those between threads need one host.
+/// The ways to exchange borders that both the study and the backend have. The ways between threads require
+/// that all ranks are on one host.
 std::vector<std::string> ScalingStudy::ways_of(int ranks, const StudyBench& bench,
                                                const Capabilities& capabilities) const {
     if (ranks == 1) return {"none"};
@@ -303,12 +305,12 @@ struct Found {
     State state = {};  ///< of the size of room_for_state()
 };
 
-/// The reference for the whole body, or for one part of a Sample.
+/// The reference for the whole body, or for one brick of a Sample.
 struct Judgement {
     Problem problem;  ///< after all edits
     State start;
     std::vector<std::uint32_t> particle;  ///< indices in the scene, ascending; empty: the whole body
-    std::vector<std::uint32_t> place;     ///< places of `particle` in the state that ranks leave
+    std::vector<std::uint32_t> place;     ///< indices of `particle` in the state that ranks leave
     std::string reference;                ///< name of the reference
     std::optional<ReferenceSolution> solution = {};  ///< for `problem`
 };
@@ -321,8 +323,8 @@ public:
         if (settings.contains(sample_key)) sampled_ = Sample::bricks(bench.scene(), settings.at(sample_key));
     }
 
-    /// Measures one row, with the subdomains of `cut`, in a separate process: a rank that hangs ends with it,
-    /// before the next row.
+    /// Measures one row, with the subdomains of `cut`, in a separate process: a rank that hangs ends with
+    /// that process, before the next row is measured.
     void measure(glm::ivec3 cut, const std::string& way);
 
 private:
@@ -364,7 +366,7 @@ void RankedCase::make_judgements() {
         whole.reference = References::name_of_backend(scene, steps);
         whole.solution.emplace(ReferenceSolution{
             whole.problem, steps, bench_.references().after(scene, steps), {}, whole.start});
-        whole.solution->refined.reason = "the study does not ask for it";
+        whole.solution->refined.reason = "the study does not ask for the converged solution";
         add_spreads(bench_, scene, {spec_}, *whole.solution);
         return;
     }
@@ -400,7 +402,7 @@ ScalingRow RankedCase::row_from(const std::vector<RankReport>& reports, const st
     take_sizes(reports, row);
     take_times(reports, bench_.item().steps, row);
     take_cards(reports, way == "mpi", row);
-    // With MPI each rank has one more busy process, which carries the worker's messages.
+    // With MPI each rank has one more busy process, which passes on the messages of the rank's worker.
     const int stepping = has_host_threads(spec_) ? std::stoi(spec_.options.tuning.at("threads")) : 1;
     const int busy = stepping + (way == "mpi" ? 1 : 0);
     const int here = way == "mpi" ? std::min(row.ranks, bench_.options().mpi->ranks_here()) : row.ranks;
@@ -451,7 +453,7 @@ Found RankedCase::run_by_mpi(Case& entered, const RankTask& task, const SharedMe
 }
 
 /// Judges `found` and returns the journal's entry: the row and the hash of the state. Throws if the state is
-/// wrong, or if `keeps_bits` and its bits are not those of one rank.
+/// wrong, or if `keeps_bits` is set and the bits of the state are not those that one rank left.
 nlohmann::json RankedCase::judged(const Found& found, const RankPlan& plan, const std::string& way,
                                   bool keeps_bits) {
     if (const std::string reason = different_devices(found.reports); !reason.empty())
@@ -476,7 +478,7 @@ nlohmann::json RankedCase::judged(const Found& found, const RankPlan& plan, cons
     const std::string bits = fingerprint_of(found.state);
     if (!bits_of_one_.empty()) row.same_bits = bits == bits_of_one_;
     if (row.same_bits == false && keeps_bits)
-        throw std::runtime_error("its state has other bits than that of one rank");
+        throw std::runtime_error("its state has other bits than the state that one rank leaves");
     return {{"row", json_of(row)}, {"bits", bits}};
 }
 
@@ -538,8 +540,8 @@ void RankedCase::measure(glm::ivec3 cut, const std::string& way) {
     bench_.add("scaling", kept->at("row"));
 }
 
-/// Reports as skipped the ways that are not in `ways`. To be called for a backend that exchanges borders
-/// within its steps, and so has only `ways`.
+/// Reports as skipped the study's ways that are not in `ways`. For a backend that exchanges borders within
+/// its steps, and therefore has no ways but `ways`.
 void ScalingStudy::skip_other_ways(StudyBench& bench, const BackendSpec& spec, int ranks,
                                    const std::vector<std::string>& ways) const {
     std::vector<std::string> others = known_ways_of(bench.item());

@@ -63,8 +63,8 @@ constexpr std::array map_dampings = {0.0, 1e-4, 3e-4, 1e-3, 3e-3, 0.01, 0.03, 0.
 constexpr std::array map_fractions = {0.3, 0.4, 0.5, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9, 1.0, 1.1};
 constexpr double map_amplitude = 0.3;
 constexpr int map_steps = 2000;
-/// A map says `heating` if the energy in the end exceeds this multiple of the energy of the start. In bounded
-/// runs, rounding and the error of the time step stay below it.
+/// A map says `heating` if the final energy exceeds this multiple of the energy at the start. In bounded runs
+/// rounding and the error of the time step add less.
 constexpr double heating = 1.1;
 
 double shortest_spacing(const Problem& problem) {
@@ -82,8 +82,8 @@ void pin_surface(Problem& problem) {
 }
 
 /// Sets loads that keep the particles in equilibrium at `displacement`. Sets none if the particles are in
-/// equilibrium without loads. Between springs of different stiffness, or with sutures, a stretched body would
-/// leave that state at once.
+/// equilibrium without loads. Where springs of different stiffness meet, or with sutures, a stretched body
+/// without loads would leave that state at once.
 void balance(Problem& problem, const std::vector<glm::dvec3>& displacement) {
     const std::vector<Spring> springs = list_springs(problem);
     const std::vector<RestSpring> rest = list_rest_springs(problem);
@@ -158,7 +158,7 @@ struct Search {
             problem.time_step = fraction * theory;
             return farthest(run_from(state, problem, backend, steps)) <= max_growth * amplitude;
         };
-        // Theory is the expected result for small starts, and an upper bound for large ones.
+        // Theory gives the expected result for small starts, and an upper bound for large ones.
         const double resolution = exact ? 2e-4 : 4e-3;
         double low = exact ? 0.99 : 0.6, high = exact ? 1.01 : 1.02;
         while (low > 0.01 && !bounded(low)) {
@@ -199,7 +199,7 @@ std::vector<Search> planned_searches(const Scene& scene) {
 Rows rows_of_search(const BackendSpec& spec, Backend& backend, const std::string& scene, Search& search) {
     if (const std::string why = backend.unsupported(search.problem); !why.empty()) {
         Row skipped = row_of(scene, spec);
-        skipped.reason = "a stretched start: " + why;
+        skipped.reason = "from a stretched start: " + why;
         return {{"skipped", {to_json(skipped)}}};
     }
     const double measured = search.measured_limit(backend);
@@ -243,7 +243,8 @@ void print_map(const nlohmann::json& map, std::ostream& out) {
 /// Prints one line per scene, start and damping, with the least and the greatest result of the cases. Then
 /// prints each map, which tells for each damping and time step whether the run is bounded, heats or diverges.
 void print_stability(const Result& result, std::ostream& out, TableWidth width) {
-    // One line per scene, start and damping, since the results of the cases differ by a few 1e-4 only.
+    // There is one line per scene, start and damping, since the results of the cases differ by a few 1e-4
+    // only.
     using Key = std::array<std::string, 4>;
     std::vector<Key> lines;
     std::map<Key, std::vector<StabilityRow>> rows;
@@ -315,7 +316,7 @@ public:
             std::optional<Case> entered =
                 bench.enter(spec, {"stability", {{"limits", limits}, {"map", map}}}, {.at_once = true});
             if (entered && empty) {
-                bench.refuse(spec, "nothing oscillates, or how fast is not known");
+                bench.refuse(spec, "nothing oscillates, or the frequency is not known");
                 entered.reset();
             }
             if (entered) map = false;

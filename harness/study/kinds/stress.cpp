@@ -35,7 +35,7 @@ struct StressRow : Row {
     std::string measurement = {}, unit = {}, detail = {};
     int steps = 0;
     std::optional<double> measured = {};   ///< empty: not finite
-    std::optional<double> threshold = {};  ///< empty: only recorded
+    std::optional<double> threshold = {};  ///< empty: the figure is only recorded
     std::string threshold_is = {};         ///< "at most" or "at least"
     bool passed = false;
 
@@ -123,15 +123,16 @@ private:
         return std::array{full, brief, shortest}[std::size_t(lengths_)];
     }
 
-    /// A threshold for rounding, set for float32: float64 stays far below it. Other formulations have none.
+    /// The threshold for rounding errors in the formulations `increment` and `compensated`. It is set for
+    /// float32, and float64 stays far below it. In other formulations there is none.
     Threshold rounding_threshold(double increment, double compensated) const {
         if (spec_.options.formulation == Formulation::increment) return at_most(increment);
         if (spec_.options.formulation == Formulation::compensated) return at_most(compensated);
         return {};
     }
 
-    /// The threshold of a bitwise comparison: no difference. There is no threshold if atomics add in any
-    /// order, since equal runs then differ.
+    /// The threshold of a bitwise comparison: no difference. There is no threshold if the backend adds forces
+    /// in any order, by atomics, since then runs differ anyway.
     Threshold same_bits_threshold() const {
         return backend_.capabilities().deterministic ? at_most(0) : Threshold{};
     }
@@ -238,7 +239,8 @@ private:
         for (const double damping : {0.0, 0.01, 0.1}) {
             Problem problem = cube(side, 0.5);
             problem.damping = damping;
-            // The paper's formula drifts, since fl(2 - lambda) - fl(1 - lambda) is not 1.
+            // A body at rest drifts by the formulation `paper`, since fl(2 - lambda) - fl(1 - lambda) is not
+            // 1 there.
             const bool drifts = spec_.options.formulation == Formulation::paper && damping > 0;
             record({1, "rest", box_name(side), "spacings", steps, drifts ? Threshold{} : at_most(0),
                     "damping " + short_text(damping)},
@@ -317,8 +319,8 @@ private:
         coincident.displacement[middle] = {1, 0, 0};
         swapped.displacement[middle] = {1, 0, 0};
         swapped.displacement[middle + 1] = {-1, 0, 0};
-        // Positions are rounded to 5e-7 here, and the error stays of that size. `paper` has its bias in
-        // addition.
+        // Float32 positions are multiples of 5e-7 here, and the error stays of that size. `paper` has a bias
+        // in addition.
         const Formulation formulation = spec_.options.formulation;
         const Threshold threshold = at_most(formulation == Formulation::paper ? 1e-2
                                             : on_positions(formulation)       ? 1e-5
@@ -438,7 +440,7 @@ private:
         record({9, "damped heart", heart, "relative", steps,
                 rounding_threshold(5e-6, by_length(3e-7, 1.5e-6, 3e-7))},
                damped, [&] { return error(heart, damped, steps); });
-        // At full length this reaches the time of 100 steps at half the limit.
+        // At full length this run ends at the time of 100 steps at half the limit.
         const int refined_side = by_length(32, 16, 8), refined_steps = by_length(3200, 1600, 400);
         const Problem refined = sagging_cube(refined_side, 1.0 / 64);
         const std::string name = box_name(refined_side) + " at 1/64 of the limit";
@@ -447,8 +449,8 @@ private:
                refined, [&] { return error(name, refined, refined_steps); });
     }
 
-    /// Measures the error of the state at rest, which in exact arithmetic does not depend on the time step.
-    /// The damping per unit of time is the same for all time steps.
+    /// Measures the error of the state in which a loaded body comes to rest. In exact arithmetic that state
+    /// does not depend on the time step. The damping per unit of time is the same for all time steps.
     void equilibrium() {
         const int side = by_length(32, 16, 8);
         const double rate = 2.2 / side;  // damping rate near the critical one of the slowest mode
@@ -522,9 +524,9 @@ void run_stress(const BackendSpec& spec, Backend& backend, StressLengths lengths
 
 namespace {
 
-/// Prints one line per measurement, scene and backend, with the figures of all formulations.
+/// Prints one line per measurement, scene, backend and precision, with the figures of all formulations, and
+/// "!" after those outside their threshold.
 void print_stress(const Result& result, std::ostream& out, TableWidth width) {
-    // A line has the figures of all formulations, with "!" after those outside their threshold.
     std::vector<std::vector<std::string>> lines;
     std::map<std::vector<std::string>, std::map<std::string, std::string>> figures;
     for (const StressRow& row : result.rows<StressRow>("stress")) {
@@ -587,14 +589,14 @@ public:
         (void)item.require("lengths", "full, brief or shortest").one_of(names);
         return "stress";
     }
-    /// The suite makes the scenes that it runs. This placeholder is a scene that every backend takes.
+    /// The suite makes the scenes that it runs. The study needs some scene: this one every backend takes.
     std::shared_ptr<const Scene> own_scene(const StudyScene& item) const override {
         Scene scene = load_scene("box@2");
         scene.name = item.scene;
         return std::make_shared<const Scene>(std::move(scene));
     }
     int rows_of_case(const Study&, const StudyScene&) const override { return 30; }
-    /// References that the first case computes are passed on to the next ones.
+    /// The references that the first case computes are passed on to the later ones.
     void run(StudyBench& bench) override {
         const std::string lengths = bench.item().settings.at("lengths");
         measure_suites(

@@ -30,9 +30,9 @@
 namespace voxspring {
 namespace {
 
-/// A lattice counts as at rest when its deflection changes by at most this fraction from look to look, twice
-/// in succession. Once would not do: at large strain the lattice swings a little, and turns back. The
-/// remaining error is about a seventh of this.
+/// A lattice counts as at rest when its deflection changes by at most this fraction between two checks, twice
+/// in succession. Once would not do: at large strain the lattice swings a little, and hardly moves where it
+/// turns back. The remaining error is about a sixth of this.
 constexpr double rest_change = 3e-5;
 constexpr int most_looks = 60;
 /// A measured order of convergence may be below the claimed one by this much. Claims are for 4 to 12 voxels
@@ -175,8 +175,8 @@ TruthLattice truth_lattice(const TruthCase& of, double load, int across, bool co
         for (std::size_t n = 0; n < lattice.end.size(); ++n)
             problem.load[lattice.end[n]] = load * wanted / area * lattice.pattern[n];
     }
-    // The damping is critical for the slowest motion. On coarse lattices it lowers the stable time step,
-    // which is therefore computed again.
+    // The damping is critical for the slowest motion. On coarse lattices this damping lowers the stable time
+    // step, which is therefore computed once more.
     const double g = of.slowest * TruthLattice::fraction_of_stable * stable_time_step(problem);
     problem.damping = 2 * g / (1 + g);
     problem.time_step = TruthLattice::fraction_of_stable * stable_time_step(problem);
@@ -229,13 +229,14 @@ std::vector<std::string> judge_truth(std::vector<TruthRow>& rows) {
                          std::log(double(row->across) / coarsest.across);
         }
         TruthRow& finest = *sequence.back();
-        // Errors below `floor` do not count: the finite elements and the test for rest are no more accurate.
+        // Errors below `floor` do not count: neither the finite elements nor the test for rest is more
+        // accurate.
         const double floor = 3 * finest.continuum_error + rest_change;
         if (finest.order && finest.claimed_order && finest.model_error > floor &&
             *finest.order < *finest.claimed_order - order_tolerance)
-            reasons[std::size_t(&finest - rows.data())] =
-                fmt::format("converges with order {:.2f}, not {:.2f}, to the continuum: {}, {} strain",
-                            *finest.order, *finest.claimed_order, finest.particles_at, finest.strain);
+            reasons[std::size_t(&finest - rows.data())] = fmt::format(
+                "converges to the continuum with order {:.2f}, not {:.2f}: particles at {}, {} strain",
+                *finest.order, *finest.claimed_order, finest.particles_at, finest.strain);
     }
     return reasons;
 }
@@ -244,7 +245,7 @@ const TruthRow* fastest_truth(const std::vector<TruthRow>& rows, const std::stri
     const TruthRow* best = nullptr;
     for (const TruthRow& row : rows) {
         if (row.identity.scene != name || row.strain != "small" || row.model_error > error) continue;
-        if (!row.claimed_order) continue;  // without a claim the error may be small by chance
+        if (!row.claimed_order) continue;  // without a claimed order the error may be small by chance
         if (best == nullptr || row.seconds < best->seconds) best = &row;
     }
     return best;
@@ -282,8 +283,9 @@ void print_truth(const Result& result, std::ostream& out, TableWidth width) {
         for (const TruthRow& row : rows) {
             if (row.identity.scene != one.name || !row.neo_hookean) continue;
             out << fmt::format(
-                "{} at large strain, compared with springs of any pitch: neo-Hookean material with the "
-                "same E and nu moves {:+.1f}%, St. Venant-Kirchhoff material {:+.1f}%\n",
+                "{} at large strain: with the same E and nu, the deflection of a neo-Hookean material "
+                "differs by {:+.1f}% from that of springs as their pitch goes to 0, and the deflection of a "
+                "St. Venant-Kirchhoff material by {:+.1f}%\n",
                 one.name, 100 * *row.neo_hookean, 100 * *row.st_venant_kirchhoff);
             break;
         }
@@ -346,7 +348,7 @@ public:
         }
         return StudyKind::read_scene(item);
     }
-    /// The runner makes the lattices. This placeholder is a scene that every backend takes.
+    /// The runner makes the lattices. The study needs some scene: this one every backend takes.
     std::shared_ptr<const Scene> own_scene(const StudyScene& item) const override {
         Scene scene = load_scene("box@2");
         scene.name = truth_case(item.scene, "study").name;
@@ -357,7 +359,7 @@ public:
     }
     void run(StudyBench& bench) override {
         std::vector<TruthRow> rows;
-        // One case after another, since they are timed.
+        // One case runs after another, since their steps are timed.
         for (const BackendSpec& spec : bench.specs()) measure(bench, spec, rows);
         const std::vector<std::string> reasons = judge_truth(rows);
         for (std::size_t n = 0; n < rows.size(); ++n) {

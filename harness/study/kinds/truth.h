@@ -1,4 +1,4 @@
-// How far a lattice of springs at rest is from the continuum that it stands for.
+// How far a loaded lattice of springs, once at rest, is from the continuum that it stands for.
 #pragma once
 
 #include <cstdint>
@@ -17,7 +17,7 @@ namespace voxspring {
 /// length is the width of the body, the unit of stress its Young's modulus. results/continuum.py solves the
 /// same cases by finite elements.
 struct TruthCase {
-    std::string name;  ///< "tension", "torsion", "cantilever", "cube", "ball"
+    std::string name;  ///< "tension", "torsion", "cantilever", "cube" or "ball"
     /// Height of the bar, whose section is a square of width 1, or of the ball between its planes.
     double height = 1;
     /// Whether the body is a ball of diameter 1, cut off by two planes `height` apart; otherwise a bar.
@@ -26,8 +26,9 @@ struct TruthCase {
     char pattern = 'z';  ///< the load's direction: 'x', 'z', or 't' for a turn about the axis, (-y, x, 0)
     /// Approximate angular frequency of the slowest motion, for E = density = 1.
     double slowest = 1;
-    /// The claimed order of convergence, for small and large strain, with particles at corners and with
-    /// particles at centres. Empty: errors of different signs cancel at some pitch, so that none is claimed.
+    /// The order of convergence that the study claims, and that judge_truth() demands, for small and large
+    /// strain: with particles at the corners of voxels, and at the centres. Empty: no order is claimed, since
+    /// errors of different signs cancel at some pitch.
     std::optional<double> order_at_corners = 2, order_at_centres = 1;
 };
 const std::vector<TruthCase>& truth_cases();
@@ -38,9 +39,9 @@ const TruthCase& truth_case(const std::string& name, const std::string& where);
 struct ContinuumAnswer {
     double load = 0;        ///< strength of the weight or traction
     double deflection = 0;  ///< deflection of the material that the lattice becomes as its pitch goes to 0
-    double error = 0;       ///< relative error of `deflection`, estimated by a coarser mesh
-    /// Deflections of other laws with the same E and nu, relative to `deflection`, minus 1. Only for large
-    /// strain.
+    double error = 0;       ///< relative error of `deflection`, estimated from a coarser mesh
+    /// Deflections by other material laws with the same E and nu, relative to `deflection`, minus 1. Only for
+    /// large strain.
     std::optional<double> neo_hookean, st_venant_kirchhoff;
 };
 /// `strain` is "small" or "large".
@@ -53,10 +54,10 @@ struct TruthLattice {
     std::vector<glm::dvec3> pattern;  ///< for each particle of `end`: area times the load's pattern
     double size = 0;                  ///< the sum of area times the square of the pattern
     static constexpr double fraction_of_stable = 0.8;  ///< time step over the stable one
-    /// Number of steps in which the distance from rest shrinks sevenfold.
+    /// Number of steps between two checks for rest. In these steps the distance from rest shrinks sevenfold.
     int steps_between_looks = 0;
 
-    /// Mean displacement of the highest side along the pattern, weighted by area and pattern.
+    /// Mean displacement of the highest side along the load's pattern, weighted by area and pattern.
     double deflection(const State& state) const;
 };
 /// `across` is the number of voxels in a width. Particles are at the corners of voxels if `corners`,
@@ -67,13 +68,14 @@ struct RestAnswer {
     double deflection = 0, seconds = 0;
     int steps = 0;
 };
-/// Steps the lattice until it is at rest. Throws std::runtime_error if it does not come to rest.
+/// Steps the lattice until it is at rest, and returns its deflection, the time of all steps and their number.
+/// Throws std::runtime_error if it does not come to rest.
 RestAnswer come_to_rest(Backend& backend, const TruthLattice& lattice);
 
 /// A row of the list `truth`.
 struct TruthRow : Row {
     std::string particles_at = {}, strain = {};  ///< "corners" or "centres"; "small" or "large"
-    int across = 0;                              ///< voxels in a width
+    int across = 0;                              ///< number of voxels in a width
     double time_step_fraction = 0;               ///< of the stable time step
     double deflection = 0, continuum = 0, continuum_error = 0;
     double model_error = 0;  ///< |deflection / continuum - 1|
@@ -102,12 +104,12 @@ struct TruthRow : Row {
     }
 };
 
-/// Fills in orders and rounding errors of one scene's rows. Returns a text per row. It says why the row
-/// fails, if the row has the finest pitch and its order is below the claimed one; otherwise it is empty.
+/// Fills in the orders and rounding errors of one scene's rows. Returns a text per row: why the row fails, or
+/// empty. A row fails if it has the finest pitch and its order is below the claimed one.
 std::vector<std::string> judge_truth(std::vector<TruthRow>& rows);
 
-/// The fastest row of a case that claims an order, and whose small-strain error, model and rounding together,
-/// is at most `error`; null if there is none.
+/// The fastest row at small strain of the case `name` whose `model_error`, rounding included, is at most
+/// `error`. Rows without a claimed order do not count. Null if there is none.
 const TruthRow* fastest_truth(const std::vector<TruthRow>& rows, const std::string& name, double error);
 
 }  // namespace voxspring
