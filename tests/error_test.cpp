@@ -188,7 +188,7 @@ TEST(Chaos, IsFoundWhereRoundingNearsTheMotion) {
     // not finite.
     state.displacement[3].x += 0.1;
     EXPECT_TRUE(judge(wild, state, spec).passed());
-    EXPECT_THAT(judge(wild, state_at_rest(scene.problem), spec).reason, HasSubstr("chaotic, and its"));
+    EXPECT_THAT(judge(wild, state_at_rest(scene.problem), spec).reason, HasSubstr("chaotic, and the"));
     State faster = state;
     for (glm::dvec3& v : faster.increment) v *= 3;
     EXPECT_THAT(judge(wild, faster, spec).reason, HasSubstr("kinetic energy"));

@@ -44,7 +44,7 @@ public:
     const State& start() const { return scene_->state; }
 
     /// Times one repetition. `run` makes all steps, waits for them, and returns the seconds that the device's
-    /// own clock measured; empty: the host's clock is used.
+    /// own clock measured. If it returns nothing, the host's clock counts.
     void repeat(const std::function<std::optional<double>()>& run);
     /// Judges the state that the latest repetition left, unless an earlier one was wrong.
     void judge_state(const State& left);
@@ -62,7 +62,7 @@ private:
     ReferenceSolution solve(const Scene& scene);
 
     const std::shared_ptr<const Scene> scene_;
-    const int steps_, asked_;  ///< steps per repetition; number of repetitions
+    const int steps_, asked_;  ///< steps per repetition, and number of repetitions
     const Kernel kernel_;
     BackendEntry entry_;
     BackendSpec spec_;
@@ -74,7 +74,8 @@ private:
 
     std::vector<Repetition> repetitions_;
     Observed observed_;
-    std::optional<Row> judged_;  ///< errors and verdict of the first wrong state, or else of the last one
+    /// Errors and verdict of the first wrong state; if none is wrong, of the last state.
+    std::optional<Row> judged_;
 };
 
 /// A row that judges `left`, the state after a run. `own_share`: strained_share() of the scene's start.

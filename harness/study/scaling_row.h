@@ -16,7 +16,7 @@ namespace voxspring {
 struct ScalingRow : Row {
     /// Rows of one family are compared: those of one scene, or of scenes that grow with the ranks.
     std::string family = {};
-    std::string scaling = {};  ///< "strong", "weak"
+    std::string scaling = {};  ///< "strong": one scene; "weak": scenes that grow with the ranks
     int ranks = 1;
     std::string cut = {};  ///< how many parts along x, y and z: "1x1x2"
     std::string way = {};  ///< how borders are exchanged: "none", or one of known_ways
@@ -71,8 +71,8 @@ std::vector<ScalingRow> scaling_rows_of(JsonObject result, const std::string& sc
 /// Prints which scenes were verified by a sample only.
 void print_samples(const std::vector<ScalingRow>& rows, std::ostream& out);
 
-/// Prints, for each backend and each scene of fixed size, the fastest number of ranks and the fastest way,
-/// and whether more than one rank pays.
+/// Prints, for each backend and each scene of fixed size, which number of several ranks, cut and way of
+/// exchange is the fastest, and whether it is faster than one rank.
 void print_what_pays(const std::vector<ScalingRow>& rows, std::ostream& out);
 
 }  // namespace voxspring

@@ -23,9 +23,9 @@ struct StudyScene {
     /// Number of steps per batch. Errors are measured after one batch, unless the kind of study says
     /// otherwise.
     int steps = 0;
-    std::vector<std::string> backends;             ///< backend patterns; empty: those of the study
-    std::vector<std::string> only = {};            ///< globs of --backend for this scene (select_backends())
-    std::shared_ptr<const Scene> built = nullptr;  ///< a scene in memory, instead of load_scene(scene)
+    std::vector<std::string> backends;                   ///< backend patterns; empty: those of the study
+    std::vector<std::string> only = {};                  ///< the globs of --backend that apply to this scene
+    std::shared_ptr<const Scene> built = nullptr;        ///< a scene in memory, instead of load_scene(scene)
     nlohmann::json settings = nlohmann::json::object();  ///< the kind's own keys in the study file
 
     /// The key of a setting: whether steps begin at strained_start() (random displacements that strain every
@@ -78,8 +78,8 @@ struct StudyOptions {
     /// For a scaling study: the processes that mpirun started, of which this one is rank 0. Null without
     /// mpirun.
     MpiRanks* mpi = nullptr;
-    /// The largest number of cases whose processes exist at the same time and are measured in turns. Each
-    /// process with a context on a GPU makes the next one start more slowly.
+    /// The largest number of cases (a backend on a scene) whose processes exist at the same time and are
+    /// measured in turns. Each process with a context on a GPU makes the next one start more slowly.
     int together = 32;
     /// The largest number of cases that do untimed work at the same time: construct a backend, compile, run a
     /// suite (suite.h). Empty: one per two processors.

@@ -35,7 +35,8 @@ std::string other_card(const nlohmann::json& backends, const std::string& uuid) 
     for (const auto& [name, backend] : backends.items()) {
         const std::string card = capabilities_of(backend).uuid;
         if (uuid.empty() || card.empty() || card == uuid) continue;
-        return "is on " + uuid + ", " + name + " on " + card + ": a study compares backends on one card only";
+        return "is on card " + uuid + ", but " + name + " on card " + card +
+               ": a study compares backends on one card only";
     }
     return {};
 }

@@ -41,7 +41,7 @@ void at_once(std::size_t count, std::size_t most, Begin begin, Finish finish) {
     }
 }
 
-/// How a case is made ready.
+/// How a case, one backend on one scene, is made ready to be measured.
 struct EnterOptions {
     bool limits = false;  ///< also measure the limits of the case's device, once per device
     /// Construct several cases at once, side_by_side() of them. For studies that do not report the time of
@@ -122,8 +122,8 @@ public:
         limits_.improve_launch(capabilities, seconds);
     }
     const Card* card() const { return card_.get(); }  ///< null: there is no card, or it cannot be watched
-    /// Shows what is being done, and how many of the scene's measurements are done. `total` counts those of
-    /// expected_cases().
+    /// Shows what is being done, and how many of the scene's measurements are done. `total` is the number of
+    /// measurements of all expected_cases().
     void show(const std::string& what, int done, int total) { progress_.show(what, done, total); }
 
     /// Writes the devices of all scenes so far, and their limits, to `context.voxspring` of the result.

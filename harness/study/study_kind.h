@@ -36,12 +36,12 @@ public:
     /// kind. Later these keys are in StudyScene::settings.
     virtual std::string scenes_key() const { return "scenes"; }
     virtual std::string read_scene(JsonObject& item) const { return item.require("scene").string(); }
-    /// The scene of an item, if the kind makes it; null if load_scene() is to load it.
+    /// The scene of an item of the study, if the kind makes the scene; null if load_scene() is to load it.
     virtual std::shared_ptr<const Scene> own_scene(const StudyScene&) const { return nullptr; }
 
     /// Throws BadInput, before anything is measured, if the scene cannot be studied by this kind.
     virtual void check(const Study&, const StudyScene&, const Scene&) const {}
-    /// Whether the kind measures backends with these capabilities, so that `auto` may choose one.
+    /// Whether the kind measures backends with these capabilities, so that `--backend auto` may choose one.
     virtual bool takes(const Capabilities&) const { return true; }
     /// The number of rows that a case adds to the result if it runs, as far as is known beforehand.
     virtual int rows_of_case(const Study&, const StudyScene&) const { return 1; }
@@ -53,7 +53,7 @@ public:
     /// Measures one scene and adds rows to the bench.
     virtual void run(StudyBench& bench) = 0;
 
-    /// Makes the kind's lists, with their types of rows, by Result::rows().
+    /// Makes the lists of the result that belong to the kind, with the types of their rows (Result::rows()).
     virtual void make_lists(Result&) const {}
     /// Adds what follows from all rows so far. Called whenever the result is written.
     virtual void summarise(Result&) const {}

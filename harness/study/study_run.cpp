@@ -140,10 +140,10 @@ void StudyScenes::check_name(const StudyScene& item, const Scene& scene) {
     const bool same = other.scene == item.scene && other.built == item.built;
     if (added || (same && other.is_strained() == item.is_strained())) return;
     if (same)
-        throw BadInput(
-            "study", std::string(StudyScene::strained_key) + " of " + scene.name,
-            item.is_strained() ? "true" : "false",
-            "the value of the study's other item of this scene: their rows could not be told apart");
+        throw BadInput("study", std::string(StudyScene::strained_key) + " of " + scene.name,
+                       item.is_strained() ? "true" : "false",
+                       "the value that the study's other item of this scene has: otherwise the rows of the "
+                       "two could not be told apart");
     if (fingerprint_of(*of(other)) == fingerprint_of(scene)) return;
     throw BadInput("study", "scene", item.scene,
                    "a scene with a name that no other has: " + other.scene + " is called " + scene.name +
@@ -163,7 +163,7 @@ void check_options(const StudyOptions& options) {
     check_count(options.repetitions, "repetitions");
     check_count(options.ranks, "ranks");
     for (const int device : options.devices)
-        check(device >= 0, "devices", std::to_string(device), "numbers of devices, from 0 on");
+        check(device >= 0, "devices", std::to_string(device), "numbers of devices, 0 or more");
     check(options.timeout.count() > 0, "timeout", fmt::format("{} s", options.timeout.count()),
           "more than 0 s");
 }
@@ -191,8 +191,8 @@ private:
     const StudyOptions& options_;
     const std::unique_ptr<StudyKind> kind_;
     StudyScenes scenes_;
-    std::map<std::string, std::string> too_large_;  ///< why a scene is too large; key: its name
-    std::map<std::string, double> particles_;  ///< particles of a scene that fits into memory; key: its name
+    std::map<std::string, std::string> too_large_;  ///< why a scene is too large; key: StudyScene::scene
+    std::map<std::string, double> particles_;       ///< those of a scene that fits into memory; same key
     Result result_;
     std::unique_ptr<Journal> journal_ = std::make_unique<Journal>();
     std::unique_ptr<Progress> progress_;
@@ -206,7 +206,7 @@ StudyRun::StudyRun(Study study, const StudyOptions& options)
       scenes_(*kind_, options.volume) {
     if (kind_->scenes_key() != "scenes" && !options.scenes.empty())
         throw BadInput("command line", "--scene", options.scenes.front(),
-                       "none: the suite has its own scenes");
+                       "no --scene: a study of this kind has its own scenes");
     const auto is_body = [](const StudyScene& item) { return is_body_file(item.scene); };
     if (options.volume.any() && std::none_of(study_.scenes.begin(), study_.scenes.end(), is_body))
         throw BadInput(

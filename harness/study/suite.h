@@ -26,7 +26,7 @@ public:
     nlohmann::json answer(Backend& backend, const nlohmann::json& question, const OnEvent& on_event) final;
 
 private:
-    /// `known` is the value of SuiteHooks::known in the study's process, and `on_event` sends events to
+    /// `known` is what SuiteHooks::known returned in the study's process, and `on_event` sends events to
     /// SuiteHooks::on_event there.
     virtual void run(Backend& backend, const nlohmann::json& known, const Once& once,
                      const OnEvent& on_event) = 0;

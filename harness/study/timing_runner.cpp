@@ -132,8 +132,8 @@ public:
     }
 
 private:
-    /// Downloads the state that has been reached into the shared memory. Returns the sizes of its lists.
-    /// Throws if the run diverged.
+    /// Downloads the backend's present state into the shared memory. Returns the sizes of its lists. Throws
+    /// if the run diverged.
     nlohmann::json read(Backend& backend, int steps) {
         const State state = backend.download();
         if (const auto divergence = find_divergence(backend, runner_, monitor_, state, steps))
@@ -141,8 +141,8 @@ private:
         return shared_.put(state);
     }
 
-    /// Uploads to a second backend of the same kind, which compiles kernels for the whole process. It must
-    /// not be the case's backend, whose first upload will be timed.
+    /// Uploads to a second backend of the same kind, which compiles kernels for the whole process. The case's
+    /// own backend must not be used for that, since its first upload will be timed.
     nlohmann::json compile() {
         const std::unique_ptr<Backend> other = spec_.make();
         SceneRunner(scene_).rewind(*other);
@@ -150,9 +150,9 @@ private:
         return nullptr;
     }
 
-    /// Uploads and makes steps, so that shaders are compiled and clocks are up before anything is timed. The
-    /// work is counted for the step after the batches, since right after an upload a backend does not know
-    /// yet which tiles rest.
+    /// Uploads and makes steps, so that shaders are compiled and the device's clocks are high before anything
+    /// is timed. The work is counted for the step after the batches, since right after an upload a backend
+    /// does not know yet which tiles rest.
     nlohmann::json warm_up(Backend& backend, int batches) {
         backend.monitor(monitor_);
         const auto begin = Clock::now();
@@ -206,7 +206,7 @@ private:
                                  {"host_seconds", timing.host_seconds}};
         if (plain_seconds) answer["plain_seconds"] = *plain_seconds;
         if (const auto waited_end = waited_seconds(); waited_begin && waited_end) {
-            // In a shorter batch the reading of these figures themselves would count as waiting.
+            // In a shorter batch the time for reading these figures would itself count as waiting.
             constexpr double shortest = 5e-3;
             const bool counts = timing.host_seconds >= shortest;
             answer["waiting"] = counts ? (*waited_end - *waited_begin) / timing.host_seconds : 0.0;
@@ -246,7 +246,7 @@ private:
         } catch (const DeviceError&) {
             throw;
         } catch (const std::runtime_error&) {
-            // The device's power is not known.
+            // The device does not report its power, so that only the time is measured.
             for (const auto begin = Clock::now(); batches == 0 || seconds_since(begin) < seconds;) batch();
         }
         answer["seconds_per_step"] = stepped / (double(batches) * batch_.steps);

@@ -41,7 +41,8 @@ struct Moved {
     }
 };
 
-/// For each octave of distances the sum of squared differences of displacement, and the number of pairs.
+/// For each octave of distances: the sum of squared differences of displacement, and the number of pairs of
+/// particles.
 struct Bands {
     static constexpr std::size_t most = 31;  // octaves of distances below 2^31
     std::array<double, most> squares{};

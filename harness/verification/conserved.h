@@ -77,9 +77,9 @@ StateSummary summary_of(const Problem& problem, const State& start, const State&
 ///
 /// | statistic | difference | size |
 /// | --- | --- | --- |
-/// | centre of mass | distance of the two | `moved` of the reference |
-/// | kinetic, spring energy | difference of the two | Energy::size() of the reference |
-/// | spectrum | Euclidean norm of the differences of bands | that norm of the reference's bands |
+/// | centre of mass | distance of the two centres | `moved` of the reference |
+/// | kinetic, spring energy | difference of the two energies | Energy::size() of the reference |
+/// | spectrum | Euclidean norm of the difference of the two | Euclidean norm of the reference's spectrum |
 Statistics statistics(const StateSummary& run, const StateSummary& reference);
 
 }  // namespace voxspring

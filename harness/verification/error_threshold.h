@@ -64,11 +64,12 @@ constexpr double max_statistics_share = 0.75;
 /// options ask for, in addition to rounding; the cap at a share of the motion applies to the sum. Infinite if
 /// rounding alone carries the scene so far that no bound would be meaningful.
 double gate(double spread, double motion, double admitted);
-/// mean_gate() is at least this share of the motion: a mean may be small by chance in the runs of a spread.
+/// mean_gate() is at least this share of the motion: by chance the error of a mean may be small in all the
+/// few runs by which a spread is measured.
 constexpr double min_share_of_mean = 0.02;
-/// The bound on the error of the mean displacement over all particles. Rounding errors cancel in a mean. So
-/// it shows a wrong gravity within a few steps of a large body, in which each particle moves by less than a
-/// float32 position resolves.
+/// The bound on the error of the mean displacement over all particles. Rounding errors cancel in a mean, so
+/// the mean shows a wrong gravity within a few steps of a large body, in which each particle moves by less
+/// than a float32 position resolves.
 double mean_gate(double spread, double motion, double admitted);
 /// Whether rounding carries the scene so far that no displacement can be judged.
 bool is_chaotic(const Spread& spread);

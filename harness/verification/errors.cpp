@@ -27,8 +27,9 @@ void judge_statistics(Comparison& comparison, const Spread& spread, const Statis
     for (std::size_t kind = 0; kind < found.size(); ++kind) {
         const double bound = statistic_gate(spread.statistic[kind], found[kind].size);
         if (found[kind].difference <= bound) continue;
-        comparison.reason = fmt::format("chaotic, and its {} is off by {:g}, tolerance {:g}",
-                                        to_string(Statistic::Kind(kind)), found[kind].difference, bound);
+        comparison.reason =
+            fmt::format("the scene is chaotic, and the {} of the state is off by {:g}, tolerance {:g}",
+                        to_string(Statistic::Kind(kind)), found[kind].difference, bound);
         return;
     }
 }

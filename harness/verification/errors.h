@@ -30,7 +30,8 @@ struct ReferenceSolution {
     // demand.
     mutable std::optional<Conserved> conserved = {};
     mutable std::optional<StateSummary> summary = {};
-    mutable std::map<double, double> strained_shares = {};  ///< results of strained_share(), by its bound
+    mutable std::map<double, double> strained_shares =
+        {};  ///< results of strained_share(), by the accepted error
 };
 /// The spread of the rounding model `model`; null if `solution` has none for this model.
 const Spread* spread_of(const ReferenceSolution& solution, const RoundingModel& model);
@@ -61,7 +62,7 @@ struct Errors {
     std::optional<double> total_relative_l2, total_max,
         total_uncertainty;                    ///< against the converged solution
     std::optional<std::string> total_reason;  ///< why the total errors are absent
-    std::optional<double> momentum, energy;   ///< how far both drift() from the reference
+    std::optional<double> momentum, energy;   ///< drift() from the reference
     bool chaotic = false;
     std::optional<double> spread;  ///< Spread::rms / motion_rms for the row's rounding model
 };

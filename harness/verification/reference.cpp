@@ -33,7 +33,7 @@ constexpr double max_plain_updates = 1e7;
 /// total error is computed.
 constexpr double max_refined_updates = 5e9;
 /// How many of the first steps of a run on all cores are checked against cpu_reference. Later steps may
-/// differ widely, because the two sum in different orders.
+/// differ widely, because the two backends sum in different orders.
 constexpr int max_checked_steps = 100;
 
 /// Whether the scene is too large for the cache and for the check against cpu_reference.
@@ -440,8 +440,9 @@ Refined References::refined(const Scene& scene, const Span& span, std::vector<in
         }
         std::swap(row, next);
         if (k + 1 < asked || row.size() < 3) continue;
-        // We compare with the row before. Neighbours within a row are close even without convergence, since
-        // their difference is the difference from the row before divided by up to 4^5 - 1.
+        // The best extrapolation is compared with that of the row before. Neighbours within a row are close
+        // even without convergence, since their difference is the difference from the row before divided by
+        // up to 4^5 - 1.
         const std::vector<glm::dvec3>& best = row.back();
         result.uncertainty = relative_difference(next.back(), best);
         result.finest = counts[k];

@@ -18,7 +18,8 @@
 
 namespace voxspring {
 
-/// Returns the scene with another time step and the same motion; a copy of `scene` if it has that step.
+/// Returns the scene with another time step and the same motion; a copy of `scene` if it already has that
+/// time step.
 ///
 /// The motion is defined as follows. With g = lambda / (2 - lambda), the integrator is exactly the
 /// second-order central difference of x'' + (2 g / dt) x' = f with f = (force / m + gravity) / (1 - lambda /
@@ -47,7 +48,7 @@ Scene in_steps(const Scene& scene, const Span& span, int steps);
 
 /// The limit of float64 runs as their time step goes to zero.
 struct Refined {
-    std::vector<glm::dvec3> displacement;  ///< empty if it did not converge
+    std::vector<glm::dvec3> displacement;  ///< empty if it is not known
     double uncertainty = 0;  ///< relative L2 difference between the previous extrapolation and `displacement`
     int finest = 0;          ///< number of steps of the finest run
     std::string reason;      ///< why `displacement` is empty

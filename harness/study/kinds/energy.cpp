@@ -143,7 +143,7 @@ public:
         State left;
         std::optional<ReferenceSolution> solution;  // computed when the first state is judged
         int done = 0;
-        // One case after another: a card that two processes hold draws more power while it idles.
+        // One case runs after another, since a card that two processes hold draws more power while it idles.
         for (const BackendSpec& spec : bench.specs()) {
             if (interrupted()) return;
             bench.show(spec.label(), done, bench.expected_cases());

@@ -381,7 +381,7 @@ private:
         backend.synchronize();
         if (!drawn) return;
         drawing_.emplace(shared_->context, backend, scene_.problem);
-        // The first picture is drawn before the first tick, since it makes the card allocate memory.
+        // The first picture makes the card allocate memory, so it is drawn before the first tick.
         while (drawing_->pictures() == 0) {
             drawing_->hand_over_if_due();
             std::this_thread::sleep_for(std::chrono::milliseconds(1));  // lets other threads run
@@ -596,7 +596,7 @@ void HapticStudy::run(StudyBench& bench) {
     bench.show("float64 reference", 0, 1);
     const std::array<Judgement, 2> judgements{Judgement(bench, false), Judgement(bench, true)};
     int done = 0;
-    // One case after another: nothing else may use the host or the device meanwhile.
+    // One case runs after another, since nothing else may use the host or the device meanwhile.
     for (const BackendSpec& spec : bench.specs()) {
         if (interrupted()) return;
         bench.show(spec.label(), done, bench.expected_cases());

@@ -31,7 +31,7 @@ constexpr int unhindered_one_by_one = 50;
 constexpr int unhindered_at_once = 500;
 
 struct OverheadRow : Row {
-    std::string handed_over = {};  ///< "one by one", "at once"
+    std::string handed_over = {};  ///< "one by one" or "at once"
 
     static void fields(auto& row, auto& of) { of.required("handed_over", row.handed_over); }
 };
@@ -132,7 +132,7 @@ public:
         SharedState shared(scene.problem.particle_count());
         State left;
         int done = 0;
-        // One case after another: nothing else may use the host or the device meanwhile.
+        // One case runs after another, since nothing else may use the host or the device meanwhile.
         for (const BackendSpec& spec : bench.specs()) {
             if (interrupted()) return;
             bench.show(spec.label(), done, bench.expected_cases());

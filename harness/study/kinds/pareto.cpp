@@ -301,8 +301,8 @@ private:
     double steps_at(double fraction, const StudyScene& item) const {
         return std::round(item.steps * (fractions_.front() / fraction));
     }
-    /// Adds the rows for all `counts` of steps to `rows_of`, by number of steps. Throws Interrupted; rows
-    /// added before are valid.
+    /// Measures with each number of steps in `counts`, and adds the rows to `rows_of` by that number. Throws
+    /// Interrupted; rows added before are valid.
     void measure(StudyBench& bench, const std::vector<int>& counts,
                  std::map<int, std::vector<ParetoRow>>& rows_of) const {
         const Scene& scene = bench.scene();

@@ -148,15 +148,15 @@ const std::vector<std::string> known_ways = {
     "memory", "mpi", "peer", "peer_overlap", "stores", "stores_overlap", "nccl", "nccl_overlap"};
 
 /// The ways to cut a scene into subdomains (Decomposition). `slabs` cut across the longest axis; `layers`
-/// always cut across z, since every backend stores the particles of one layer side by side; `bricks` cut
-/// along several axes.
+/// always cut across z, so that a border is contiguous in memory (every backend stores the particles of one
+/// layer side by side); `bricks` cut along several axes.
 const std::vector<std::string> known_cuts = {"slabs", "layers", "bricks"};
 
 /// A cut as text: "2x2x1".
 std::string text_of(glm::ivec3 cut) { return fmt::format("{}x{}x{}", cut.x, cut.y, cut.z); }
 
-/// The key of a scene in a study file for the number of layers in each brick of a Sample, the particles that
-/// are verified. Without this key the whole body is verified.
+/// The key of a scene in a study file for the thickness, in layers of voxels, of each brick of a Sample,
+/// which is the part of the body that is verified. Without this key the whole body is verified.
 constexpr const char* sample_key = "sample_layers";
 constexpr int max_sample_layers = 1024;
 

@@ -35,8 +35,8 @@ namespace {
 /// turns back. The remaining error is about a sixth of this.
 constexpr double rest_change = 3e-5;
 constexpr int most_looks = 60;
-/// A measured order of convergence may be below the claimed one by this much. Claims are for 4 to 12 voxels
-/// across; at other pitches the order differs by about a tenth.
+/// A measured order of convergence may be below the claimed one by this much. The claimed orders are those
+/// from 4 to 12 voxels across; at other pitches the order differs by about a tenth.
 constexpr double order_tolerance = 0.2;
 
 glm::dvec3 pattern_at(char pattern, glm::dvec3 place) {

@@ -76,7 +76,7 @@ RestAnswer come_to_rest(Backend& backend, const TruthLattice& lattice);
 struct TruthRow : Row {
     std::string particles_at = {}, strain = {};  ///< "corners" or "centres"; "small" or "large"
     int across = 0;                              ///< number of voxels in a width
-    double time_step_fraction = 0;               ///< of the stable time step
+    double time_step_fraction = 0;               ///< time step over the stable one
     double deflection = 0, continuum = 0, continuum_error = 0;
     double model_error = 0;  ///< |deflection / continuum - 1|
     /// Relative difference from float64 `increment` on the same lattice.
