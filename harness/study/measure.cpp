@@ -209,7 +209,7 @@ public:
         });
     }
     bool is_reading() const { return reading_; }
-    /// Waits for the state and takes it.
+    /// Waits for the state that is being read, and takes it.
     void finish_reading() {
         if (!std::exchange(reading_, false)) return;
         attempt([&] {
@@ -262,7 +262,7 @@ public:
     bool lacks_strained_start() const {
         return failure_.empty() && needs_strained_start() && !known("strained");
     }
-    /// Runs a batch from the strained start in the case's process, after everything that is timed.
+    /// Starts a batch from the strained start in the case's process, after everything that is timed.
     void begin_strained_start() {
         if (!lacks_strained_start()) return;
         attempt([&] {
@@ -273,7 +273,7 @@ public:
     /// Judges the state that finish_reading() took.
     void judge_strained_start();
 
-    /// Adds the rows of the case. `number` is its index among the cases of the scene.
+    /// Adds the rows of the case. `number` is the index of the case among the cases of the scene.
     void add_rows(StudyBench& bench, int number);
     /// Reports launch_seconds() to the bench.
     void tell_launch(StudyBench& bench) const {
@@ -361,7 +361,7 @@ void TimedCase::look_at_state(nlohmann::json& answer) {
 }
 
 /// Why a repetition before the last one is wrong; empty if none is. Also empty if each batch continues from
-/// the previous one: the last state then depends on all batches, so that judging it is enough.
+/// the previous one, since the last state then depends on all batches, and judging that state is enough.
 std::string TimedCase::other_repetition() const {
     if (!context_.batch.rewind) return {};
     for (int n = 1; n < done(); ++n) {
@@ -750,8 +750,8 @@ void measure(StudyBench& bench, const Batch& batch) {
     StrainedRun strained;
     State left;
     std::deque<TimedGroup> groups;
-    // Rows are added after all groups, since a row's limit is that of its card, which measurements of a later
-    // group may change.
+    // Rows are added after all groups, since a row is compared with the limits of its card, which
+    // measurements of a later group may change.
     const auto add_rows = [&] {
         int number = 0;
         for (TimedGroup& group : groups) {

@@ -30,7 +30,8 @@ bool has_driver(const BackendSpec& spec) { return spec.entry->api != host_api; }
 /// backend that hangs there hangs again when its case begins, and its row then says so.
 constexpr std::chrono::seconds patience_for_devices{20};
 
-/// Empty, or why a backend on the card `uuid` may not be in one table with `backends`.
+/// Empty, or why a backend on the card `uuid` may not be in one result with `backends`, which are described
+/// in it.
 std::string other_card(const nlohmann::json& backends, const std::string& uuid) {
     for (const auto& [name, backend] : backends.items()) {
         const std::string card = capabilities_of(backend).uuid;

@@ -192,7 +192,7 @@ private:
     const std::unique_ptr<StudyKind> kind_;
     StudyScenes scenes_;
     std::map<std::string, std::string> too_large_;  ///< why a scene is too large; key: StudyScene::scene
-    std::map<std::string, double> particles_;       ///< those of a scene that fits into memory; same key
+    std::map<std::string, double> particles_;       ///< number of particles of a scene that fits; same key
     Result result_;
     std::unique_ptr<Journal> journal_ = std::make_unique<Journal>();
     std::unique_ptr<Progress> progress_;

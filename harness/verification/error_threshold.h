@@ -30,7 +30,7 @@ std::string to_string(const RoundingModel& model);
 /// scene's unit.
 struct Spread {
     double max = 0;  ///< largest distance of a particle
-    double rms = 0;  ///< root mean square over all particles
+    double rms = 0;  ///< root mean square of the distances of all particles
     /// The largest distance of a particle of the reference from its start; `max` is compared with this.
     double motion_max = 0;
     double motion_rms = 0;

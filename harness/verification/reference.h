@@ -54,7 +54,7 @@ struct Refined {
     std::string reason;      ///< why `displacement` is empty
 };
 
-/// Computes references, each only once: the latest are kept in memory, up to 1 GiB, and all on disk.
+/// Computes references, each only once: the latest are kept in memory, up to about 1 GiB, and all on disk.
 ///
 /// Short runs of small bodies use cpu_reference: one thread and a plain loop over a list of springs. It
 /// shares only the functions of spring.h with the backends under test. Other runs use PerturbedReference,

@@ -63,7 +63,7 @@ struct HapticRow : Row {
     Playing playing = {};
     int ticks = 0;
     double median_seconds = 0, worst_seconds = 0;
-    std::optional<double> p99_seconds = {}, p999_seconds = {};  ///< empty: too few ticks for it
+    std::optional<double> p99_seconds = {}, p999_seconds = {};  ///< empty: there were too few ticks
     /// Always true: a latency is measured from when its tick is due. Absent in older files, which measured it
     /// from when the tick began.
     std::optional<bool> from_due = {};
@@ -102,8 +102,8 @@ struct HapticRow : Row {
     }
 };
 
-/// A percentile that at least ten values exceed; empty if there are too few values. If fewer exceeded it, it
-/// would just be one of the largest values.
+/// The percentile, if at least ten values exceed it; otherwise empty, since it would just be one of the
+/// largest values.
 std::optional<double> percentile_of_many(const std::vector<double>& sorted, double fraction) {
     constexpr long least_beyond = 10;
     const bool enough = std::lround(double(sorted.size()) * (1 - fraction)) >= least_beyond;

@@ -27,7 +27,7 @@ public:
     /// new state, and take() keeps the state in the object in this process.
     void report_to(const OnEvent& on_event) { on_event_ = on_event; }
     void take(const nlohmann::json& event);
-    /// known() returns all references as JSON, for take_all() in the next process.
+    /// known() returns all references as JSON, which take_all() reads in the next process.
     nlohmann::json known() const;
     void take_all(const nlohmann::json& known);
 

@@ -31,8 +31,8 @@ public:
     void check(const Study& study, const StudyScene& item, const Scene& scene) const override {
         check_batch(study, scene, batch_of(study, item, scene));
     }
-    /// If slow cases may stop repeating early (`most_case_seconds`), this assumes two repetitions per case:
-    /// the cases of large scenes stop early, and take most of the time.
+    /// If slow cases may stop repeating early (`most_case_seconds`), this assumes two repetitions per case,
+    /// since the cases of large scenes stop early and take most of the time.
     double steps_of_case(const Study& study, const StudyScene& item) const override {
         const bool cuts = std::isfinite(most_case_seconds_);
         return double(item.steps) * (cuts ? std::min(study.repetitions, 2) : study.repetitions);
