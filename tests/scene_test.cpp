@@ -903,7 +903,7 @@ TEST(SceneOf, RefusesWhatBackendsDoNotCheck) {
     using Case = std::pair<const char*, void (*)(P)>;
     for (const auto& [word, change] : std::vector<Case>{
              {"material", [](P p) { p.material = {0}; }},
-             {"no material", [](P p) { p.material.assign(12, 1); }},
+             {"index into materials", [](P p) { p.material.assign(12, 1); }},
              {"pinned", [](P p) { p.pinned = {0}; }},
              {"load", [](P p) { p.load.resize(13); }},
              {"no material", [](P p) { p.materials.clear(); }},

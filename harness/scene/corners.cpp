@@ -10,8 +10,8 @@
 namespace voxspring {
 namespace {
 
-/// Calls visit(voxel) for each voxel that has both corner `at` and corner `at + offset`, and returns their
-/// number. Some may lie outside of the grid.
+/// Calls visit(voxel) for each voxel that has both corner `at` and corner `at + offset`, and returns the
+/// number of these voxels. Some of them may lie outside the grid.
 template <class Visit>
 int visit_voxels(glm::ivec3 at, glm::ivec3 offset, Visit visit) {
     // Voxel v has the corners v and v + 1 along each axis.
@@ -65,7 +65,7 @@ Problem make_corner_problem(const VoxelGrid& voxels, std::uint32_t group_bits,
                     sum += material->stiffness[std::size_t(direction.group)];
             });
             const double stiffness = sum / places;
-            // Relative rounding error of a sum over up to eight springs, and of two half springs in series.
+            // Upper bound of the relative rounding error of a mean over up to four voxels.
             constexpr double rounding = 1e-12;
             if (std::abs(stiffness - full) <= rounding * full) return;
             mask[i] &= ~(1U << direction.bit);

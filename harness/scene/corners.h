@@ -16,11 +16,11 @@ struct VoxelMaterial {
 };
 
 /// Makes a particle at each corner of an active voxel; the body is then exactly as wide as its voxels. Each
-/// voxel gives an eighth of its mass to each of its corners, a quarter of the stiffness to each of its 12
-/// edges (face springs), half of it to each of its 12 face diagonals (edge springs) and all of it to its 4
-/// space diagonals (corner springs). In every voxel a homogeneous strain then has the energy that it has in
-/// the continuum. On every particle it exerts the force that trilinear elements exert, so that free surfaces
-/// are neither too stiff nor too soft.
+/// voxel gives an eighth of its mass to each of its corners, a quarter of its material's stiffness to each of
+/// its 12 edges (face springs), half of it to each of its 12 face diagonals (edge springs) and all of it to
+/// its 4 space diagonals (corner springs). A homogeneous strain then has in every voxel the energy that it
+/// has in the continuum. It exerts on every particle the force that trilinear finite elements exert, so that
+/// free surfaces are neither too stiff nor too soft.
 ///
 /// Springs as stiff as a face spring deep inside materials[0] are lattice springs; all others are in
 /// Problem::springs. The lattice's dims are voxels.dims + 1, and particle (0, 0, 0) is at the origin.

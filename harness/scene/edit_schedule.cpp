@@ -47,7 +47,8 @@ void check_sizes(const std::vector<EditSpec>& specs, const Lattice& lattice, con
                                " pairs of a voxel and a triangle");
         }
         if (spec.within > max_suture_voxels * std::min({spacing.x, spacing.y, spacing.z}))
-            spec.source.refuse("a suture within " + std::to_string(max_suture_voxels) + " times the spacing");
+            spec.source.refuse("\"within\" of at most " + std::to_string(max_suture_voxels) +
+                               " times the smallest spacing");
     }
 }
 
@@ -103,13 +104,14 @@ std::vector<ScheduledEdit> schedule_edits(const std::vector<EditSpec>& specs, co
         const SpringEdit edit = make_edit(due, editor, problem.lattice, particle);
         if (edit.empty()) continue;
         changes[std::size_t(due.spec - specs.data())] = true;
-        if (due.step > std::numeric_limits<int>::max()) due.spec->source.refuse("at most 2147483647 steps");
+        if (due.step > std::numeric_limits<int>::max())
+            due.spec->source.refuse("edits and repetitions after at most 2147483647 steps");
         scheduled.push_back({int(due.step), edit});
     }
     for (std::size_t s = 0; s < specs.size(); ++s) {
         if (changes[s]) continue;
-        specs[s].source.refuse(specs[s].suture ? "a suture of particles that no spring joins"
-                                               : "a cut that some spring crosses");
+        specs[s].source.refuse(specs[s].suture ? "a suture of at least one pair that no spring joins yet"
+                                               : "a cut that crosses at least one spring");
     }
     return scheduled;
 }

@@ -49,7 +49,7 @@ BodyParts parts_of(const Problem& problem) {
     }
     for (const Spring& spring : problem.springs) sets.join(spring.first, spring.second);
 
-    // Parts are numbered by their first particles at first, then renumbered by size.
+    // Parts are first numbered in the order of their first particles, and then renumbered by size.
     BodyParts parts;
     parts.part.resize(count);
     std::vector<std::size_t> size;

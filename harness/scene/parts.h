@@ -1,5 +1,6 @@
-// Finds the parts of a body, between which there are no springs, and which of them nothing holds. Voxels of
-// noise beside a body are such parts: they fall freely, and would dominate statistics of the whole body.
+// Finds the connected parts of a body (no spring joins two parts), and the parts that nothing holds. Voxels
+// of noise beside a body form parts of this kind: they fall freely, and would dominate statistics of the
+// whole body.
 #pragma once
 
 #include <cstddef>
@@ -21,28 +22,29 @@ struct BodyParts {
     std::vector<std::uint32_t> loose() const;
 };
 
-/// The connected parts of the body: springs join the particles of a part, directly or through others.
+/// Finds the connected parts of the body. Springs join the particles of a part, directly or through other
+/// particles.
 BodyParts parts_of(const Problem& problem);
 
 /// A note: "the body has 3 parts: 10,437, 9 and 5 particles; 14 particles are in parts that nothing pins, and
-/// fall". Without gravity it ends in "nothing holds them back". Empty if there is one part.
+/// fall". Without gravity "nothing holds them back" replaces "fall". The text is empty if there is one part.
 std::string describe(const BodyParts& parts, bool has_gravity);
 
-/// 12345 as "12,345".
+/// Writes the number 12345 as "12,345".
 std::string with_commas(std::size_t number);
 
 /// Which parts of a dataset make the body.
 struct PartsToKeep {
-    std::size_t least = 0;  ///< parts with fewer particles are left out; 0: all but the largest are
+    std::size_t least = 0;  ///< parts with fewer particles are left out; 0: only the largest part is kept
 
-    /// As command lines and scene files spell it: "largest", or `least` as a number.
+    /// The choice as command lines and scene files spell it: "largest", or `least` as a number.
     std::string text() const { return least == 0 ? "largest" : std::to_string(least); }
 };
 inline constexpr std::int64_t max_part_particles = 4'294'967'295;
 
-/// Makes the voxels of all parts inactive that `keep` leaves out. Springs of the groups in `group_bits`
-/// define the parts. Returns a note for the user, which is empty if no part is left out. If no part is large
-/// enough, every voxel becomes inactive.
+/// Makes all voxels of the parts that `keep` leaves out inactive. Springs of the groups in `group_bits`
+/// connect the particles of a part. Returns a note for the user, which is empty if no part is left out. If no
+/// part is large enough, every voxel becomes inactive.
 std::string leave_out_parts(VoxelGrid& grid, std::uint32_t group_bits, const PartsToKeep& keep);
 
 }  // namespace voxspring

@@ -77,7 +77,7 @@ LoadedDataset load_dataset(const SceneFile& scene, const std::string& file, cons
     if (dataset.type == DatasetType::mesh) {
         if (scene.spacing)
             throw BadInput(file, "spacing", "a spacing beside a mesh",
-                           "\"pitch\" of the dataset: the distance of the voxels that are made");
+                           "no \"spacing\" for a mesh: \"pitch\" of the dataset sets the edge of its voxels");
         return load_mesh(dataset, path, limits);
     }
     const Volume volume = read_volume(path, {scene.spacing, dataset.frame}, limits);
@@ -99,8 +99,8 @@ LoadedDataset load_dataset(const SceneFile& scene, const std::string& file, cons
     return loaded;
 }
 
-/// Replaces anatomical sides in `scene`, such as "left", by sides of the grid or by directions along its
-/// axes.
+/// Replaces anatomical sides in `scene`, such as "left", by sides of the grid. For gravity, replaces the side
+/// that it points to by a vector along the grid's axes.
 class AnatomicalSides {
 public:
     AnatomicalSides(const std::optional<VolumeFacts>& volume, std::vector<std::string>& notes)
@@ -212,15 +212,15 @@ std::optional<WorldUnits> use_units(SceneFile& scene, const LabelledGrid& labell
     constexpr double rounding = 1e-6;  // spacings may be float32 in a file
     if (std::abs(spacing.y / spacing.x - 1) > rounding || std::abs(spacing.z / spacing.x - 1) > rounding)
         refuse_young(
-            fmt::format("voxels that are cubes, not {:g} x {:g} x {:g}: on others springs of one "
-                        "stiffness per group are not isotropic",
+            fmt::format("voxels that are cubes, not {:g} x {:g} x {:g}: with other voxels a lattice "
+                        "with one stiffness per spring group is not isotropic",
                         spacing.x, spacing.y, spacing.z));
     const auto unit_stiffness =
         isotropic_stiffness(1, spacing.x * world.metres, bits_of(scene.spring_groups));
     if (!unit_stiffness)
         refuse_young(
-            "spring_groups face and edge, or all three: springs of other groups alone are not "
-            "isotropic, or leave motions that strain none of them");
+            "spring_groups face and edge, or all three: with other groups the lattice is not "
+            "isotropic, or some motions strain no spring");
     const bool one_stiffness = (*unit_stiffness)[0] == (*unit_stiffness)[1];
     const std::vector<double> young = value_per_label(*scene.young, labelled.labels);
     const std::vector<double> density = value_per_label(*scene.density, labelled.labels);
@@ -345,8 +345,8 @@ std::vector<std::size_t> particles_in(const Region& region, const Lattice& latti
 }
 
 /// Moves `region` to the same side of the body's longest axis if the body has only one slice along the
-/// region's axis. There it would pin the whole body, as the region of `heart`, at a side of x, would pin a
-/// rod along z.
+/// region's axis. Otherwise the region would pin the whole body: the scene `heart` pins a side of x, and a
+/// rod along z has only one slice along x.
 Region on_an_axis_with_slices(Region region, const Lattice& lattice) {
     std::array<int, 3> extent{};
     for (int axis = 0; axis < 3; ++axis) {
@@ -437,7 +437,8 @@ std::string why_nothing_oscillates(const Problem& problem) {
     return pinned.empty() ? "there are no springs" : "no particle that may move has a spring";
 }
 
-/// `limiting` is the problem with all springs that edits add, and `stable` is its stable_time_step().
+/// The time step that the scene file asks for. `limiting` is the problem with all springs that edits add, and
+/// `stable` is the stable_time_step() of that problem.
 double choose_time_step(const TimeStep& chosen, double stable, const Problem& limiting,
                         const std::string& file) {
     if (chosen.absolute) return *chosen.absolute;
@@ -659,19 +660,18 @@ SceneFile body_with_parameters_of_heart(const std::string& file) {
 /// Refuses an option that does not apply to this kind of file.
 void check(const VolumeOptions& options, const std::string& file) {
     const auto refuse = [&](const char* option, bool is_given, const std::string& accepted) {
-        if (is_given) throw BadInput(file, option, "an option", accepted);
+        if (is_given) throw BadInput(file, option, "this option", accepted);
     };
     if (!is_mesh_name(file)) {
         refuse("--fill", options.fill && !options.pitch,
                "--pitch as well: without it every voxel of a volume is full");
         return;
     }
-    const std::string none = "none for a mesh: this option is for volume files";
+    const std::string none = "no such option for a mesh: it is for volume files";
     refuse("--labels", options.labels.has_value(), none);
     refuse("--threshold", options.threshold.has_value(), none);
     refuse("--frame", options.frame.has_value(), none);
-    refuse("--spacing", options.spacing.has_value(),
-           "--pitch for a mesh, the distance of the voxels made of it");
+    refuse("--spacing", options.spacing.has_value(), "--pitch instead for a mesh: the edge of its voxels");
 }
 
 /// Replaces what `scene` says by the options of the command line.
@@ -731,7 +731,8 @@ Scene load_scene(const std::string& argument, const VolumeOptions& volume, const
         read_scene_file(builtin != nullptr ? parse_json(*builtin, resize.base) : read_json(resize.base));
     if (!resize.suffix.empty()) {
         if (file_says.dataset.is_from_file())
-            throw BadInput(argument, "dims", resize.suffix, "no dims: \"pitch\" of its dataset sets them");
+            throw BadInput(argument, "dims", resize.suffix,
+                           "no dims for a volume or a mesh: \"pitch\" of its dataset sets them");
         file_says.dataset.dims = resize.dims;
     }
     Scene scene = build(file_says, argument, limits, builtin != nullptr);

@@ -29,8 +29,8 @@ struct ScheduledEdit {
 
 struct Scene {
     /// The scene's name in result rows: the built-in name, or the name of the scene file or volume file
-    /// without its folder, followed by "@WxHxD" or "@N" if the argument resized it. It has no '/'. Files in
-    /// different folders may have the same name.
+    /// without its folder, followed by "@WxHxD" or "@N" if the argument resized it. The name has no '/'.
+    /// Scenes from different folders may have the same name.
     std::string name;
     std::string source;  ///< the argument from which the scene was loaded; empty if it was built in memory
     std::string description;  ///< one sentence; may be empty
@@ -75,7 +75,7 @@ Scene load_scene(const std::string& argument,
 /// Whether `name` is that of a volume file or a mesh, for which load_scene() takes options.
 bool is_body_file(const std::string& name);
 
-/// The choice of the voxels that a volume file or a mesh gives, by options or by a scene file.
+/// Which voxels of a volume file or a mesh form the body. Options or a scene file make this choice.
 struct BodyChoice {
     /// Labels of a volume: whole numbers or names of segments, without duplicates. Never given together with
     /// a threshold.
@@ -125,8 +125,8 @@ Scene parse_scene(const std::string& text, const std::string& file, const SceneS
 /// outside its range.
 Scene scene_of(const std::string& name, Problem problem, State state = {});
 
-/// The problem with every spring that any edit of the scene adds beyond the lattice. It determines the limit
-/// of the time step.
+/// The scene's problem with every spring that any of its edits adds beyond the lattice. The stable time step
+/// is computed for this problem.
 Problem with_all_springs(const Scene& scene);
 
 /// A scene or a study that is built into the program.

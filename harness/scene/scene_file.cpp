@@ -24,7 +24,7 @@ constexpr std::size_t max_pairs = 100'000;
 constexpr std::int64_t max_frame = 1'000'000'000;
 
 constexpr std::string_view accepted_regions =
-    R"({"side": SIDE}, to it "slices": N or "fraction": F; {"from": [x, y, z], "to": [x, y, z]}; )"
+    R"({"side": SIDE}, if wanted with "slices": N or "fraction": F; {"from": [x, y, z], "to": [x, y, z]}; )"
     R"(or {"voxel": [x, y, z]})";
 
 double positive(const JsonValue& value) { return value.number(min_quantity, max_quantity); }
@@ -243,7 +243,7 @@ InitialField read_initial_field(const JsonValue& value) {
     }
     const std::string accepted =
         R"([x, y, z], {"vector": [x, y, z]} or {"random": AMPLITUDE, "seed": NUMBER})"
-        "; either object may have a \"region\"";
+        "; either object may also have the keys of a region, such as \"side\"";
     if (!value.is_object()) value.refuse(accepted);
     JsonObject object = value.object();
     const auto same = object.find("vector");

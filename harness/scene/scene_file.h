@@ -31,8 +31,8 @@ struct DatasetSpec : BodyChoice {
     bool is_from_file() const { return type == DatasetType::volume || type == DatasetType::mesh; }
 };
 
-/// A material parameter: one value for all, one per spring group or one per label. Exactly one of the three
-/// is given.
+/// A material parameter: one value for the whole body, one per spring group or one per label. Exactly one of
+/// the three is given.
 struct Parameter {
     std::optional<double> everywhere;
     std::map<SpringGroup, double> by_group;
@@ -45,7 +45,7 @@ struct Parameter {
 /// to `to`, both included.
 struct Region {
     bool at_side = false;
-    /// Side of the body, if one is given. Loading sets `axis` and `upper` to the nearest side of the grid.
+    /// An anatomical side, if one is given. Loading sets `axis` and `upper` to the nearest side of the grid.
     std::optional<AnatomicalSide> anatomical{};
     int axis = 0;        ///< axis that the side is perpendicular to: 0, 1 or 2
     bool upper = false;  ///< whether it is the side with the larger coordinate
@@ -83,8 +83,8 @@ struct InitialField {
 
 struct TimeStep {
     double fraction = 0.8;
-    /// Whether `fraction` is of the true limit instead of stable_time_step(problem), which is less
-    /// (stability.h).
+    /// Whether `fraction` is a fraction of the true limit of stability, instead of stable_time_step(problem),
+    /// which is a lower bound of that limit (stability.h).
     bool of_limit = false;
     std::optional<double> absolute;  ///< the time step itself; replaces `fraction`
     std::optional<JsonValue> source;
@@ -92,24 +92,24 @@ struct TimeStep {
 
 /// A cut or a suture, made once or several times.
 struct EditSpec {
-    int step = 0;  ///< the edit is made after this number of steps
+    int step = 0;  ///< the edit is first made after this number of steps
     bool suture = false;
     std::optional<Shape> shape{};                             ///< absent for a suture that names voxels
     std::vector<std::pair<glm::ivec3, glm::ivec3>> voxels{};  ///< pairs of voxels that the suture joins
     double within = 0;                  ///< for a suture by shape: the longest spring that it adds
     std::optional<double> stiffness{};  ///< of the springs that a suture adds
-    int times = 1, every = 0;           ///< number of times, and of steps from one time to the next
-    glm::dvec3 move{0};                 ///< translation of the shape from one time to the next
+    int times = 1, every = 0;           ///< how often the edit is made, and the steps between
+    glm::dvec3 move{0};                 ///< translation of the shape from one repetition to the next
     JsonValue source;                   ///< JSON value, for messages
 };
 
-/// A tool that holds the particles of a region while a recorded hand moves it.
+/// A tool that holds the particles of a region and follows the recorded motion of a hand.
 struct ToolSpec {
     Region region;
     double stiffness = 1;
-    std::string motion;                       ///< the file, relative to the scene file
+    std::string motion;                       ///< the motion file, relative to the scene file
     JsonValue motion_source;                  ///< JSON value, for messages
-    double time_scale = 1, length_scale = 1;  ///< units of the scene per unit of the file
+    double time_scale = 1, length_scale = 1;  ///< units of the scene per unit of the motion file
     int every = 1;                            ///< number of steps between two moves of the tool
 };
 
@@ -129,7 +129,8 @@ struct SceneFile {
     std::optional<double> damping_per_second;       ///< replaces `damping`
     glm::dvec3 gravity{0};                          ///< in m/s^2 if `young` is given
     std::optional<GravityTowards> gravity_towards;  ///< replaces `gravity`
-    /// Whether `gravity` is a default. Without `young` it is to be multiplied by the spacing, axis by axis.
+    /// Whether `gravity` is a default. A default is multiplied by the spacing, axis by axis, unless `young`
+    /// is given.
     bool gravity_in_voxels = false;
     TimeStep time_step;
     std::vector<Region> pinned;
@@ -146,8 +147,8 @@ SceneFile read_scene_file(JsonObject document);
 std::string to_string(SpringGroup group);
 
 /// The edits of `specs` in the order in which they are made. Each is computed on `problem` as the edits
-/// before it have left it. Repetitions that change no spring are left out. Throws BadInput, also if no
-/// repetition of an edit changes a spring or the edits exceed `limits`.
+/// before it have left it. Repetitions that change no spring are left out. Throws BadInput if a suture names
+/// invalid voxels, if no repetition of an edit changes a spring, or if the edits exceed `limits`.
 std::vector<ScheduledEdit> schedule_edits(const std::vector<EditSpec>& specs, const Problem& problem,
                                           const SceneSizeLimits& limits);
 

@@ -37,7 +37,7 @@ void check_lattice(const Lattice& lattice, std::size_t particles) {
     require(lattice.mask.size() == particles, "mask must have one element per particle");
     require(std::adjacent_find(lattice.voxel.begin(), lattice.voxel.end(), std::greater_equal<>()) ==
                 lattice.voxel.end(),
-            "voxels do not ascend");
+            "the indices in voxel are not in strictly ascending order");
     require(lattice.voxel.back() < lattice.voxel_count(), "a voxel is outside of its grid");
 }
 
@@ -45,13 +45,13 @@ void check_lattice(const Lattice& lattice, std::size_t particles) {
 void check_masks(const Problem& problem) {
     const Lattice& lattice = problem.lattice;
     if (lattice.mask.empty()) return;
-    require((problem.group_bits & ~NEIGHBOUR_BITS) == 0, "its group_bits are no neighbour bits");
+    require((problem.group_bits & ~NEIGHBOUR_BITS) == 0, "group_bits has bits that are no neighbour bits");
     const std::vector<std::uint32_t> particle = particle_of_voxel(lattice);
     for (std::size_t i = 0; i < lattice.mask.size(); ++i) {
         const std::uint32_t mask = lattice.mask[i];
         require((mask & ACTIVE_BIT) != 0, "a mask is without the active bit");
         require(((mask & PINNED_BIT) != 0) == problem.is_pinned(i),
-                "a mask's pinned bit is not what pinned says (pin())");
+                "a mask's pinned bit differs from `pinned`: call pin() to set both");
         require((mask & ~(problem.group_bits | ACTIVE_BIT | PINNED_BIT)) == 0,
                 "a mask has a bit that belongs to none of the problem's spring groups (group_bits)");
         const glm::ivec3 at = lattice.coordinates(lattice.voxel[i]);
@@ -108,7 +108,7 @@ void check(const Problem& problem) {
                 "a mass or a stiffness is not positive");
     }
     for (const std::uint8_t material : problem.material)
-        require(material < problem.materials.size(), "a particle is of no material");
+        require(material < problem.materials.size(), "a particle's material is not an index into materials");
     for (const Spring& spring : problem.springs) {
         require(spring.first < spring.second && spring.second < particles,
                 "a spring's ends are not two particles, the smaller first");
@@ -139,7 +139,8 @@ Scene scene_of(const std::string& name, Problem problem, State state) {
     scene.stable_time_step = stable_time_step(scene.problem);
     double& time_step = scene.problem.time_step;
     if (time_step == 0) time_step = scene.stable_time_step / 2;
-    require(is_positive(time_step), "its time step is not positive, or there is none and nothing limits it");
+    require(is_positive(time_step),
+            "its time step is not positive, or it is 0 (for half of the stable one) and nothing limits it");
     scene.state = std::move(state);
     const auto fits = [&](const std::vector<glm::dvec3>& list) {
         return list.empty() || list.size() == scene.problem.particle_count();

@@ -27,7 +27,8 @@ public:
     SceneRunner(const SceneRunner&) = delete;
     SceneRunner& operator=(const SceneRunner&) = delete;
 
-    /// Empty, or why `backend` cannot run the scene with all its edits. Call rewind() before the next run().
+    /// Returns an empty text, or why `backend` cannot run the scene with all its edits. The caller must call
+    /// rewind() before the next run().
     std::string unsupported(const Backend& backend);
 
     /// Replaces the scene's start, from the next rewind() on, by `state`, which the scene reached after
@@ -40,7 +41,7 @@ public:
     /// springs are those of the start. To be called right after the first rewind(). Returns whether the
     /// backend can do so. If it can and the scene has no edits, the state at the start is not read any more.
     bool keep_start(Backend& backend);
-    /// Called instead of Backend::edit(), for callers that have to observe edits.
+    /// A function that run() calls instead of Backend::edit(), for callers that have to observe edits.
     using Edit = std::function<void(const Problem& edited, const SpringEdit& edit)>;
     /// Runs `steps` further steps, makes the edits that are due before each of them, and moves the tool. May
     /// return before the steps have run, as Backend::step() does.

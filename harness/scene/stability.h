@@ -16,7 +16,7 @@ namespace voxspring {
 /// tool's spring, whose other end is fixed, adds k I to twice the sum. The result is 0 if nothing oscillates.
 double frequency_bound_squared(const Problem& problem);
 
-/// An omega^2, or the reason why it is not known.
+/// The value of omega^2 (the square of the largest frequency), or why it is not known.
 struct Frequency {
     std::optional<double> squared;
     std::string reason;  ///< why `squared` is absent

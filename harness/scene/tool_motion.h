@@ -1,8 +1,9 @@
-// The recorded motion of a tool in a hand: reads the file, and says where the tool is at any time.
+// The recorded motion of a tool in a hand. Reads the motion from a file, and says where the tool is at any
+// time.
 //
-// The file is CSV: a first line "time,x,y,z", then a line per sample. The reader scales its units to the
-// scene's. Only the displacement since the first sample counts. Between samples the tool moves in a straight
-// line; before the first and after the last sample it rests.
+// The file is CSV: a first line "time,x,y,z", then a line per sample. The reader multiplies times and lengths
+// by factors that convert them to the scene's units. Only the displacement since the first sample counts.
+// Between samples the tool moves in a straight line; before the first and after the last sample it rests.
 #pragma once
 
 #include <cstdint>

@@ -31,7 +31,7 @@ struct WorldUnits {
     std::string force() const;  ///< the unit of forces: "mN" if lengths are in mm
 };
 
-/// Poisson's ratio of a lattice of springs that is isotropic. Central forces allow no other.
+/// Poisson's ratio of an isotropic lattice of springs. Central forces allow no other.
 inline constexpr double poisson_ratio = 0.25;
 
 /// The stiffness of each spring group with which a cubic lattice of this spacing has Young's modulus `young`
