@@ -194,9 +194,10 @@ TEST(Volume, ThresholdAndLabels) {
     EXPECT_EQ(names(labelled), (Words{"-3", "2", "7"}));
     EXPECT_EQ(labelled.counts, (Counts{{"-3", 2}, {"2", 2}, {"7", 1}}));
     EXPECT_EQ(labelled.grid.label, (std::vector<std::uint8_t>{1, 0, 0, 0, 0, 2, 0, 2, 1, 3, 0, 0}));
-    EXPECT_EQ(refusal([&] { above_threshold(volume, 7); }),
-              "f: threshold: 7 is not accepted; expected one below the largest value in the volume, 7, so "
-              "that some voxel is active");
+    EXPECT_EQ(
+        refusal([&] { above_threshold(volume, 7); }),
+        "f: threshold: 7 is not accepted; expected a number below the largest value in the volume, 7, so "
+        "that some voxel is active");
     const Words absent = {"7", "4"};
     EXPECT_EQ(refused([&] { with_labels(volume, absent); }), "labels: 4");
     EXPECT_THAT(refusal([&] { with_labels(volume, absent); }), EndsWith(": -3, 1, 2, 7"));
@@ -755,7 +756,7 @@ TEST(VolumeRules, AxesMustBeAtRightAngles) {
             refusal([&] { (void)read(sheared(format, 2)); }),
             "f: " + key +
                 ": 88 degrees between x and y is not accepted; expected axes at right angles, to within "
-                "0.5 degrees; --spacing or \"spacing\" in a scene takes its place");
+                "0.5 degrees; --spacing, or \"spacing\" in a scene, replaces what the file says");
         const Volume mended = read(sheared(format, 2), {.spacing = glm::dvec3(1, 2, 3)});
         EXPECT_EQ(mended.spacing, glm::dvec3(1, 2, 3));
         EXPECT_THAT(all_notes(mended), HasSubstr("88 degrees between x and y, taken for a right angle"));
@@ -773,7 +774,7 @@ TEST(VolumeRules, AChosenSpacingTakesThePlaceOfABadOne) {
         for (const Format format : all_formats) {
             EXPECT_THAT(refusal([&] { (void)read(file_of(format, grid)); }),
                         EndsWith("; expected a distance between voxels along each axis, other than 0; "
-                                 "--spacing or \"spacing\" in a scene takes its place"));
+                                 "--spacing, or \"spacing\" in a scene, replaces what the file says"));
             const Volume volume = read(file_of(format, grid), choice);
             EXPECT_EQ(volume.spacing, glm::dvec3(1, 2, 3));
             EXPECT_TRUE(volume.facts.spacing_chosen);

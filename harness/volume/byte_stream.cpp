@@ -1,4 +1,4 @@
-// Reads the bytes behind a header.
+// Reads the data of a volume file, which lies behind its header or in other files, plain or compressed.
 #include <bzlib.h>
 #include <zlib.h>
 
@@ -13,8 +13,8 @@
 
 namespace voxspring {
 
-/// Decodes one member of a compressed file by zlib or bzip2. A file of gzip or bzip2 may have several
-/// members.
+/// Decodes one member (a complete compressed stream) of a file by zlib or bzip2. A file of gzip or bzip2 may
+/// have several members.
 class ByteStream::Decoder {
 public:
     /// `encoding` must not be raw.
@@ -90,8 +90,8 @@ void ByteStream::refill() {
     encoded_ = std::span(buffer_).first(encoded_.size() + read_raw(std::as_writable_bytes(room)));
 }
 
-/// Returns whether another member begins here. If not, skips the remaining bytes, which are no data, and
-/// counts them as ignored.
+/// Returns whether another member begins here, and if so prepares to decode it. Otherwise skips the remaining
+/// bytes, which are no data, and counts them as ignored.
 bool ByteStream::next_member() {
     if (at_end_) return false;
     // The bytes with which a member begins; none for zlib's format, which has a single member.
@@ -194,7 +194,7 @@ void read_rest(ByteStream& stream, const std::string& file, std::uint64_t count,
 }
 
 /// The number of decoded bytes before the data, which is the last `count` bytes. Throws BadInput if there are
-/// fewer.
+/// fewer than `count` decoded bytes.
 std::uint64_t before_last(std::istream& stream, Encoding encoding, const std::string& file,
                           std::uint64_t count, std::string_view key, const std::string& accepted) {
     const auto first = stream.tellg();
@@ -249,7 +249,8 @@ std::vector<std::byte> read_data(std::istream& behind_header, const VolumeClaims
                                           : before_last(stream, encoding, name, part, key, accepted);
         ByteStream decoded(stream, encoding, name);
         if (decoded.skip(skipped) < skipped)
-            throw BadInput(name, place.bytes_key, std::to_string(skipped), "a place within the data");
+            throw BadInput(name, place.bytes_key, std::to_string(skipped),
+                           "at most as many bytes as the decoded data has");
         read_rest(decoded, name, part, keeper, key, accepted);
         ignored += decoded.ignored();
     };
@@ -263,8 +264,9 @@ std::vector<std::byte> read_data(std::istream& behind_header, const VolumeClaims
         std::error_code error;
         // Only regular files are read: a device or a pipe might never end.
         if (!std::filesystem::is_regular_file(data, error)) {
-            throw BadInput(file, place.files_key, data.filename().string(),
-                           "a file with the data, " + data.string() + ", that exists");
+            throw BadInput(
+                file, place.files_key, data.filename().string(),
+                "the name of a data file that exists, but there is no file " + data.string() + " here");
         }
         std::ifstream stream(data, std::ios::binary);
         if (!stream) throw BadInput(data.string(), "", "an unreadable file", "a file that can be read");

@@ -1,6 +1,6 @@
-// The claims of a volume file's header, and the bytes behind it. Readers, one per format, only report claims;
-// decide() interprets them. The bytes are read, plain or compressed, without trusting what the header says
-// about them.
+// The claims of a volume file's header (what it says of sizes, types and places, not yet checked), and the
+// data behind it. The reader of each format only reports claims; decide() checks and interprets them. The
+// data is read, plain or compressed, without trusting what the header says about it.
 #pragma once
 
 #include <array>
@@ -31,11 +31,11 @@ public:
     ByteStream(const ByteStream&) = delete;
     ByteStream& operator=(const ByteStream&) = delete;
 
-    /// Fills `bytes` and returns the number of bytes read, which is smaller only at the end of the data.
-    /// Throws BadInput if a compressed stream is damaged or cut short.
+    /// Fills `bytes` and returns the number of bytes read, which is less than their size only at the end of
+    /// the data. Throws BadInput if a compressed stream is damaged or cut short.
     std::size_t read(std::span<std::byte> bytes);
 
-    /// Skips up to `count` bytes and returns their number, which is smaller only at the end of the data.
+    /// Skips `count` bytes and returns how many it skipped, which is fewer only at the end of the data.
     std::uint64_t skip(std::uint64_t count);
 
     /// The number of bytes behind the compressed data; valid once the end of the data was read.
@@ -54,7 +54,7 @@ private:
     std::unique_ptr<Decoder> decoder_;  ///< null if the bytes are not compressed
     std::array<char, 1 << 16> buffer_;
     std::span<char> encoded_;     ///< the part of the buffer that is still to be decoded
-    bool at_member_end_ = false;  ///< whether a member ended; a compressed file has one or more members
+    bool at_member_end_ = false;  ///< whether a member (a complete stream) has just ended
     bool at_end_ = false;
     std::uint64_t ignored_ = 0;
 };
@@ -67,11 +67,12 @@ struct DataPlace {
     std::string files_key{};             ///< key in the header that names the files
     std::optional<Encoding> encoding{};  ///< absent: gzip if the data begins like gzip, otherwise raw
     std::int64_t skipped_lines = 0;      ///< lines to skip in each file before it is decoded
-    /// Offset of the encoded data from the start of its file. Absent: it begins behind the header, or at the
-    /// start of another file.
+    /// Offset of the encoded data from the start of its file. Absent: the data begins behind the header, or
+    /// at the start of another file that the header names.
     std::optional<std::int64_t> begin{};
     std::string bytes_key{"byte skip"};  ///< key in the header that gives skipped_bytes
-    /// The number of decoded bytes to skip. at_end: all but the last ones, which are the data.
+    /// The number of decoded bytes before the data, which are skipped. at_end: the data is the last part of
+    /// the decoded bytes.
     std::int64_t skipped_bytes = 0;
     static constexpr std::int64_t at_end = -1;
 };
@@ -142,9 +143,10 @@ VolumeClaims read_metaimage(std::istream& stream, const std::string& file);
 VolumeClaims read_nifti(std::istream& stream, const std::string& file,
                         const std::filesystem::path& image = {});
 
-/// The partner of a file of a NIfTI pair: x.img for x.hdr, and so on; empty if there is none. A partner that
-/// is compressed like `file` comes first. Without one, x.hdr gets x.img.gz, unless there is an x.hdr.gz, the
-/// better partner of that image. An ending in capitals is tried first if that of `file` is in capitals.
+/// The other file of a NIfTI pair: the image x.img for the header x.hdr, and the reverse; empty if there is
+/// none. A partner that is compressed like `file` is preferred. Otherwise x.hdr gets x.img.gz, unless there
+/// is an x.hdr.gz, which is the better partner of that image. If the ending of `file` is in capitals, an
+/// ending in capitals is tried first.
 std::filesystem::path partner_of(const std::filesystem::path& file);
 
 /// A volume without its data, and which scalars of the file belong to it.

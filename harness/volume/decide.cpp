@@ -28,7 +28,7 @@ constexpr double right_angle_tolerance = 0.5;
 /// the accuracy of directions with four digits.
 constexpr double said_angle = 0.05;
 
-constexpr const char* or_spacing = "; --spacing or \"spacing\" in a scene takes its place";
+constexpr const char* or_spacing = "; --spacing, or \"spacing\" in a scene, replaces what the file says";
 
 double degrees(double cosine) { return std::acos(std::clamp(cosine, -1.0, 1.0)) * 180 / std::numbers::pi; }
 

@@ -171,7 +171,7 @@ LabelledGrid with_numbers(const Volume& volume, const std::optional<std::vector<
             latest = value;
             latest_material = 0;
             // Only values that may be one of the labels are passed to label(), which records how far they are
-            // off.
+            // from whole numbers.
             const auto found = material.find(std::abs(value) <= double(max_label) ? std::llround(value) : 0);
             if (found != material.end() && rounding.label(value)) latest_material = found->second;
         }
@@ -331,7 +331,7 @@ LabelledGrid above_threshold(const Volume& volume, double threshold) {
     });
     if (!any) {
         throw BadInput(volume.file, "threshold", fmt::format("{:g}", threshold),
-                       "one below the largest value in the volume, " + fmt::format("{:g}", largest) +
+                       "a number below the largest value in the volume, " + fmt::format("{:g}", largest) +
                            ", so that some voxel is active");
     }
     return result;

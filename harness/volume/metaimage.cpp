@@ -1,5 +1,5 @@
-// Reads MetaImage headers (.mha, .mhd): text whose last field says where the data is, behind it or in other
-// files. Format: https://itk.org/Wiki/MetaIO/Documentation
+// Reads MetaImage headers (.mha, .mhd): text whose last field says whether the data is behind the header or
+// in other files. Format: https://itk.org/Wiki/MetaIO/Documentation
 #include <fmt/format.h>
 
 #include <algorithm>

@@ -91,7 +91,7 @@ private:
         const std::int64_t count = raw_.dim[0];
         if (count < 3 || count > 7) {
             refuse("dim[0]", std::to_string(count),
-                   "3 dimensions, or up to 7 of which the further ones are time and values of a voxel");
+                   "from 3 to 7 dimensions: three of space, then time, then values of a voxel");
         }
         for (int a = 1; a <= count; ++a) {
             AxisClaim& axis = claims_.axes.emplace_back();
@@ -185,8 +185,8 @@ private:
         const std::string name = lower_case(claims_.file);
         if (name.ends_with(".nii") || name.ends_with(".nii.gz")) {
             refuse("magic", fmt::format("ni{}", version),
-                   fmt::format("\"n+{}\" in a .nii: this marks a header whose voxels are in another "
-                               "file, of a pair of .hdr and .img",
+                   fmt::format("\"n+{}\" in a .nii: the mark that was found is that of a header whose "
+                               "voxels are in another file, a pair of .hdr and .img",
                                version));
         }
         place.files_key = "image";

@@ -126,8 +126,8 @@ std::optional<std::vector<MaybeVector>> vectors_of(const std::string& text) {
     return vectors;
 }
 
-/// Sets the kind of `axis` from the file's text for it. A domain or an axis without a kind stays unknown: it
-/// may be spatial.
+/// Sets the kind of `axis` from the file's text for it. An axis of the kind "domain" or without a kind stays
+/// unknown: it may be spatial.
 void apply_kind(AxisClaim& axis, const std::string& kind) {
     if (kind == "domain" || kind == "???" || kind == "none") return;
     axis.kind = kind == "space" ? AxisKind::space : AxisKind::other;
@@ -175,8 +175,8 @@ void read_units(const TextHeader& header, std::vector<AxisClaim>& axes) {
     }
     if (const std::string* text = header.find("space units")) {
         const auto list = quoted_texts(*text);
-        // A direction mixes the axes of the space, so that a unit can be used only if all of them have the
-        // same.
+        // A direction mixes the axes of the space, so a unit holds for it only if all of them have the same.
+        // If they differ, so do the axes' units here, and decide() refuses them.
         const bool same =
             !list.empty() && std::count(list.begin(), list.end(), list[0]) == std::ptrdiff_t(list.size());
         std::size_t next = 0;

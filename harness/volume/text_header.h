@@ -23,7 +23,7 @@ std::string upper_case(std::string text);
 /// The words of `text`, which white space separates.
 std::vector<std::string> words(const std::string& text);
 
-/// The format whose `ending` the file's name has, in any case; null if there is none.
+/// The format whose `ending` the file's name has, in small or capital letters; null if there is none.
 template <class Format>
 const Format* format_of(const std::string& name, const std::vector<Format>& formats) {
     const std::string lower = lower_case(name);

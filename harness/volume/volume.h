@@ -57,7 +57,7 @@ struct Placement {
 /// The side that is nearest to the direction of the grid's `axis`, and the angle between them in degrees.
 std::pair<AnatomicalSide, double> nearest_side(const Placement& placement, int axis);
 /// The axis of a grid that is nearest to the direction of an anatomical side, whether the upper end of that
-/// axis points to the side, and the angle between axis and direction in degrees.
+/// axis points to that side, and the angle in degrees between the axis and the direction.
 struct GridSide {
     int axis = 0;
     bool upper = false;
@@ -84,7 +84,8 @@ struct VolumeFacts {
     bool spacing_chosen = false;  ///< whether the user chose the spacing
     std::optional<Placement> placement{};
     std::int64_t frame = 0, frames = 1;  ///< index of the value used, and number of values per voxel
-    /// Name and number of voxels of each segment of the file, or of each label that was asked for.
+    /// Name and number of voxels of each label that is in use; in a file with segments, of each segment in
+    /// use, including those without voxels.
     std::vector<std::pair<std::string, std::uint64_t>> labels{};
 };
 
@@ -129,7 +130,7 @@ struct Label {
 struct LabelledGrid {
     VoxelGrid grid;
     std::vector<Label> labels;
-    /// Name and number of voxels of each label that was asked for or, in a segmentation, of each segment.
+    /// Name and number of voxels of each label that is in use, as in VolumeFacts::labels.
     std::vector<std::pair<std::string, std::uint64_t>> counts{};
     std::vector<std::string> notes{};  ///< for the user, like Scene::notes
 };
