@@ -195,7 +195,7 @@ class Resume(InTemporaryFolder):
         loose = self.scene("loose", pinned={"side": "z+", "slices": 1}, mass=2)
         ran = succeeds("run", loose, *run, "--steps", 30, "--resume", half)
         self.assertIn("half.npz: 125 particles have a different mass in the file, and 50 differ in whether they are pinned; the run "
-                      "uses those of the scene loose", ran.stdout)
+                      "uses the masses and pins of the scene loose", ran.stdout)
 
     def test_a_body_that_was_pulled_far_does_not_count_as_diverged(self):
         half = self.folder / "half.npz"

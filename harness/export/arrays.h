@@ -16,7 +16,7 @@ static_assert(std::endian::native == std::endian::little, "arrays are written as
 
 /// `count` elements of `components` numbers each.
 struct ArrayBytes {
-    char kind = 'f';        ///< 'f' floating point, 'i' signed and 'u' unsigned integers, as numpy says it
+    char kind = 'f';        ///< numpy's code: 'f' floating point, 'i' signed, 'u' unsigned integer
     std::size_t width = 0;  ///< bytes per number
     std::size_t components = 1;
     std::size_t count = 0;

@@ -111,8 +111,8 @@ Exports::Exports(const ExportOptions& options, int steps)
         check_writable(path, "--out", path.extension().string());
         if (every && writer.collected && !collections.insert(collection_of(path)).second) {
             throw BadInput("command line", "--out", path.string(),
-                           "another name for each series: another one has " +
-                               collection_of(path).filename().string() + " already");
+                           "a different name for each series: " + collection_of(path).filename().string() +
+                               " lists another series already");
         }
         files_.push_back({path, &writer, every, {}});
     }
@@ -192,7 +192,7 @@ ToolForces::ToolForces(std::filesystem::path path, const Scene& scene, std::opti
     check_writable(path_, "--tool-force", ".csv");
     if (!scene.problem.has_tool())
         throw BadInput("command line", "--tool-force", path_.string(),
-                       "a scene with a tool beside it: " + scene.name + " has none");
+                       "a scene with a tool, whose force is recorded: " + scene.name + " has none");
 }
 
 int ToolForces::next(int step) const { return next_multiple(step, every_, steps_); }

@@ -69,7 +69,7 @@ public:
     Exports(const Exports&) = delete;
     Exports& operator=(const Exports&) = delete;
 
-    /// Tells that the run ends early, after `step` steps: the last files are due there.
+    /// Says that the run ends early, after `step` steps: the last files are then due after this step.
     void end_at(int step) { steps_ = step; }
     /// The files that the latest write() wrote, without the .pvd of a series.
     const std::vector<std::filesystem::path>& written() const { return written_; }
@@ -90,7 +90,7 @@ private:
         std::filesystem::path path;
         const Writer* writer = nullptr;
         std::optional<int> every;
-        std::string listed;  ///< entries of its .pvd so far
+        std::string listed;  ///< entries so far of the .pvd file of the series
     };
     static bool is_picture(const File& file) { return file.writer->contents == nullptr; }
     std::string name_in_series(const File& file, std::int64_t step) const;
@@ -100,7 +100,7 @@ private:
     std::vector<std::filesystem::path> written_;
     std::unique_ptr<Pictures> pictures_;
     int steps_ = 0;
-    std::size_t digits_ = 6;  ///< digits of the step in names of a series, at least
+    std::size_t digits_ = 6;  ///< least number of digits of the step in names of a series
 };
 
 /// Records the force on a scene's tool during a run. The file is a CSV table: a line that names the columns,

@@ -152,7 +152,7 @@ public:
             : array.kind == 'i' ? "Int"
                                 : "UInt",
             8 * array.width, name, array.components,
-            // Field data needs its length here, which nothing else in the file gives.
+            // An array of field data states its length here, since nothing else in the file does.
             open_.back() == "FieldData" ? attribute("NumberOfTuples", array.count) : "", offset_);
         xml_ += '\n';
         offset_ += sizeof(std::uint64_t) + array.bytes.size();
@@ -317,7 +317,8 @@ private:
 
 // --- The surface of a body -----------------------------------------------------------------------------
 
-/// The surface of the voxels where it is now. A volume's placement, if any, applies.
+/// The surface of the voxels, deformed: positions at rest and displacements. They are in the coordinates of
+/// the volume's file if the file places its grid.
 CarriedMesh surface_of_voxels(const Snapshot& snapshot) {
     const BodyMesh mesh = mesh_of(snapshot.problem);
     const Placement* placement = placement_of(snapshot);

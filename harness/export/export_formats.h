@@ -1,5 +1,5 @@
-// The state of a run, and the file formats for it. Those up to npz() are float64 and lose nothing of the
-// state.
+// The state of a run, and the file formats for it. csv(), vti(), vtu() and npz() write all numbers with the
+// precision of float64. Only npz() has `increment` as well, so that a run can resume from it.
 //
 // `velocity` is the velocity at the state's time, (x(t + dt) - x(t - dt)) / (2 dt), see velocities().
 #pragma once

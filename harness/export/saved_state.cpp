@@ -179,9 +179,10 @@ void read_springs(NpzReader& file, const Scene& scene, SavedState& saved) {
     const auto of_lattice = file.scalar<std::int64_t>("lattice_springs");
     const std::size_t count = ends.size() / 2;
     if (rest_length.size() != count || stiffness.size() != count)
-        file.refuse("springs", std::to_string(count) + " pairs", "as many as rest lengths and stiffnesses");
+        file.refuse("springs", std::to_string(count) + " pairs",
+                    "as many pairs as rest_length and stiffness have rows");
     if (of_lattice < 0 || std::size_t(of_lattice) > count)
-        file.refuse("lattice_springs", std::to_string(of_lattice), "a number of springs");
+        file.refuse("lattice_springs", std::to_string(of_lattice), "a number from 0 to that of all springs");
 
     saved.mask = problem.lattice.mask;
     for (std::uint32_t& mask : saved.mask) mask &= ~std::uint32_t(NEIGHBOUR_BITS);
@@ -225,7 +226,7 @@ void compare_particles(NpzReader& file, const Scene& scene, SavedState& saved) {
     if (other_mass == 0 && other_pins == 0) return;
     saved.differs = fmt::format(
         "{} particles have a different mass in the file, and {} differ in whether they are pinned; "
-        "the run uses those of the scene {}",
+        "the run uses the masses and pins of the scene {}",
         other_mass, other_pins, scene.name);
 }
 
@@ -259,7 +260,7 @@ SavedState read_saved_state(const std::filesystem::path& path, const Scene& scen
     SavedState saved;
     const auto step = file.scalar<std::int64_t>("step");
     if (step < 0 || step > std::numeric_limits<int>::max())
-        file.refuse("step", std::to_string(step), "a number of steps");
+        file.refuse("step", std::to_string(step), "a number of steps from 0 to 2147483647");
     saved.step = int(step);
     for (auto [name, values] : {std::pair{"displacement", &saved.state.displacement},
                                 std::pair{"increment", &saved.state.increment}}) {

@@ -17,8 +17,7 @@ struct SavedState {
     State state;
     std::vector<std::uint32_t> mask;  ///< Lattice::mask
     std::vector<Spring> springs;      ///< Problem::springs
-    /// A sentence about other properties of particles in which the file differs from the scene; empty if
-    /// there are none.
+    /// A sentence that says how the file's masses and pins differ from the scene's; empty if they do not.
     std::string differs;
 };
 
@@ -33,9 +32,9 @@ SavedState read_saved_state(const std::filesystem::path& file, const Scene& scen
 /// cut or joined by hand, or by edits that the scene does not have.
 std::size_t springs_that_differ(const Scene& scene, const SavedState& saved);
 
-/// Gives `scene` the state's springs from its start on. Edits before the state are dropped. Of each later
-/// edit the part that still applies remains: a spring that is gone is not cut, and particles that a spring
-/// joins are not joined again, as in `voxspring view`.
+/// Makes the saved springs those with which `scene` starts. Drops edits that were due before the state was
+/// saved. Keeps of each later edit the part that still applies: a spring that is gone is not cut, and
+/// particles that a spring joins are not joined again, as in `voxspring view`.
 void take_springs(Scene& scene, const SavedState& saved);
 
 }  // namespace voxspring

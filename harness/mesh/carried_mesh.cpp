@@ -19,10 +19,10 @@ constexpr double reach = 2.5;  // half the width of the box around a vertex, in 
 constexpr int width = 5;       // number of voxel centres in the box, per axis
 constexpr int cells = width * width * width;
 
-/// The motion of a vertex: a displacement in voxels' coordinates, and a value.
+/// The motion of a vertex: a displacement in the problem's unit of length, and a value.
 using Motion = Eigen::Vector4d;
 
-/// The particles in the box around a place.
+/// The particles in the box of width x width x width voxels around a place.
 struct Box {
     std::array<std::uint32_t, cells> particle;
     std::array<glm::dvec3, cells> offset;  ///< from the place to the particle, in voxels
@@ -37,8 +37,9 @@ struct Box {
 /// For each cell of a box, whether springs connect its particle to a certain other particle of the box.
 using Connected = std::array<bool, cells>;
 
-/// A weight for the motion of each particle in the cells `of`. The weighted sum of their motions is the
-/// motion at the centre of the box by the affine motion that fits them best (weighted least squares).
+/// A weight for the motion of each particle in the cells `of`. With these weights the sum of their motions is
+/// the value, at the place that the box surrounds, of the affine motion that fits theirs best (weighted least
+/// squares).
 std::array<double, cells> weights(const Box& box, const Connected& of) {
     std::array<double, cells> weight{};
     double sum = 0;
@@ -66,7 +67,7 @@ std::array<double, cells> weights(const Box& box, const Connected& of) {
     for (std::size_t n = 0; n < cells; ++n) {
         if (weight[n] > 0) spread += weight[n] * (offset(n) - centre) * (offset(n) - centre).transpose();
     }
-    // The gradient is 0 along directions in which the particles have no extent.
+    // The motion is taken to be constant along directions in which the particles have no extent.
     const Eigen::SelfAdjointEigenSolver<Eigen::Matrix3d> axes(spread / sum);
     // The largest extent that counts as none, in voxels squared. A second layer of particles adds more.
     constexpr double none = 1e-6;
@@ -192,8 +193,8 @@ private:
         return box;
     }
 
-    /// The cells that springs within the box connect to the cell `first`. If `present`, the springs that
-    /// exist now; otherwise those that existed before any cut.
+    /// The cells that springs within the box connect to the cell `first`. If `present`, only springs that
+    /// exist now count; otherwise all springs that existed before any cut.
     Connected connected_to(const Box& box, int first, bool present) const {
         Connected reached{};
         std::array<int, cells> waiting{};
@@ -266,8 +267,8 @@ private:
         }
     }
 
-    /// The vertex that stands for `v` in a cell that follows the particle `guide`: `v`, or its copy across a
-    /// cut.
+    /// The vertex that a triangle or tetrahedron uses for `v` if it follows the particle `guide`: `v`, or its
+    /// copy across a cut.
     std::uint32_t vertex_beside(std::uint32_t v, std::uint32_t guide, std::vector<Item>& items,
                                 CarriedMesh& out) {
         const Box box = box_at(source_.mesh.points[v]);
@@ -276,7 +277,7 @@ private:
             !connected_to(box, box.nearest, false)[std::size_t(cell)])
             return v;
         const Connected side = connected_to(box, cell, true);
-        // A side of a cut is named by its first particle.
+        // The first particle of a side of a cut identifies this side.
         const auto first = std::size_t(std::find(side.begin(), side.end(), true) - side.begin());
         const std::uint64_t name = std::uint64_t(v) << 32U | box.particle[first];
         const auto [copy, is_new] = copies_.try_emplace(name, std::uint32_t(out.rest.size()));
@@ -290,7 +291,7 @@ private:
     const MeshInGrid& source_;
     const Problem& problem_;
     Vertices vertices_;
-    std::vector<std::uint32_t> particle_;  ///< in each voxel, or no_particle
+    std::vector<std::uint32_t> particle_;  ///< the particle in each voxel, or no_particle
     std::array<int, neighbour_count> stride_{};
     std::unordered_map<std::uint64_t, std::uint32_t> copies_;
 };

@@ -1,4 +1,5 @@
-// Readers of cells: VTK's legacy files and Gmsh's. Nodes that are not corners are left out.
+// Reads meshes of triangles, polygons and tetrahedra (cells) from VTK's legacy files and Gmsh's files. Nodes
+// of a cell that are not its corners are left out.
 #include <fmt/format.h>
 
 #include <array>
@@ -33,7 +34,9 @@ double vtk_number(MeshBytes& bytes, NumberLayout layout, std::string_view type) 
     if (type == "short") return bytes.number<std::int16_t>(layout, what);
     if (type == "char") return bytes.number<std::int8_t>(layout, what);
     if (type == "unsigned_char") return bytes.number<std::uint8_t>(layout, what);
-    bytes.refuse(type, "a type of VTK: float, double, int, long or vtktypeint64");
+    bytes.refuse(type,
+                 "a type of VTK: double, float, int, unsigned_int, long, vtktypeint64, vtkIdType, short, "
+                 "char or unsigned_char");
 }
 
 std::int64_t vtk_integer(MeshBytes& bytes, NumberLayout layout, std::string_view type) {
@@ -62,7 +65,7 @@ public:
         if (type != "POLYDATA" && type != "UNSTRUCTURED_GRID")
             bytes_.refuse(type, "POLYDATA or UNSTRUCTURED_GRID");
         for (std::string_view key; !(key = bytes_.word()).empty();) {
-            if (key == "POINT_DATA" || key == "CELL_DATA") break;  // behind points and cells
+            if (key == "POINT_DATA" || key == "CELL_DATA") break;  // these sections come last
             section(key);
         }
         return finish();
@@ -156,7 +159,7 @@ private:
         for (const auto& polygon : polygons_) add_polygon(mesh_, polygon);
         if (types_.size() != cells_.size())
             bytes_.refuse(fmt::format("{} types of {} cells", types_.size(), cells_.size()),
-                          "CELL_TYPES for CELLS");
+                          "one entry of CELL_TYPES per cell of CELLS");
         for (std::size_t n = 0; n < cells_.size(); ++n) {
             const std::vector<std::uint32_t>& cell = cells_[n];
             // VTK's numbers: triangle 5, polygon 7, quadrangle 9, tetrahedron 10; quadratic triangle 22,
@@ -310,8 +313,8 @@ private:
         const std::uint64_t count = text_count();
         const auto node = [&] { return std::uint64_t(small()); };
         for (std::uint64_t n = 0; n < count;) {
-            // In a text file each element has a type and tags. In a binary file they come once for several
-            // elements.
+            // In a text file each element states its type and its number of tags. A binary file states both
+            // once for several elements.
             std::uint64_t block = 1;
             if (layout_ == NumberLayout::text) (void)small();
             const std::int32_t type = small();

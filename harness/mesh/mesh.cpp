@@ -49,7 +49,8 @@ void check(const Mesh& mesh) {
             const double value = mesh.points[n][axis];
             if (std::abs(value) <= max_quantity) continue;
             throw BadInput(mesh.file, fmt::format("vertex {}, {}", n + 1, "xyz"[axis]),
-                           fmt::format("{:g}", value), fmt::format("a number up to {:g}", max_quantity));
+                           fmt::format("{:g}", value),
+                           fmt::format("a number of magnitude up to {:g}", max_quantity));
         }
     }
     check_indices(mesh, mesh.triangles, "triangle");
@@ -133,7 +134,7 @@ Mesh parse_mesh(std::string_view text, const std::string& file) {
     if (!mesh.tetrahedra.empty()) mesh.triangles = boundary_of(mesh);
     if (mesh.triangles.empty())
         throw BadInput(file, "", fmt::format("{} tetrahedra without a boundary", mesh.tetrahedra.size()),
-                       "tetrahedra of four different vertices, none of them twice");
+                       "tetrahedra of four different vertices, each tetrahedron once");
     return mesh;
 }
 

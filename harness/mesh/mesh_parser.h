@@ -1,4 +1,5 @@
-// What the readers of mesh files share: the words, numbers and bytes of a file, and the mesh that they make.
+// Code that the readers of mesh files share: it reads the words, numbers and bytes of a file, and adds
+// polygons to the mesh.
 #pragma once
 
 #include <algorithm>
@@ -31,7 +32,7 @@ public:
     /// Skips `count` bytes. Throws BadInput if there are fewer.
     void skip(std::size_t count);
 
-    /// The next number: a word, or the bytes of a `Number`. `what` names it in messages.
+    /// The next number: a word, or the bytes of a `Number`. In messages `what` says what was expected.
     template <class Number>
     Number number(NumberLayout layout, std::string_view what) {
         Number value{};
@@ -58,7 +59,8 @@ public:
         return error == std::errc() && stop == text.data() + text.size();
     }
 
-    /// Throws BadInput for `value`, which was read last; the message says where it stands in the file.
+    /// Throws BadInput for `value`, which was read last. The message says at which line and byte reading
+    /// stopped.
     [[noreturn]] void refuse(std::string_view value, std::string_view accepted) const;
 
 private:

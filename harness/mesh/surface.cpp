@@ -17,7 +17,7 @@
 namespace voxspring {
 namespace {
 
-/// An edge of a triangle. `from` is its endpoint of lower index, `to` the other one.
+/// An edge of a triangle. `from` is its endpoint of lower index, `to` that of higher index.
 struct Side {
     std::uint32_t from, to, triangle;
     bool is_backward;  ///< in the triangle's order of corners, `to` precedes `from`
@@ -202,8 +202,8 @@ private:
                 const glm::dvec3 normal = glm::cross(c[1] - c[0], c[2] - c[0]);
                 const double area = glm::length(normal);
                 if (!(area > 0)) continue;
-                // Distance of the sample points: large enough, in relation to the patch, to see the hole that
-                // the patch fills.
+                // Offset of the two sample points from the triangle. It grows with the patch, so that the
+                // points are clear of the hole that the patch fills.
                 const glm::dvec3 offset = normal / area * std::sqrt(patch.area) / 4.0;
                 const glm::dvec3 centre = (c[0] + c[1] + c[2]) / 3.0;
                 difference += area * (tree.at(centre + offset) - tree.at(centre - offset));
@@ -236,7 +236,8 @@ void add_caps(Surface& surface) {
         for (; net > 0; --net) open.push_back({edge[0].to, edge[0].from, 0});
         for (; net < 0; ++net) open.push_back({edge[0].from, edge[0].to, 0});
     });
-    // By set of edges: the point of the cap, and the number of ends of edges that were added up in it.
+    // For each set of edges: the index of its cap's point, and the number of ends of edges that were added up
+    // there.
     std::map<std::uint32_t, std::pair<std::uint32_t, double>> apex;
     for (const Triangle& edge : open) {
         const auto [found, is_new] = apex.try_emplace(sets.of(edge[0]), surface.points.size(), 0.0);
@@ -274,7 +275,7 @@ Surface surface_of(const Mesh& mesh) {
         parts.join(same[0], same[2]);
         const auto& p = mesh.points;
         if (same[0] == same[1] || same[1] == same[2] || same[0] == same[2]) {
-            ++facts.flat;  // left out of the surface, where its edges would count as open
+            ++facts.flat;  // not added to the surface, where its edges would count as open
             continue;
         }
         if (glm::cross(p[same[1]] - p[same[0]], p[same[2]] - p[same[0]]) == glm::dvec3(0)) ++facts.flat;

@@ -1,5 +1,5 @@
-// Makes a closed surface from the triangles of a mesh, even if that has holes, so that inside and outside can
-// be told apart. Reports what it found in the mesh.
+// Makes a closed surface from the triangles of a mesh, even if the mesh has holes, so that inside and outside
+// can be told apart. Also counts properties of the mesh, such as holes.
 #pragma once
 
 #include <cstddef>
@@ -19,9 +19,9 @@ struct MeshFacts {
     std::size_t holes = 0;               ///< connected sets of edges that a cap closes
     std::size_t non_manifold_edges = 0;  ///< edges that belong to three triangles or more
     std::size_t flat = 0;                ///< triangles without an area
-    std::size_t turned = 0;              ///< triangles that were turned over, see Surface
+    std::size_t turned = 0;              ///< triangles whose order of corners was reversed, see Surface
     glm::dvec3 low{0}, high{0};          ///< the box around the triangles
-    double volume = 0;                   ///< inside the surface, with holes closed by caps
+    double volume = 0;                   ///< volume inside the surface, with holes closed by caps
 };
 
 /// A closed surface: the triangles of a mesh, and caps. A cap is a fan of triangles that closes a hole. With

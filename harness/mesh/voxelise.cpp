@@ -22,9 +22,9 @@ namespace {
 /// also the number of sample points on each line within a voxel.
 constexpr int per_axis = 4;
 
-/// Limits on the number of crossings between triangles and lines: in all, which take some minutes, and for
-/// all lines of one z, which take some hundred megabytes per thread. A box filled with a hundred layers of
-/// surface stays below both.
+/// Limits on the number of crossings between triangles and lines. All crossings take some minutes at the
+/// first limit. Those of the lines at one z take some hundred megabytes per thread at the second. A box
+/// filled with a hundred layers of surface stays below both.
 constexpr double max_crossings = 4e9, max_crossings_of_z = 1e7;
 
 /// A triangle that some line along x may cross.
@@ -36,7 +36,7 @@ struct Crossed {
 /// Where a line along x crosses the surface.
 struct Crossing {
     std::int32_t row;   ///< number of the line along y
-    std::int32_t step;  ///< by how much the winding number grows, from lower to higher x
+    std::int32_t step;  ///< change of the winding number from lower to higher x
     double x;           ///< in voxels
 };
 
@@ -104,8 +104,8 @@ private:
         return WindingTree(std::move(caps));
     }
 
-    /// Keeps a triangle that lines may cross. `per_line` has an upper bound on the number of crossings for
-    /// each z of lines, less that for the z before. Adds the crossings of the triangle to it.
+    /// Keeps a triangle if lines may cross it. Adds an upper bound of its number of crossings to `per_line`,
+    /// which has for each z of lines the difference from the z before: the caller sums these up.
     void add(const Triangle& corners, std::vector<double>& per_line) {
         glm::dvec3 least = points_[corners[0]], most = least;
         for (const std::uint32_t c : corners) {
@@ -113,7 +113,7 @@ private:
             most = glm::max(most, points_[c]);
         }
         const auto line = [](double z) { return std::int32_t(std::ceil(z * per_axis - 0.5)); };
-        // One line more at each end, in case rounding would lose one. cross() then decides exactly.
+        // The range has one line more at each end, in case rounding would lose one. cross() decides exactly.
         const std::int32_t first = std::max(0, line(least.z) - 1);
         const std::int32_t last = std::min(dims_.z * per_axis - 1, line(most.z) + 1);
         if (first > last) return;
@@ -146,8 +146,8 @@ private:
             std::uint32_t from = triangle.corners[k], to = triangle.corners[(k + 1) % 3];
             const bool is_upward = points_[to].z > z;
             if ((points_[from].z > z) == is_upward) continue;
-            // In this order both triangles at an edge compute the same bits, so that no line slips through
-            // between them.
+            // With the ends in this order both triangles at an edge compute the same bits, so that no line
+            // passes between the triangles.
             if (from > to) std::swap(from, to);
             const glm::dvec3 &a = points_[from], &b = points_[to];
             const double along = (z - a.z) / (b.z - a.z);
@@ -162,8 +162,8 @@ private:
         }
         for (; row < dims_.y * per_axis && place(row) < right.y; ++row) {
             const double along = (place(row) - left.y) / (right.y - left.y);
-            // Seen along x, a triangle whose right end runs upward is counter-clockwise: its normal points to
-            // higher x, and the line leaves the body.
+            // Seen from higher x, with y to the right and z up, a triangle whose edge at `right` runs upward
+            // is counter-clockwise. So its normal points to higher x, and the line leaves the body.
             crossings.push_back({row, -right.sign, left.x + along * (right.x - left.x)});
         }
     }

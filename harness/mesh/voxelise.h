@@ -13,7 +13,7 @@
 
 namespace voxspring {
 
-/// The number of voxels along the longest side of a mesh if nobody chose its pitch.
+/// The number of voxels along the longest side of a mesh if the user chose no pitch (edge of a voxel).
 inline constexpr int default_voxels = 64;
 
 /// A voxel belongs to the body if at least this fraction of it lies inside.
@@ -38,15 +38,16 @@ struct Voxelised {
     std::vector<std::string> notes;  ///< for the user, like Scene::notes; those of the mesh's file come first
 };
 
-/// The pitch if nobody chose one: default_voxels along the longest side, in two significant digits.
+/// The pitch if the user chose none: default_voxels along the longest side, rounded to two significant
+/// digits.
 double default_pitch(const MeshFacts& facts);
 
 /// Makes voxels of edge `pitch`. A voxel is active if at least the fraction `fill` of it, in (0, 1], has a
 /// winding number above 1/2 with respect to the mesh. That is the inside of a closed surface. Where the
 /// surface has a hole, the inside ends about where a film across the hole would be. The fraction is measured
 /// along 16 lines through the voxel. Equal input gives equal bits with any number of threads. Without a pitch
-/// default_pitch() is used, and a note says so. Throws BadInput, which names --pitch, if the grid is too
-/// large for `limits` or if no voxel is active.
+/// default_pitch() is used, and a note says so. Throws BadInput if the grid is too large for `limits`, if too
+/// many triangles overlap each other, or if no voxel is active.
 Voxelised voxelise(Mesh mesh, std::optional<double> pitch, double fill, const SceneSizeLimits& limits);
 
 }  // namespace voxspring

@@ -30,7 +30,7 @@ private:
         double reach = 0;                    ///< largest distance of a corner from the centre
         glm::dvec3 area{0};                  ///< sum of area vectors
         std::uint32_t first = 0, count = 0;  ///< range in triangles_, including those of all nodes below
-        std::uint32_t right = 0;             ///< the second child, the first is the next node; 0: a leaf
+        std::uint32_t right = 0;  ///< index of the second child (the first is the next node); 0: a leaf
     };
     void build(std::uint32_t first, std::uint32_t count);
 
