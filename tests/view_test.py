@@ -263,7 +263,7 @@ class View(InTemporaryFolder):
 
     def test_a_device_that_fails_leaves_the_window_and_a_state(self):
         window = self.open("--backend", "wears_out", "--steps", "1", program=FAULTY)
-        window.hear("failed: the card fell off the bus. Another backend goes on from the state after step ")
+        window.hear("failed: the card fell off the bus. Choose another backend to go on from the state after step ")
         kept = int(self.saved(window)["step"])
         self.assertLessEqual(kept, 100)
         self.choose_backend(0)

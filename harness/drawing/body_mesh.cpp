@@ -176,7 +176,7 @@ private:
     std::unordered_map<std::uint64_t, std::uint32_t> by_place_;
 };
 
-/// Fills mesh.particles, and lets vertices follow indices into that list instead of particles.
+/// Fills mesh.particles, and replaces the particles in each vertex's `follows` by their indices in that list.
 void number_particles(BodyMesh& mesh) {
     for (const BodyMesh::Vertex& vertex : mesh.vertices)
         mesh.particles.insert(mesh.particles.end(), vertex.follows.begin(),

@@ -1,5 +1,5 @@
-// The surface of a body as a mesh whose vertices follow particles. It is built anew after a cut, but not
-// after a step.
+// The surface of a body as a mesh whose vertices follow particles. The mesh is built anew after a cut, but
+// not after a step.
 #pragma once
 
 #include <array>

@@ -59,8 +59,8 @@ Image read_pixels(glm::ivec2 size) {
     return image;
 }
 
-/// Undoes the multiplication by opacity: a pixel that is half body and half transparent background came out
-/// half as bright.
+/// Divides colours by their opacity. Drawing has multiplied them: a pixel that is half body and half
+/// transparent background is half as bright.
 void divide_by_opacity(Image& image) {
     for (std::size_t n = 0; n < image.pixels.size(); n += 4) {
         const int opacity = image.pixels[n + 3];

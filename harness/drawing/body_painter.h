@@ -1,4 +1,4 @@
-// Draws a body's surface from displacements on the card, whatever their source.
+// Draws a body's surface from displacements in a buffer on the card. Any source may have written them.
 #pragma once
 
 #include <array>
@@ -28,16 +28,17 @@ struct Shades {
 
 /// How pictures are made.
 struct PictureStyle {
-    int samples = 0;    ///< samples per pixel, whose mean is shown; 0: one sample. Every renderer supports 4.
+    /// Samples per pixel, whose mean is shown. Every renderer supports 4. 0: no multisampling.
+    int samples = 0;
     int smoothing = 0;  ///< number of passes that smooth the surface's normals
-    /// Neither light nor dark, so that both ends of viridis and plasma stand out from it.
+    /// A dark grey, from which both ends of the colour maps viridis and plasma stand out.
     std::array<float, 4> background = {0.16F, 0.17F, 0.19F, 1};
 };
 /// Smooth edges and surfaces on a transparent background.
 inline constexpr PictureStyle for_files{.samples = 4, .smoothing = 2, .background = {0, 0, 0, 0}};
 
-/// Draws in an OpenGL context, which must outlive this and which each call makes current. Throws DeviceError.
-/// On one renderer the same input gives the same bits.
+/// Draws in an OpenGL context, which must outlive this object. Each call that uses OpenGL makes the context
+/// current. Throws DeviceError. On one renderer the same input gives the same bits.
 class BodyPainter {
 public:
     explicit BodyPainter(const gl::Context& context, const PictureStyle& style = {});
@@ -61,8 +62,8 @@ public:
     /// Copies the picture to the window's framebuffer.
     void show() const;
     Image picture() const;
-    /// The place on the body that is visible at a pixel of the picture; nullopt if no body is there.
-    /// Requires PictureStyle::samples to be 0, so one sample per pixel.
+    /// The place on the body that is visible at a pixel of the picture; nullopt if no body is there. Requires
+    /// that PictureStyle::samples is 0 (no multisampling).
     std::optional<glm::dvec3> place_at(glm::dvec2 pixel) const;
     /// Where the mesh's vertices are (x, y, z), with the present contents of displacements(), and their
     /// values (w). Waits for the card.
@@ -88,7 +89,7 @@ private:
     View view_{.size = {0, 0}};  ///< the view of the picture
     gl::Texture colour_, depth_, resolved_colour_;
     gl::Framebuffer target_;
-    gl::Framebuffer resolved_;  ///< has the mean of the samples of each pixel; unused without samples
+    gl::Framebuffer resolved_;  ///< has the mean of the samples of each pixel; unused without multisampling
 };
 
 }  // namespace voxspring

@@ -70,8 +70,8 @@ void write(Image& image, std::string_view text, int left, int top, int dot) {
     }
 }
 
-/// `value` with `digits` significant digits, like "0.25" or "1e-5". The exponent is not padded, as printf
-/// does.
+/// `value` with `digits` significant digits, like "0.25" or "1e-5". Unlike printf, it does not pad the
+/// exponent with zeros.
 std::string short_text(double value, int digits) {
     std::string text = fmt::format("{:.{}g}", value, digits);
     const std::size_t e = text.find('e');

@@ -1,4 +1,4 @@
-// The meaning of colours in pictures: scales, colour maps, and the bar that shows both.
+// What the colours of pictures mean: scales, colour maps, and the bar that shows a scale and its colours.
 #pragma once
 
 #include <array>
@@ -21,8 +21,8 @@ std::string to_string(Colouring colouring);
 /// The colouring called "displacement" or "error"; nullopt for any other text.
 std::optional<Colouring> colouring_called(const std::string& text);
 
-/// Maps a colouring's values to 0 to 1: displacements linearly from 0, errors by their logarithm over at most
-/// three decades.
+/// Maps a colouring's values to 0 to 1: displacements linearly from 0, errors by their logarithm over the
+/// three decades below the upper end.
 class Scale {
 public:
     /// `max` is the upper end of the scale, finite and not negative. `largest`, which the legend prints, is

@@ -38,7 +38,7 @@ LiveDrawing::LiveDrawing(const gl::Context& own, Backend& backend, const Problem
     // The drawing thread has its copy of the problem, to which edits are applied when the mesh is rebuilt.
     thread_ =
         std::jthread([this, steps_on_cores, own_problem = problem](const std::stop_token& stop) mutable {
-            // If the backend steps on the cores, building meshes may use only one.
+            // If the backend steps on the processor's cores, building meshes may use only one of them.
             if (steps_on_cores) omp_set_num_threads(1);
             run(stop, own_problem);
         });
@@ -104,8 +104,8 @@ void LiveDrawing::feed_mesh(std::unique_lock<std::mutex> lock) {
     own_.make_current();
     feed_.reset();
     host_feed_.reset();
-    // host_feed() is preferred: lending OpenGL's buffer to CUDA for each picture delays the stepping thread
-    // for longer than copying these few bytes through the host.
+    // host_feed() is preferred. With feed() CUDA maps OpenGL's buffer for each picture, which delays the
+    // stepping thread for longer than copying these few bytes through the host.
     FeedFacet* const feeds = backend_.feeds();
     if (feeds == nullptr) return;
     host_feed_ = feeds->host_feed(particles);
@@ -134,11 +134,11 @@ std::optional<double> LiveDrawing::picture_seconds() const {
 // --- In the drawing thread ------------------------------------------------------------------------------
 
 void LiveDrawing::run(const std::stop_token& stop, Problem& problem) {
-    // The stepping thread may be real-time, and this thread inherits that. Ticks take precedence over
-    // pictures.
+    // This thread inherits the real-time priority that the stepping thread may have, and gives it up here:
+    // steps take precedence over pictures.
     const sched_param normal{.sched_priority = 0};
     sched_setscheduler(0, SCHED_OTHER, &normal);
-    // Threads exchange messages rather than exceptions, which belong to one thread only.
+    // Exceptions stay within the thread that throws them, so the stepping thread gets their messages.
     std::optional<std::string> absent, failure;
     try {
         draw(stop, problem);

@@ -1,5 +1,5 @@
-// Draws a body beside the thread that steps it, as the live view does but without a window, to measure what
-// that costs.
+// Draws a body, without a window, in a second thread beside the thread that steps it. So the cost of a live
+// view is measured.
 #pragma once
 
 #include <condition_variable>
@@ -25,7 +25,7 @@
 
 namespace voxspring {
 
-/// Draws in a second thread with a separate OpenGL context, which also waits for the card. The stepping
+/// Draws in a second thread, which has an OpenGL context for itself and waits for the card. The stepping
 /// thread calls all public functions. It passes displacements to the drawing thread through a buffer on the
 /// card, because it cannot write to the buffer from which a picture is being drawn, and because a context is
 /// current in one thread only. The drawing thread returns the buffer once the picture is finished. To return
@@ -46,24 +46,26 @@ public:
     /// Waits until the current picture is finished.
     ~LiveDrawing();
 
-    /// Hands over the displacements if a sixtieth of a second has passed and the buffer is free again. Throws
-    /// DeviceError if the backend fails or drawing has failed.
+    /// Hands over the displacements if a sixtieth of a second has passed since the last time and the buffer
+    /// is free again. Throws DeviceError if the backend fails or drawing has failed.
     void hand_over_if_due();
     /// To be called after the backend has been given `edit`, which must outlive this drawing. The drawing
     /// thread then rebuilds the mesh.
     void follow(const SpringEdit& edit);
-    /// Connects the backend to the latest mesh, unless the drawing thread is busy: call it again between
-    /// later ticks. Until then nothing is handed over for a new mesh. It takes longer than a tick may. Throws
-    /// DeviceError.
+    /// Connects the backend to the latest mesh, if there is a new one and the mutex is free. To be called
+    /// again and again, between ticks (a tick: one batch of steps and the tool's force), since connecting
+    /// takes longer than a tick may. Until the backend is connected to a new mesh, no displacements are
+    /// handed over. Throws DeviceError.
     void follow_mesh();
 
     /// The number of finished pictures.
     std::int64_t pictures() const;
     /// Median durations: of handing displacements over, in the stepping thread, and of a picture, from taking
-    /// the displacements until the card has drawn it. Absent if there was none.
+    /// the displacements until the card has drawn the picture. Absent if nothing was handed over or drawn.
     std::optional<double> hand_over_seconds() const;
     std::optional<double> picture_seconds() const;
-    /// "host_feed", "feed" or "download": the function of Backend that provides displacements.
+    /// How the backend provides displacements, by the name of its function: "host_feed", "feed" or
+    /// "download".
     std::string displacements_by() const;
 
 private:
@@ -71,8 +73,8 @@ private:
     void run(const std::stop_token& stop, Problem& problem);
     void draw(const std::stop_token& stop, Problem& problem);
     void publish(const BodyMesh& mesh, bool shares);
-    /// Draws the displacements that were handed over and returns the buffer. Returns false, without a
-    /// picture, if they were of another mesh.
+    /// Draws the displacements that were handed over, and gives the buffer back to the stepping thread.
+    /// Returns false, without a picture, if the displacements were those of an earlier mesh.
     bool draw_picture(BodyPainter& painter, const Orbit& orbit);
 
     const gl::Context& own_;
@@ -81,15 +83,16 @@ private:
     gl::StorageBuffer handed_over_;
     std::vector<glm::dvec3> downloaded_;
     std::span<const glm::vec4> brought_;  ///< displacements that host_feed_ brought to the host
-    // At most one of these is set. Without either, displacements come from Backend::download().
+    // At most one of the next two is set. If neither is, displacements come from Backend::download().
     std::unique_ptr<HostFeed> host_feed_;
     std::unique_ptr<Feed> feed_;
     int fed_mesh_ = 0;
     Clock::time_point due_;
     std::vector<double> hand_overs_;
 
-    /// Guards all members below. The stepping thread may be real-time while the drawing thread is not, so it
-    /// waits for the mutex as rarely as possible: if the mutex is taken, it tries again in the next tick.
+    /// Guards all members below except thread_. The stepping thread may be real-time while the drawing thread
+    /// is not, so the stepping thread rarely waits for this mutex: if it is taken, hand_over_if_due() and
+    /// follow_mesh() return, and their next call tries again.
     mutable std::mutex mutex_;
     std::condition_variable_any changed_;
     bool is_full_ = false;  ///< true: the drawing thread may use handed_over_; false: the stepping thread may
@@ -102,7 +105,7 @@ private:
     std::optional<std::string> absent_, failure_;
     std::vector<double> pictures_;  ///< duration of each picture in seconds
 
-    std::jthread thread_;  ///< declared last: it ends before anything that it uses is destroyed
+    std::jthread thread_;  ///< declared last, so that it ends before anything that it uses is destroyed
 };
 
 }  // namespace voxspring

@@ -35,7 +35,7 @@ public:
 
     /// Turns around the body: half a turn for a movement by the picture's height.
     void turn(glm::dvec2 pixels, glm::ivec2 size);
-    /// Pans: the point that the camera looks at follows the pointer on the screen.
+    /// Pans: the body follows the pointer on the screen.
     void shift(glm::dvec2 pixels, glm::ivec2 size);
     /// Moves nearer if `notches` is positive.
     void zoom(double notches);
@@ -53,7 +53,7 @@ private:
     glm::dmat4 to_eye() const;
 
     glm::dvec3 middle_{0};
-    double radius_ = 1;  ///< radius of what is to be visible
+    double radius_ = 1;  ///< radius of the box that show() made visible
     double distance_ = 3;
     double azimuth_ = 0.5, elevation_ = 0.4;
 };

@@ -15,7 +15,8 @@ std::size_t lines_of(std::size_t bytes) { return (bytes + sizeof(Line) - 1) / si
 
 }  // namespace
 
-/// Counts of messages sent and taken so far. All zeros mean an empty mailbox.
+/// Counts of messages sent and taken so far, and the sizes of the two latest messages. All zeros mean an
+/// empty mailbox.
 struct Mailbox::Head {
     alignas(Line) std::atomic<std::uint64_t> sent;
     std::array<std::uint64_t, 2> bytes;
@@ -171,7 +172,8 @@ void greet(Exchange& exchange, const std::vector<int>& others) {
     }
 }
 
-// After n rounds a rank has heard, directly or through other ranks, from all whose number differs by up to n.
+// After n rounds a rank has heard, directly or through other ranks, from all ranks whose number differs from
+// its number by up to n.
 void meet(Exchange& exchange) {
     std::vector<int> beside;
     for (const int other : {exchange.rank() - 1, exchange.rank() + 1}) {

@@ -1,10 +1,11 @@
-// How the parts of one body exchange their borders after each step.
+// How the parts of one body exchange their borders (the particles near other parts, which springs join to
+// these) after each step.
 //
 // A rank is one part of a run: a subdomain (backends/layout/decomposition.h), its backend and one Exchange.
-// Messages go through the host's memory here, which threads or processes share. If borders move from device
-// to device (DeviceBorders of backends/facets.h: copies between peers, stores into the neighbour's memory,
-// NCCL), empty messages say that a transfer has been enqueued. Ranks then wait, meet and fail as with borders
-// in the host's memory.
+// Messages go through memory of the host that threads or processes share. If borders move from device to
+// device (DeviceBorders of backends/facets.h: copies between peers, stores into the neighbour's memory,
+// NCCL), only empty messages are sent, which say that a transfer has been enqueued. So ranks wait, meet and
+// fail in the same way in both cases.
 #pragma once
 
 #include <chrono>
@@ -26,8 +27,8 @@ struct alignas(128) Line {
     std::byte bytes[128];
 };
 
-/// Messages from one rank to another, with room for two, so that one can be written while the one before is
-/// read. One rank sends, the other takes.
+/// Messages from one rank to another. There is room for two messages, so that one can be written while the
+/// one before is read. One rank sends, and the other takes.
 class Mailbox {
 public:
     /// `memory` has lines(capacity) Lines. A message has at most `capacity` bytes.
@@ -100,8 +101,8 @@ private:
     std::map<std::pair<int, int>, std::size_t> begin_;  ///< first Line of a mailbox, by {sender, receiver}
 };
 
-/// Another rank failed or sent nothing for too long, so this rank cannot go on. The message says which and
-/// why.
+/// Another rank failed or sent nothing for too long, so this rank cannot go on. The message says which rank
+/// it was, and why it failed.
 class RankLost : public std::runtime_error {
     using std::runtime_error::runtime_error;
 };
@@ -126,7 +127,8 @@ public:
     const std::byte* inbox(int from);
     void release(int from) { links_.at(from).in.take(); }
 
-    /// Makes every rank that waits throw RankLost with this reason, or with an earlier one if there is one.
+    /// Makes every rank that waits throw RankLost with this reason, or with an earlier reason if the run has
+    /// already failed.
     void fail(const std::string& reason) noexcept { mailroom_.fail(reason); }
     /// A rank that sends nothing for this long counts as lost. The initial value is 10 s.
     void set_patience(std::chrono::duration<double> patience) { patience_ = patience; }

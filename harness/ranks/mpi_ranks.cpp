@@ -91,8 +91,8 @@ public:
         for (const int other : mailroom.routes().from(mpi.rank())) links_.push_back({other, nullptr});
     }
 
-    /// Carries messages until every rank has a verdict, and returns the verdicts: a rank's report, or why the
-    /// rank failed. `ask` returns the report of this rank's worker.
+    /// Carries messages until every rank has a verdict (its report, or why it failed), and returns the
+    /// verdicts. `ask` returns the report of this rank's worker.
     std::vector<nlohmann::json> carry(const std::function<nlohmann::json()>& ask);
 
 private:
@@ -136,7 +136,8 @@ bool Carrier::send_borders() {
     return moved;
 }
 
-/// Also receives messages that the worker no longer needs, since the sender waits until they are received.
+/// Receives the neighbours' borders for the worker. Messages that the worker no longer needs are also
+/// received, since their sender waits for that.
 bool Carrier::receive_borders() {
     bool moved = false;
     const bool wanted = is_own_missing() && !mailroom_.has_failed();
@@ -164,8 +165,8 @@ void Carrier::judge_own(std::future<nlohmann::json>& answer) {
     }
 }
 
-/// Sends the verdict once none of this rank's messages is on its way, so that they all arrive before the
-/// verdict.
+/// Sends this rank's verdict to the other ranks, once none of its borders is on its way any more: so all
+/// borders arrive before the verdict.
 void Carrier::announce() {
     const auto is_idle = [](const Link& link) { return link.sending == nullptr; };
     if (announced_ || is_own_missing() || !std::all_of(links_.begin(), links_.end(), is_idle)) return;
@@ -247,8 +248,8 @@ CaseProgram rank_program(const RankTask& task, int rank, const SharedMemory& mai
                            {"routes", task.routes},
                            {"segment", mailroom.segment()}},
             .shared = shared,
-            // Rank 0's backend is first asked whether it takes the whole scene. So it is made as if no other
-            // rank used its device.
+            // Rank 0's backend is first asked whether it supports the whole scene. So this backend is made as
+            // if no other rank used its device.
             .device = rank == 0 ? task.plan.first_device() : task.plan.device_of(rank)};
 }
 

@@ -1,9 +1,10 @@
 // Ranks as processes on one or several hosts, started by mpirun.
 //
-// Each process of mpirun uses MPI itself, and lets a worker step the subdomain. A worker that crashes or
-// hangs then does not end its rank of MPI, which would end all ranks. A worker and its rank share a mailroom,
-// and the rank carries messages between the mailroom and the neighbours. Rank 0 runs the study, and tells the
-// other ranks what to run.
+// Each process of mpirun is one rank. It uses MPI itself, and lets another process, its worker, step the
+// rank's subdomain. So a worker that crashes or hangs does not end its rank, which would make MPI end all
+// ranks. A worker and its rank share a mailroom (mailboxes in memory, exchange.h), and the rank carries
+// messages between that mailroom and the neighbouring ranks. Rank 0 runs the study, and tells the other ranks
+// what to run.
 #pragma once
 
 #include <sys/types.h>
@@ -26,7 +27,7 @@
 
 namespace voxspring {
 
-/// What the ranks run together. Every rank gets a copy.
+/// A run of one scene by all ranks. Every rank gets a copy of this task.
 struct RankTask {
     std::string scene;        ///< the argument of load_scene(), for every rank
     bool strained = false;    ///< whether steps begin at strained_start() instead of the scene's start
@@ -67,9 +68,9 @@ public:
     void serve(const Means& means);
 
     /// For rank 0: makes all ranks of the task run it. `worker` is the process of rank 0's worker, which uses
-    /// `mailroom`. `ask` asks that worker to run its part, and returns the worker's report; the caller knows
-    /// where the worker leaves its part of the state. The other ranks' parts of the state are copied to
-    /// `left`. Throws std::runtime_error with the reason if any rank failed.
+    /// `mailroom`. `ask` asks that worker to run its part, and returns the worker's report. The caller
+    /// fetches the state of rank 0's part; the states of the other parts are copied to `left`. Throws
+    /// std::runtime_error with the reason if any rank failed.
     std::vector<RankReport> run(RankTask task, const Scene& scene, const SharedMemory& mailroom, pid_t worker,
                                 const std::function<nlohmann::json()>& ask, State& left);
 

@@ -43,7 +43,7 @@ class Library {
         return {found};
     }
     static void* opened() {
-        // RTLD_GLOBAL, since the library's plugins look for its symbols.
+        // RTLD_GLOBAL makes the library's symbols visible to its plugins, which need them.
         void* const handle = dlopen("libmpi.so.40", RTLD_NOW | RTLD_GLOBAL);
         if (handle == nullptr) refuse_mpirun(dlerror());
         return handle;

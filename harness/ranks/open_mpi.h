@@ -1,5 +1,5 @@
-// Open MPI, which connects the processes that mpirun starts. Its library is opened at run time, so it is not
-// needed without mpirun.
+// Open MPI, which connects the processes that mpirun starts. The library of Open MPI is opened at run time,
+// so that a start without mpirun does not need it.
 #pragma once
 
 #include <cstddef>
@@ -16,8 +16,8 @@ namespace voxspring {
 /// Errors in MPI end all of these processes, which is MPI's default.
 class OpenMpi {
 public:
-    /// The result is null if mpirun did not start this process. If it did, and Open MPI cannot be loaded,
-    /// throws BadInput with the reason.
+    /// The result is null if mpirun did not start this process. Throws BadInput with the reason if mpirun
+    /// started it and Open MPI cannot be loaded.
     static std::unique_ptr<OpenMpi> join();
     OpenMpi() = default;
     OpenMpi(const OpenMpi&) = delete;
@@ -37,8 +37,9 @@ public:
     virtual std::optional<Arrived> arrived(int tag, std::optional<int> from = {}) const = 0;
     virtual void receive(int from, int tag, void* to, std::size_t bytes) const = 0;
 
-    /// A message on its way; it is gone once its bytes may change. The destructor waits for that, maybe until
-    /// the other rank receives the message: two ranks that wait for each other in this way deadlock.
+    /// A message on its way. It is gone as soon as the sender may change its bytes. The destructor waits
+    /// until the message is gone, maybe until the other rank receives it: two ranks that wait for each other
+    /// in this way deadlock.
     class Sending {
     public:
         Sending() = default;

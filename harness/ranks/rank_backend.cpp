@@ -79,12 +79,13 @@ void RankBackend::step(int count) {
         for (; count > 0; count -= most) step_together([&] { inner_.step(std::min(count, most)); });
         return;
     }
-    // A rank without a border does this too: in step_together() all ranks meet.
+    // A rank without a border also steps in this way, because all ranks meet in step_together().
     if (goes_by_device() && !waits_ && inner_.borders()->prepare_exchanges(*own_borders(), count)) {
         step_together([&] { inner_.borders()->step_and_exchange(*own_borders(), count); });
         return;
     }
-    // A single rank is the baseline for several, and must not be slowed down.
+    // Without a border there is nothing to exchange. A run with a single rank is the baseline for runs with
+    // several ranks, and must not be slowed down.
     if (subdomain_.borders.empty()) return step_alone(count);
     for (int n = 0; n < count; ++n) {
         step_alone(1);

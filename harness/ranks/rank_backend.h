@@ -1,4 +1,5 @@
-// A subdomain on a backend. After each step it sends its borders and receives those of its neighbours.
+// Steps one rank's subdomain on a backend. After each step it sends the subdomain's borders and receives
+// those of its neighbours.
 #pragma once
 
 #include <cstddef>
@@ -15,7 +16,7 @@
 
 namespace voxspring {
 
-/// The DeviceBorders of all ranks of one process, by rank.
+/// The borders on devices of all ranks, if they are threads of one process; element r belongs to rank r.
 using PartsOnDevices = std::vector<std::shared_ptr<DeviceBorders>>;
 
 /// Where the time of a rank's steps went, in seconds.
@@ -29,8 +30,8 @@ struct RankSeconds {
 class RankBackend final : public Backend, public ToolFacet {
 public:
     /// All arguments must outlive this object. If `parts` is not null, borders go from device to device by
-    /// `way`, one of Capabilities::border_ways. Then after each upload() all ranks must meet() and connect()
-    /// before anything else.
+    /// `way`, one of Capabilities::border_ways. In that case all ranks must meet() and connect() after each
+    /// upload(), before anything else.
     RankBackend(Backend& inner, const Subdomain& subdomain, Exchange& exchange, std::string way = {},
                 PartsOnDevices* parts = nullptr)
         : inner_(inner), subdomain_(subdomain), exchange_(exchange), way_(std::move(way)), parts_(parts) {}
@@ -40,7 +41,8 @@ public:
     void upload(const Problem& problem, const State& state) override;
     bool keep_start() override { return inner_.keep_start(); }
     void rewind() override { inner_.rewind(); }
-    /// Does nothing for an edit that changes no spring here. All ranks must still call this.
+    /// Does nothing for an edit that changes no spring of this subdomain. All ranks must call edit() for
+    /// every edit nevertheless.
     void edit(const Problem& edited, const SpringEdit& edit) override {
         if (!edit.empty()) inner_.edit(edited, edit);
     }
@@ -63,12 +65,13 @@ public:
     void connect();
     /// Ends what connect() began. To be called when all ranks have met after the last step, if none failed.
     void disconnect();
-    /// Sends borders to the neighbours, and writes their borders to the ghosts; step() does this after each
-    /// step. If borders go from device to device, returns before the transfers are done.
+    /// Sends borders to the neighbours, and writes the neighbours' borders to the ghosts (the copies that
+    /// this rank has of their particles); step() does this after each step. If borders go from device to
+    /// device, may return before the transfers are done.
     void exchange_borders();
     /// Sets whether the host waits for the device after each part of a step, so that take_seconds() can tell
-    /// the parts apart. It always does if borders go through the host's memory; otherwise it does not at
-    /// first.
+    /// the parts apart. If borders go through the host's memory, the host always waits; otherwise it does not
+    /// wait unless this function sets it.
     void wait_in_steps(bool wait) { waits_ = wait || parts_ == nullptr; }
     bool goes_by_device() const { return parts_ != nullptr; }
     /// Whether borders travel within steps, so that their exchange cannot be timed separately.

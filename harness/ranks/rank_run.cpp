@@ -25,8 +25,8 @@
 namespace voxspring {
 namespace {
 
-/// Seconds that one `action` takes, which all ranks repeat at the same time. The fastest of several batches
-/// counts, since other activity of the machine only adds time.
+/// The seconds that one call of `action` takes. All ranks repeat this call at the same time. The fastest of
+/// several batches counts, since other activity of the machine only adds time.
 double seconds_of(Exchange& exchange, RankBackend& backend, const std::function<void()>& action) {
     constexpr int batches = 10, rounds = 20;
     double least = std::numeric_limits<double>::infinity();
@@ -132,7 +132,7 @@ void run_as_thread(const std::shared_ptr<Together>& all, int rank) {
 }
 
 /// Starts one thread per rank. If the system refuses a thread, the run has failed, and the threads already
-/// started end as after any rank's failure. Until then they use the caller's scene.
+/// started end as after any rank's failure. Until they end they use the caller's scene.
 void start_threads(const std::shared_ptr<Together>& all) {
     for (int rank = 0, ranks = all->at_work; rank < ranks; ++rank) {
         try {
@@ -185,7 +185,7 @@ std::string cut_refusal(const Scene& scene, glm::ivec3 cut) {
     if (std::string reason = Decomposition::refusal(scene.problem, cut); !reason.empty()) return reason;
     for (const ScheduledEdit& scheduled : scene.edits) {
         if (scheduled.edit.leaves_lattice())
-            return "a part has ghosts of one layer of voxels, and a suture after step " +
+            return "a part knows one layer of voxels of its neighbours, and a suture after step " +
                    std::to_string(scheduled.step) + " reaches farther";
     }
     return {};

@@ -75,8 +75,9 @@ struct RankReport {
     /// borders travel within steps.
     double latency = 0, seconds_per_byte = 0;
     std::string device = {}, uuid = {};  ///< from the Capabilities of its backend
-    /// Observed::card_mhz and other_users, after each batch; empty if the device is no card or is not
-    /// watched. With MPI the other users of a card may be other ranks.
+    /// The clock of the rank's card and the number of its other users (Observed::card_mhz, other_users),
+    /// after each batch; empty if the device is no card or is not watched. With MPI the other users of a card
+    /// may be other ranks.
     std::vector<unsigned> card_mhz = {}, other_users = {};
 };
 NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(RankBatch, total, compute, exchange, waiting)
@@ -97,17 +98,17 @@ State room_for_state(const Problem& problem, const RankPlan& plan);
 std::vector<std::uint32_t> places_of_rank(const Problem& problem, const RankPlan& plan, int rank);
 
 /// Runs one rank, and copies the final state of the particles that it steps to `left`, which is
-/// room_for_state(). Throws RankLost, what the backend throws (Unavailable if there is no such device),
-/// Unavailable if the backend cannot run its subdomain, and std::runtime_error if the run diverges.
+/// room_for_state(). Throws RankLost if another rank failed, Unavailable if there is no such device or the
+/// backend cannot run its subdomain, std::runtime_error if the run diverges, and what the backend throws.
 ///
 /// `parts` has one element per rank and is shared by all ranks. It may be null if plan.way is "memory".
 RankReport run_rank(const BackendSpec& spec, const Scene& scene, const RankPlan& plan, Exchange& exchange,
                     State& left, PartsOnDevices* parts = nullptr);
 
 /// Runs all ranks of the plan, each as a thread of this process, and returns one report per rank. If a rank
-/// fails, the others end soon. Then throws Unavailable if a rank threw Unavailable, and otherwise
-/// std::runtime_error, with the reason. A thread that hangs is left behind until the process ends, with the
-/// data that it uses: `scene` must live until then.
+/// fails, the other ranks end soon, and this function throws the reason: as Unavailable if a rank threw
+/// Unavailable, otherwise as std::runtime_error. A thread that hangs is left behind until the process ends,
+/// with the data that it uses: `scene` must live until then.
 std::vector<RankReport> run_ranks_as_threads(const BackendSpec& spec, const Scene& scene,
                                              const RankPlan& plan, State& left);
 

@@ -69,7 +69,7 @@ std::vector<Brick> Sample::bricks(const Scene& scene, int layers) {
 
 std::string Sample::refusal(const Scene& scene, int layers) {
     const Lattice& lattice = scene.problem.lattice;
-    if (lattice.voxel.empty()) return "only a lattice has samples, and the particles lie on none";
+    if (lattice.voxel.empty()) return "a sample is layers of a lattice, and the particles lie on no lattice";
     if (!scene.problem.springs.empty() ||
         std::any_of(scene.edits.begin(), scene.edits.end(),
                     [](const ScheduledEdit& scheduled) { return scheduled.edit.leaves_lattice(); }))

@@ -1,4 +1,4 @@
-// Layers of a body that are verified instead of the whole body, if that is too large.
+// Layers of a body that are verified instead of the whole body, if the body is too large.
 #pragma once
 
 #include <cstdint>
@@ -11,18 +11,20 @@
 namespace voxspring {
 
 /// The part of `scene` that belongs to `subdomain`. Moves subdomain.problem into the result. Edits that
-/// change nothing here are kept: all ranks must stop at the same steps and upload at the same points.
+/// change nothing in the subdomain are kept, because all ranks must stop at the same steps and upload at the
+/// same points.
 Scene part_of(const Scene& scene, Subdomain& subdomain);
 
 /// The indices in `all` of the values of `some`. `all` contains every value of `some`, and both ascend.
 std::vector<std::uint32_t> places_of(const std::vector<std::uint32_t>& some,
                                      const std::vector<std::uint32_t>& all);
 
-/// A brick of layers of voxels across the longest axis, and a scene to verify it with. A force reaches one
-/// voxel further per step. So after n steps the brick depends only on the n layers around it, and the float64
-/// reference needs to step only these.
+/// A brick (a box of voxels: some layers across the longest axis), and a scene to verify it with. A force
+/// reaches one voxel further per step. So after n steps the brick depends only on the n layers around it, and
+/// the float64 reference needs to step only the brick and these layers.
 struct Sample {
-    /// The part of the scene in one of bricks() and in the ghosts around it, which are verified as well.
+    /// The part of the scene in one of bricks() and in the layer of voxels around it (ghosts), which is
+    /// verified as well.
     Scene judged;
     std::vector<std::uint32_t> particle;  ///< index in the whole body of each particle of `judged`, ascending
     /// The part of the scene in the brick and in the layers that `judged` depends on.

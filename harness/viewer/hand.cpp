@@ -9,7 +9,8 @@
 namespace voxspring {
 namespace {
 
-/// A stroke is cut in pieces of at least this number of pixels.
+/// The blade's stroke (from pressing to releasing the button) cuts in pieces of at least this number of
+/// pixels.
 constexpr double stretch = 4;
 /// Each further piece of a stroke begins this number of pixels before the end of the previous one, because
 /// the body moves between frames.

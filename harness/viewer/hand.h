@@ -1,4 +1,4 @@
-// The pointer as a hand: it turns the body, takes hold of it, cuts and sews.
+// The pointer as a hand, which turns the body, takes hold of it, cuts it and sews it.
 #pragma once
 
 #include <glm/vec2.hpp>
@@ -32,7 +32,8 @@ public:
 
     /// How far the hand has moved since it took hold; nullopt if it holds nothing.
     std::optional<glm::dvec3> moved() const;
-    /// A line to draw over the picture, in pixels: to the hand, or along a stroke.
+    /// A line to draw over the picture, in pixels: from the place held, the first stitch or the end of the
+    /// cut to the pointer.
     struct Line {
         glm::dvec2 from{0}, to{0};
     };
@@ -57,9 +58,9 @@ private:
     Orbit& orbit_;
     Pointer before_;
     std::optional<Grip> grip_;
-    std::optional<glm::dvec2> cut_from_;  ///< pixel up to which the stroke has cut so far
-    double cut_distance_ = 0;      ///< distance from the eye to the surface at that pixel; 0: none met yet
-    std::size_t cut_springs_ = 0;  ///< number of springs that the stroke has cut
+    std::optional<glm::dvec2> cut_from_;  ///< pixel up to which the blade has cut; absent: no cut is made
+    double cut_distance_ = 0;      ///< distance of the surface from the eye at cut_from_; 0: not known yet
+    std::size_t cut_springs_ = 0;  ///< number of springs cut since the button went down
     std::optional<glm::dvec3> stitch_from_;
 };
 

@@ -150,7 +150,7 @@ Requests draw_panel(const Figures& figures, const std::vector<std::string>& back
     ImGui::Separator();
     plot("steps per second", figures.steps_per_second, "{:.0f}");
     plot("frame", figures.frame_milliseconds, "{:.1f} ms");
-    plot("a tick of a step", figures.tick_microseconds, "{:.0f} us");
+    plot("step and force", figures.tick_microseconds, "{:.0f} us");
     plot("force", figures.force, "{:.4g}");
     requests.save |= ImGui::Button("save the state (w)");
     if (!figures.message.empty()) {

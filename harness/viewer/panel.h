@@ -1,4 +1,4 @@
-// The panel beside the body: controls, and running plots of what the simulation costs.
+// The panel beside the body: controls, and plots over time of the simulation's speed and force.
 #pragma once
 
 #include <array>

@@ -38,13 +38,14 @@ constexpr double frame_seconds = 1.0 / 60;
 /// The share of a frame's time that steps may take if the user wants as many steps as fit.
 constexpr double stepping_share = 0.6;
 constexpr int max_steps_per_frame = 10'000;
-/// The number of equal moves by which the hand goes from its position in one frame to that in the next.
+/// The largest number of equal moves by which the hand goes from its position in one frame to that in the
+/// next.
 constexpr int moves_per_frame = 8;
 /// Intervals in seconds: between updates of the colours' range, and between states kept in case of a failure.
 /// States of more than `large` particles are kept less often.
 constexpr double range_seconds = 0.5, keep_seconds = 1, keep_seconds_of_large = 20;
 constexpr std::size_t large = 1'000'000;
-/// A mesh with more vertices is not moved with its body: this many take some milliseconds per frame.
+/// A mesh with more vertices is not moved with its body. To move this many takes some milliseconds per frame.
 constexpr std::size_t max_carried_vertices = 200'000;
 
 /// Chooses a backend by the rules of `auto`, among those that support a tool.
@@ -100,15 +101,15 @@ public:
     }
 
 private:
-    /// Calls `use`. If the backend fails in it the window stays open and shows the reason.
+    /// Calls `use`. If the backend fails in that call, the window stays open and shows the reason.
     template <class Use>
     void guarded(Use use) {
         try {
             use();
         } catch (const DeviceError& error) {
             say(fmt::format(
-                    "{} failed: {}. Another backend goes on from the state after step {}; that state can be "
-                    "saved.",
+                    "{} failed: {}. Choose another backend to go on from the state after step {}, or save "
+                    "that state.",
                     figures_.backend, error.what(), simulation_->kept_steps()),
                 true);
             failed_ = true;
@@ -134,7 +135,7 @@ private:
     // --- The body ---------------------------------------------------------------------------------------
 
     void take_mesh() {
-        drop_feed();  // the feed fills the old mesh's buffer
+        drop_feed();  // set_mesh() replaces the buffer that the feed fills
         const Problem& problem = simulation_->problem();
         loose_ = parts_of(problem).loose();
         if (carries_mesh_) {
@@ -190,7 +191,8 @@ private:
         if (simulation_->springs_version() != springs_version_) take_mesh();
         if (simulation_->uploads() != uploads_) {
             drop_feed();
-            // A backend feeds displacements of particles only. The host interpolates those of a bound mesh.
+            // A backend feeds displacements of particles only. The host interpolates the displacements of a
+            // bound mesh's vertices.
             FeedFacet* const feeds = bound_ ? nullptr : simulation_->backend().feeds();
             feed_ =
                 feeds != nullptr ? feeds->feed(painter_.mesh().particles, painter_.displacements()) : nullptr;
@@ -326,7 +328,8 @@ private:
         return int(std::clamp(budget / step_seconds_, 1.0, double(max_steps_per_frame)));
     }
 
-    /// Makes the steps of a frame. The hand moves from its previous to its present place meanwhile.
+    /// Makes the steps of a frame. Meanwhile the hand moves from its place in the previous frame to its
+    /// present place.
     void advance(bool one) {
         const int steps = steps_of_frame(one);
         if (steps == 0) return;
@@ -388,8 +391,9 @@ private:
         ++frames_;
     }
 
-    /// Called twice per second. Updates the range of the colours and the figures of the run, and from time to
-    /// time keeps a state to go on from.
+    /// Called twice per second. Updates the range of the colours and the figures of the run. Every second, or
+    /// more rarely for a large body, also keeps the state, from which another backend can go on after a
+    /// failure.
     void tell() {
         figures_.steps = simulation_->steps();
         figures_.time = double(figures_.steps) * simulation_->problem().time_step;
@@ -405,7 +409,7 @@ private:
             }
         }
         const double seconds = seconds_since(told_);
-        activity_.done(0, fmt::format("step {}, {:.0f} frames a second", figures_.steps,
+        activity_.done(0, fmt::format("step {}, {:.0f} frames per second", figures_.steps,
                                       double(frames_ - told_frames_) / seconds));
         told_frames_ = frames_;
         told_ = Clock::now();
@@ -431,8 +435,8 @@ private:
     std::uint64_t springs_version_ = 0, uploads_ = 0;
     bool carries_mesh_ = false;
     std::optional<BoundMesh> bound_;  ///< the mesh on screen, if it is the one that the body was made of
-    /// Particles of parts that nothing holds, or vertices that follow them. They fall for ever, and do not
-    /// count for the colours' range.
+    /// Particles of parts that nothing holds, or vertices that follow such particles. They may fall for ever,
+    /// and do not count for the colours' range.
     std::vector<std::uint32_t> loose_;
     bool failed_ = false, was_on_body_ = false;
     glm::dvec3 hand_before_{0};

@@ -1,6 +1,6 @@
 #include "harness/viewer/window.h"
 
-// Included before GLFW's headers, which then use this EGL.
+// These come before GLFW's headers, which then use the EGL of libepoxy.
 #include <epoxy/egl.h>
 #include <epoxy/gl.h>
 // clang-format off: the native functions need the first header's types.
@@ -36,7 +36,8 @@ void Window::Destroy::operator()(GLFWwindow* window) const noexcept { glfwDestro
 
 Window::Window(const std::string& title, glm::ivec2 size) {
     glfwWindowHint(GLFW_CLIENT_API, GLFW_OPENGL_API);
-    // Made through EGL as the backends' contexts are, so that they can share buffers.
+    // The window's context is made through EGL, as the backends' contexts are, so that these contexts can
+    // share buffers.
     glfwWindowHint(GLFW_CONTEXT_CREATION_API, GLFW_EGL_CONTEXT_API);
     glfwWindowHint(GLFW_CONTEXT_VERSION_MAJOR, 4);
     glfwWindowHint(GLFW_CONTEXT_VERSION_MINOR, 5);
