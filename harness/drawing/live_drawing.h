@@ -26,11 +26,11 @@
 namespace voxspring {
 
 /// Draws in a second thread, which has an OpenGL context for itself and waits for the card. The stepping
-/// thread calls all public functions. It passes displacements to the drawing thread through a buffer on the
-/// card, because it cannot write to the buffer from which a picture is being drawn, and because a context is
-/// current in one thread only. The drawing thread returns the buffer once the picture is finished. To return
-/// it earlier, right after copying it, would take one more switch of contexts per picture and slow the steps
-/// on the card.
+/// thread calls all public functions. It passes displacements to the drawing thread through a separate buffer
+/// (on the card, or in the host's memory if the backend brings them there). It cannot write to the buffer
+/// from which a picture is being drawn, and a context is current in one thread only. The drawing thread
+/// returns the separate buffer once the picture is finished. To return it earlier, right after copying it,
+/// would take one more switch of contexts per picture and slow the steps on the card.
 class LiveDrawing {
 public:
     static constexpr int pictures_per_second = 60;
@@ -38,8 +38,9 @@ public:
 
     /// Draws `problem`, which `backend` has uploaded; no further upload may follow. `own` is a context of the
     /// calling thread, and a gl::Sharing must share it. An OpenGL backend that was made while that Sharing
-    /// existed writes displacements directly into the drawing's buffer. All references must outlive this
-    /// object. Throws Unavailable if there is no OpenGL or the body has no surface, and DeviceError.
+    /// existed writes displacements directly into the drawing's separate buffer on the card. All references
+    /// must outlive this object. Throws Unavailable if there is no OpenGL or the body has no surface, and
+    /// DeviceError.
     LiveDrawing(const gl::Context& own, Backend& backend, const Problem& problem);
     LiveDrawing(const LiveDrawing&) = delete;
     LiveDrawing& operator=(const LiveDrawing&) = delete;

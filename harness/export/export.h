@@ -57,8 +57,8 @@ struct ExportOptions {
 /// moment. `frames` stands for the series FRAMES/frame.png. Without `every` that series has at most
 /// max_frames files.
 ///
-/// The pictures of a series share a camera and a scale. For several pictures, first pass every snapshot that
-/// write() will get to look_at().
+/// The pictures of a series share a camera and a scale. If there are several pictures, pass to look_at()
+/// every snapshot that write() will get, before the first write().
 class Exports {
 public:
     /// Throws BadInput if an ending is not in writers(), a folder is not writable, `every` is given without
@@ -82,7 +82,7 @@ public:
     /// Writes the files that are due. Throws std::system_error, and what Pictures throws.
     void write(const Snapshot& snapshot);
 
-    /// The drawer of pictures; null if there are none.
+    /// The object that draws the pictures; null if no picture was asked for.
     const Pictures* pictures() const { return pictures_.get(); }
 
 private:

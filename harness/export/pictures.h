@@ -38,8 +38,8 @@ public:
     Pictures(Colouring colouring, glm::ivec2 size);
 
     /// Extends the camera and the scale to a snapshot. All snapshots must be of one scene, which outlives
-    /// them, and come in the order of their steps: an earlier step starts the float64 run anew. Throws
-    /// DeviceError, and std::runtime_error if the body has no surface.
+    /// them, and come in the order of their steps: if errors are shown, an earlier step starts the float64
+    /// run anew. Throws DeviceError, and std::runtime_error if the body has no surface.
     void look_at(const Snapshot& snapshot);
     /// A PNG file of a snapshot. Its text chunk "voxspring" has JSON with the scene, particles, steps,
     /// backend, coloured_by, the snapshot's largest value of that quantity, and the device that drew it.
@@ -52,7 +52,7 @@ public:
     double largest() const { return largest_; }
 
 private:
-    /// The float64 run beside the run that is drawn.
+    /// The float64 run from which the errors of the drawn run are computed.
     struct Reference {
         Reference(const Scene& scene, int steps);
         std::unique_ptr<Backend> backend;

@@ -1,4 +1,4 @@
-// Readers of surfaces: STL, OBJ and PLY.
+// Reads surfaces of triangles or polygons from STL, OBJ and PLY files.
 #include <map>
 #include <optional>
 #include <set>
@@ -124,7 +124,7 @@ Mesh read_stl(MeshBytes& bytes) {
     const std::size_t size = bytes.left();
     MeshBytes ahead = bytes;
     std::vector<glm::dvec3> corners;
-    // A binary file may also begin with "solid", so that the length of the file decides.
+    // A binary file may also begin with "solid", so the length of the file decides whether it is binary.
     const bool is_text = ahead.word() == "solid";
     std::optional<std::uint32_t> count;
     if (size >= header + 4) {

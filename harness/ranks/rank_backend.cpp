@@ -95,8 +95,8 @@ void RankBackend::step(int count) {
 
 void RankBackend::exchange_borders() { goes_by_device() ? exchange_by_device() : exchange_by_host(); }
 
-/// If the devices do not wait for each other, the hosts do. A mailbox has room for two messages, so the host
-/// of a rank can be at most two steps ahead of its neighbour's.
+/// If the devices do not wait for each other, the hosts do. inbox() waits for the neighbour's message of the
+/// same step, so the host of a rank is at most one step ahead of its neighbour's.
 void RankBackend::exchange_by_device() {
     const auto begin = Clock::now();
     DeviceBorders& borders = *own_borders();

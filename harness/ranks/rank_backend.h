@@ -23,7 +23,7 @@ using PartsOnDevices = std::vector<std::shared_ptr<DeviceBorders>>;
 struct RankSeconds {
     double compute = 0;   ///< stepping
     double exchange = 0;  ///< reading, sending and writing borders
-    double waiting = 0;   ///< until the neighbours' borders were there
+    double waiting = 0;   ///< waiting for the neighbours
 };
 
 /// Steps a subdomain with the backend `inner`. All ranks make the same number of steps and the same edits.

@@ -68,7 +68,7 @@ struct RankBatch {
 /// The results of one rank.
 struct RankReport {
     std::vector<RankBatch> batches = {};
-    std::size_t own = 0, ghosts = 0;  ///< particles
+    std::size_t own = 0, ghosts = 0;  ///< number of particles that the rank steps, and of its ghosts
     std::size_t border_bytes = 0;     ///< bytes that the rank sends per step
     /// The cost of an exchange with all neighbours, in seconds: the time with empty messages, and the time
     /// that each of border_bytes adds, reading and writing included. Both are zero for a single rank, and if

@@ -80,7 +80,7 @@ std::vector<std::pair<std::uint32_t, std::uint32_t>> pairs_of(const EditSpec& sp
     return pairs;
 }
 
-/// Makes the edit `due` on the springs that earlier edits have left to `editor`.
+/// Makes the edit `due` on the springs as earlier edits have left them in `editor`.
 SpringEdit make_edit(const Due& due, SpringEditor& editor, const Lattice& lattice,
                      const std::vector<std::uint32_t>& particle) {
     const EditSpec& spec = *due.spec;

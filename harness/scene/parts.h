@@ -13,7 +13,7 @@
 namespace voxspring {
 
 struct BodyParts {
-    std::vector<std::size_t> sizes;     ///< particles of each part, the largest first
+    std::vector<std::size_t> sizes;     ///< number of particles of each part, the largest first
     std::vector<std::uint32_t> part;    ///< per particle, an index into `sizes`; empty if there is one part
     std::vector<std::uint8_t> is_held;  ///< per part, 1 = it has a pinned particle or one that a tool holds
 

@@ -64,9 +64,9 @@ inline bool is_heavy(const Scene& scene) {
 
 /// Loads the scene `argument`: a built-in scene ("box"), a scene file (*.json), a volume file
 /// (volume_endings()) or a mesh (mesh_endings()). A volume or mesh is simulated with the parameters of the
-/// built-in scene `heart`. The heart is pinned at one side of an axis. A body that is only one slice thick
-/// along that axis is pinned at a side of its longest axis instead. "@N" or "@WxHxD" after a built-in name or
-/// a scene file gives its box or heart other dims: "box@64", "heart@120x102x92".
+/// built-in scene `heart`. That scene pins one side of its body along an axis. A volume or mesh that is only
+/// one slice thick along this axis is pinned at a side of its longest axis instead. "@N" or "@WxHxD" after a
+/// built-in name or a scene file gives its box or heart other dims: "box@64", "heart@120x102x92".
 ///
 /// Throws BadInput. Allocates memory in proportion to what was really read, and never beyond `limits`.
 Scene load_scene(const std::string& argument,

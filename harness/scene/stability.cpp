@@ -29,8 +29,8 @@ double largest_eigenvalue(const Eigen::Matrix3d& symmetric) {
 }
 
 /// For each particle the matrix sum_j k_ij r r^T over its springs beyond the lattice and its spring to a
-/// tool. Only half the stiffness of a tool's spring counts, because its other end is fixed. Empty if there
-/// are no such springs.
+/// tool. The caller doubles the sum. A tool's spring, whose other end is fixed, must not be doubled, so only
+/// half its stiffness is added. Empty if there are no such springs.
 std::vector<Eigen::Matrix3d> beyond_lattice(const Problem& problem) {
     std::vector<Eigen::Matrix3d> sum;
     if (problem.springs.empty() && !problem.has_tool()) return sum;

@@ -41,8 +41,9 @@ inline constexpr double poisson_ratio = 0.25;
 ///
 /// A lattice has C_1111 = (k1 + 2 k2 + 4/3 k3) / h and C_1122 = C_1212 = (k2 + 4/3 k3) / h. It is isotropic
 /// if C_1111 = 3 C_1122, which means k1 = k2 + 8/3 k3; then E = 5/2 C_1122. With three groups one ratio is
-/// free: we take k1 : k2 : k3 = 16 : 8 : 3. In the next term, which makes short waves slower, sum k L^4 n_x^4
-/// n_y^2 is then three times sum k L^4 n_x^2 n_y^2 n_z^2, as in an isotropic medium.
+/// free: we take k1 : k2 : k3 = 16 : 8 : 3. In the next term of the dispersion relation, which makes short
+/// waves slower, sum k L^4 n_x^4 n_y^2 is then three times sum k L^4 n_x^2 n_y^2 n_z^2, as in an isotropic
+/// medium.
 std::optional<std::array<double, 3>> isotropic_stiffness(double young, double spacing,
                                                          std::uint32_t group_bits);
 

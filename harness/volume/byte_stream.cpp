@@ -49,8 +49,8 @@ public:
     }
 
 private:
-    /// Calls `step` once on `z`, a stream of zlib or bzip2, which have the same fields. They count in 32
-    /// bits, so at most 1 GiB is decoded per call.
+    /// Calls `step` once on `z`, a stream of zlib or bzip2, which have the same fields. Both libraries count
+    /// bytes in 32 bits, so at most 1 GiB is decoded per call.
     template <class Z, class Step>
     static int advance(Z& z, std::span<char>& from, std::span<std::byte>& to, const Step& step) {
         const std::size_t room = std::min(to.size(), std::size_t{1} << 30);
@@ -152,7 +152,8 @@ public:
     Keeper(const Kept& kept, std::uint64_t count) : kept_(kept), wanted_(count / kept.period * kept.length) {}
 
     void take(std::span<const std::byte> piece) {
-        // The vector grows with the data that was really read, to at most twice its size.
+        // The vector grows with the data that was really read: it takes at most twice the memory of that
+        // data.
         const std::uint64_t needed = bytes.size() + piece.size();
         if (needed > bytes.capacity())
             bytes.reserve(std::min(wanted_, std::max<std::uint64_t>(needed, 2 * bytes.size())));

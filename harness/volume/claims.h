@@ -35,7 +35,7 @@ public:
     /// the data. Throws BadInput if a compressed stream is damaged or cut short.
     std::size_t read(std::span<std::byte> bytes);
 
-    /// Skips `count` bytes and returns how many it skipped, which is fewer only at the end of the data.
+    /// Skips `count` bytes and returns how many it skipped: fewer only at the end of the data.
     std::uint64_t skip(std::uint64_t count);
 
     /// The number of bytes behind the compressed data; valid once the end of the data was read.
@@ -61,8 +61,8 @@ private:
 
 /// The location of the data according to a header.
 struct DataPlace {
-    /// Files of the data in this order, each with an equal part. Empty: the data is in the file of the
-    /// header.
+    /// The files that hold the data, in this order, each with an equal part. Empty: the data is in the
+    /// header's file.
     std::vector<std::filesystem::path> files{};
     std::string files_key{};             ///< key in the header that names the files
     std::optional<Encoding> encoding{};  ///< absent: gzip if the data begins like gzip, otherwise raw
@@ -86,7 +86,7 @@ struct Kept {
 /// stream.
 Encoding encoding_at(std::istream& stream);
 
-/// Calls `use` with a zero of the C++ type that `type` stands for.
+/// Calls `use` with a zero of the C++ type that `type` stands for, so that `use` learns the type.
 template <class Use>
 auto with_scalar(ScalarType type, const Use& use) {
     using Scalar = std::variant<std::int8_t, std::uint8_t, std::int16_t, std::uint16_t, std::int32_t,

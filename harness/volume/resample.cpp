@@ -117,7 +117,8 @@ glm::dvec3 resample(LabelledGrid& labelled, double pitch, double fill, const std
             labelled.notes.push_back("label " + labelled.labels[m].name + " fills no voxel any more");
     }
     labelled.grid = std::move(grid);
-    // The offset between the centres of both first voxels, since both grids have the same middle.
+    // The offset from the centre of the old voxel (0, 0, 0) to that of the new one; both grids have the same
+    // middle.
     return (extent - glm::dvec3(labelled.grid.dims - 1) * pitch - old.spacing) / 2.0;
 }
 

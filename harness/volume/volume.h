@@ -54,7 +54,8 @@ struct Placement {
     glm::dvec3 to_file(const glm::dvec3& v) const;
 };
 
-/// The side that is nearest to the direction of the grid's `axis`, and the angle between them in degrees.
+/// The anatomical side that is nearest to the direction of the grid's `axis`, and the angle between both in
+/// degrees.
 std::pair<AnatomicalSide, double> nearest_side(const Placement& placement, int axis);
 /// The axis of a grid that is nearest to the direction of an anatomical side, whether the upper end of that
 /// axis points to that side, and the angle in degrees between the axis and the direction.
