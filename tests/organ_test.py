@@ -163,7 +163,7 @@ class Organ(InTemporaryFolder):
     def test_what_is_no_organ_is_refused(self):
         ball, *_ = self.ball()
         for options, words in ((["--pitch", 1000], ["--pitch", "about 2.", "x"]), (["--pitch", 0.001], ["--pitch", "about 2."]),
-                               (["--labels", 1], ["--labels", "none for a mesh"]), (["--spacing", 1], ["--spacing", "--pitch"]),
+                               (["--labels", 1], ["--labels", "no such option"]), (["--spacing", 1], ["--spacing", "--pitch"]),
                                (["--fill", 2], ["--fill"]), (["--pitch", 0], ["--pitch"])):
             self.assert_refused(voxspring("info", ball, *options), *words)
         volume = self.write("body.nrrd", nrrd("4 4 2", [1] * 32, "spacings: 1 1 2\n"))

@@ -751,9 +751,10 @@ TEST(RankRuns, SayWhichRanksAreOnOtherDevices) {
     const RankReport one{.device = "a card", .uuid = "1"}, alike{.device = "a card", .uuid = "2"},
         other{.device = "another card", .uuid = "3"};
     EXPECT_EQ(different_devices({one, alike}), "");
-    EXPECT_EQ(different_devices({one, alike, other}),
-              "rank 0 has a card, rank 2 another card: ranks on devices of different names are not measured "
-              "together");
+    EXPECT_EQ(
+        different_devices({one, alike, other}),
+        "rank 0 has a card, rank 2 has another card: ranks on devices of different names are not measured "
+        "together");
     EXPECT_EQ(nlohmann::json(other).get<RankReport>().device, "another card");
     EXPECT_EQ(nlohmann::json(other).get<RankReport>().uuid, "3");
 }

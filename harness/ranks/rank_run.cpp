@@ -178,7 +178,7 @@ std::string different_devices(const std::vector<RankReport>& reports) {
     });
     if (other == reports.end()) return {};
     return "rank 0 has " + reports.front().device + ", rank " + std::to_string(other - reports.begin()) +
-           " " + other->device + ": ranks on devices of different names are not measured together";
+           " has " + other->device + ": ranks on devices of different names are not measured together";
 }
 
 std::string cut_refusal(const Scene& scene, glm::ivec3 cut) {

@@ -541,7 +541,8 @@ Scene build(SceneFile file_says, const std::string& file, const SceneSizeLimits&
     const std::size_t active =
         label.size() - std::size_t(std::count(label.begin(), label.end(), std::uint8_t{0}));
     if (active == 0) {
-        throw BadInput(file, "dataset.dims", to_string(labelled.grid.dims), "dims with an active voxel");
+        throw BadInput(file, "dataset.dims", to_string(labelled.grid.dims),
+                       "dims with which at least one voxel is active");
     }
     if (active > limits.particles) {
         throw TooLarge(file, "dataset", std::to_string(active) + " active voxels",

@@ -92,7 +92,8 @@ DatasetSpec read_dataset(JsonObject object) {
         if (const auto missing = object.find("missing")) {
             JsonObject holes = missing->object();
             constexpr double max_share = 0.99;
-            dataset.missing = holes.require("fraction", "a share of the voxels").number(0, max_share);
+            dataset.missing =
+                holes.require("fraction", "a share of the voxels from 0 to 0.99").number(0, max_share);
             dataset.seed = required_seed(holes);
             holes.finish();
         }
