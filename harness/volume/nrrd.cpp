@@ -176,7 +176,8 @@ void read_units(const TextHeader& header, std::vector<AxisClaim>& axes) {
     if (const std::string* text = header.find("space units")) {
         const auto list = quoted_texts(*text);
         // A direction mixes the axes of the space, so a unit holds for it only if all of them have the same.
-        // If they differ, so do the axes' units here, and decide() refuses them.
+        // If they differ, so do the axes' units here, and decide() refuses them unless the user chose the
+        // spacing.
         const bool same =
             !list.empty() && std::count(list.begin(), list.end(), list[0]) == std::ptrdiff_t(list.size());
         std::size_t next = 0;
