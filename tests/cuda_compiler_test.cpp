@@ -287,7 +287,8 @@ TEST(Serialisers, AreTold) {
     EXPECT_EQ(serialised_by(2, unset, {"/opt/nvidia/ncu/libcuda-injection.so"}),
               "under Nsight Compute kernels run one at a time");
     EXPECT_EQ(serialised_by(9, unset, usual),
-              "streams share 8 queues (CUDA_DEVICE_MAX_CONNECTIONS), and 9 kernels need one each");
+              "the streams of a process share 8 queues (environment variable CUDA_DEVICE_MAX_CONNECTIONS), "
+              "but 9 kernels need one queue each");
     EXPECT_EQ(serialised_by(9, with("CUDA_DEVICE_MAX_CONNECTIONS", "32"), usual), "");
     EXPECT_NE(serialised_by(2, with("CUDA_DEVICE_MAX_CONNECTIONS", "1"), usual), "");
 }

@@ -1,4 +1,4 @@
-// Arrays in device memory, and in host memory for copies.
+// Arrays in device memory, and arrays in pinned host memory for copies from the device.
 #pragma once
 
 #include <cstddef>
@@ -15,7 +15,8 @@ namespace voxspring::cuda {
 template <class T>
 class Buffer : public Memory<T, cudaMalloc, cudaFree> {
 public:
-    /// Takes the size of `values` and copies them to the device. Returns once `values` may change.
+    /// Resizes this array to `values` and copies these to the device. Returns once the caller may change
+    /// `values`.
     void upload(std::span<const T> values, const Stream& stream) {
         this->resize(values.size());
         if (!values.empty()) copy_to_device(this->data(), values.data(), values.size_bytes(), stream);
@@ -24,7 +25,8 @@ public:
     void download(std::span<T> values, const Stream& stream) const {
         if (this->size() != 0) copy_from_device(values.data(), this->data(), this->bytes(), stream);
     }
-    /// Enlarges the buffer to `size` elements, in new memory. The elements added at the end are zero.
+    /// Enlarges this array to `size` elements, in new memory. Keeps the elements that it has. The elements
+    /// added at the end are zero.
     void grow(std::size_t size, const Stream& stream) {
         Buffer larger;
         larger.resize(size);
@@ -39,11 +41,11 @@ public:
     }
 };
 
-/// Host memory to and from which the device copies while the host goes on.
+/// An array in pinned (page-locked) host memory, from and to which the device copies while the host goes on.
 template <class T>
 class Pinned : public Memory<T, cudaMallocHost, cudaFreeHost> {
 public:
-    /// Takes the size of `buffer` and enqueues a copy of its elements to this memory.
+    /// Resizes this array to `buffer` and enqueues a copy of the elements of `buffer` to it.
     void copy(const Buffer<T>& buffer, const Stream& stream) {
         this->resize(buffer.size());
         check(cudaMemcpyAsync(this->data(), buffer.data(), buffer.bytes(), cudaMemcpyDeviceToHost,

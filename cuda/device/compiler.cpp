@@ -53,13 +53,14 @@ const std::map<std::string, std::string> standard_headers = {
      "template <bool b, class A, class B> using conditional_t = typename conditional<b, A, B>::type;\n"
      "}"}};
 
-/// Header texts by the name in the #include.
+/// The text of every header that a kernel may include, by its name in the #include.
 std::map<std::string, std::string> headers() {
     std::map<std::string, std::string> all;
     for (const auto& [name, text] : standard_headers) all.emplace(name, "#pragma once\n" + text);
     for (const auto& [path, text] : embedded_kernels) {
         all.emplace(path, text);
-        // spring.h includes this header by its bare name, as GLSL needs it.
+        // backends/physics/spring.h includes this header by its bare name, since shaders include spring.h
+        // too.
         if (path == "backends/physics/portable.h") all.emplace("portable.h", text);
     }
     return all;
@@ -105,12 +106,12 @@ std::vector<int> known_architectures() {
     return known;
 }
 
-/// The architecture to compile for, and whether its machine code will run on the card. If not, PTX is
-/// compiled.
+/// The architecture to compile for, if the card is of `architecture`. The bool says whether the two are
+/// equal: then NVRTC makes machine code. Otherwise it makes PTX, which the driver compiles for the card.
 std::pair<int, bool> nearest(int architecture) {
     const std::vector<int> known = known_architectures();
     if (std::find(known.begin(), known.end(), architecture) != known.end()) return {architecture, true};
-    // A driver can compile the PTX of an older architecture for the card.
+    // Take the newest architecture that is older than the card: a driver can compile its PTX for the card.
     int best = 0;
     for (const int a : known) best = a <= architecture ? std::max(best, a) : best;
     if (best == 0)
@@ -144,7 +145,8 @@ std::string build_id(const dl_phdr_info& file) {
     return {};
 }
 
-/// NVRTC's options. It must not fuse multiplications and additions: only the source says which are fused.
+/// NVRTC's options. With `moves_registers` the target has the suffix "a" ("sm_90a"), which allows setmaxnreg.
+/// NVRTC must not fuse multiplications and additions: only the source says which are fused.
 std::vector<std::string> options_for(int architecture, bool moves_registers) {
     const auto [target, exact] = nearest(architecture);
     return {std::string("--gpu-architecture=") + (exact ? "sm_" : "compute_") + std::to_string(target) +
@@ -216,7 +218,7 @@ CompiledKernel compile(const KernelSource& source, int architecture) {
     const DiskCache cache(user.empty() ? user : user / "kernels", max_bytes);
     const std::string key = inputs.text();
     CompiledKernel compiled;
-    constexpr std::size_t head = sizeof compiled.seconds;  // the entry on disk begins with the seconds
+    constexpr std::size_t head = sizeof compiled.seconds;  // an entry on disk begins with `seconds`
     if (const auto kept = cache.find(key); kept && kept->size() > head) {
         std::memcpy(&compiled.seconds, kept->data(), head);
         compiled.code = kept->substr(head);

@@ -10,7 +10,8 @@ namespace voxspring::cuda {
 struct KernelSource {
     std::string file;  ///< "implicit.cu"
     std::map<std::string, std::string> macros;
-    /// Whether registers move between threads (moves_registers()). If so, code fits one architecture only.
+    /// Whether the kernel moves registers between threads (moves_registers()). If so, its code runs on one
+    /// architecture only.
     bool moves_registers = false;
     bool operator==(const KernelSource&) const = default;
 };
@@ -18,7 +19,8 @@ struct KernelSource {
 struct CompiledKernel {
     std::string code;    ///< machine code, or PTX if NVRTC does not know the card
     double seconds = 0;  ///< the time that compiling took, in this run or an earlier one
-    bool found = false;  ///< whether the code was on disk, where code is kept with its time
+    /// Whether the code was found on disk, where an earlier run of the program had stored it with `seconds`.
+    bool found = false;
 };
 
 /// Compiles `source`, or finds its code on disk. `architecture`: compute capability, 90 for 9.0. Throws
@@ -28,18 +30,19 @@ CompiledKernel compile(const KernelSource& source, int architecture);
 /// A compute capability as text: "9.0" for 90.
 std::string version_of(int architecture);
 
-/// The oldest compute capability that NVRTC compiles for and kernels run on: kernels/exchange.h loads 16
-/// bytes at once, which needs 7.5.
+/// The oldest compute capability that is supported: 75 (for 7.5) or, if NVRTC compiles only for later ones,
+/// the oldest of these.
 int oldest_architecture();
 
-/// Whether kernels for `architecture` may move registers from some threads of a block to others.
+/// Whether kernels for `architecture` may move registers from some threads of a block to others (setmaxnreg).
 bool moves_registers(int architecture);
 
 /// The part of compile()'s settings that is the same for all scenes on a card: "NVRTC 13.0 <build id>
 /// --gpu-architecture=sm_90 --std=c++20 ...".
 std::string compiler_and_options(int architecture);
 
-/// The version of NVRTC and the build id of its library. Compiled code depends on these besides its source.
+/// The version of NVRTC and the build id of its library. Compiled code depends on these two as well as on its
+/// source.
 const std::string& compiler_build();
 
 /// The name of the kernel in each file that has only one.

@@ -15,7 +15,7 @@ namespace {
 
 void require(cudaError_t status, const std::string& what) {
     if (status == cudaSuccess) return;
-    cudaGetLastError();  // otherwise the next call would report it again
+    cudaGetLastError();  // clears the error, which a later call would report again
     throw Unavailable(what + ": " + cudaGetErrorString(status));
 }
 
@@ -51,7 +51,8 @@ const RegisteredApi api({.name = "cuda", .title = "CUDA", .device_field = "gpu",
 }  // namespace
 
 Device::Device() {
-    // Without a driver the runtime would only say that the driver is too old.
+    // Ask for the driver's version first: without a driver, other calls of the runtime say only that the
+    // driver is too old.
     int driver = 0;
     require(cudaDriverGetVersion(&driver), "no CUDA driver");
     if (driver == 0) throw Unavailable("no NVIDIA driver is installed");

@@ -6,10 +6,11 @@
 
 namespace voxspring::cuda {
 
-/// One of the devices that CUDA shows (CUDA_VISIBLE_DEVICES chooses those): the one that DeviceOfThread gives
-/// to the constructing thread, or else the first. It is current in that thread from then on, and may be used
-/// in that thread only. The constructor throws Unavailable, with the reason, if there is no device, driver,
-/// context or NVRTC, or if the device is older than oldest_architecture().
+/// One of the devices that CUDA shows to this process (CUDA_VISIBLE_DEVICES chooses which): the one that
+/// DeviceOfThread assigns to the constructing thread, otherwise the first. The device is current in that
+/// thread from then on, and this object may be used in that thread only. The constructor throws Unavailable,
+/// with the reason, if there is no device, driver, context or NVRTC, or if the device is older than
+/// oldest_architecture().
 struct Device {
     Device();
 
@@ -22,7 +23,7 @@ struct Device {
     /// Version of the driver and, in parentheses, the newest CUDA that it knows.
     static std::string driver_version();
 
-    int number = 0;  ///< as CUDA counts
+    int number = 0;  ///< as CUDA counts, from 0
     int count = 0;   ///< how many devices CUDA shows
     int parts = 1;  ///< parts of a body that are stepped on this device at once and share its multiprocessors
     std::string name;
@@ -33,15 +34,15 @@ struct Device {
     int multiprocessors = 0;
     int threads_per_multiprocessor = 0;
     int architecture = 0;                ///< compute capability, 90 for 9.0
-    double memory_bytes_per_second = 0;  ///< what the memory's pins carry at the highest clock
+    double memory_bytes_per_second = 0;  ///< of device memory, at its highest clock
     std::size_t cache_bytes = 0;         ///< size of the cache that all multiprocessors share
-    /// Shared memory of a multiprocessor, and how much of it each block costs in addition to what it asks
-    /// for.
+    /// Bytes of shared memory of a multiprocessor, and how many of them each block takes in addition to those
+    /// that it asks for.
     std::size_t multiprocessor_shared_bytes = 0, reserved_shared_bytes = 0;
     std::size_t shared_bytes = 0;    ///< the most shared memory that a block may have
     bool launches_together = false;  ///< blocks of one launch may wait for each other (a cooperative launch)
-    bool ends_long_kernels =
-        false;  ///< the driver ends kernels that run for seconds, as where there is a display
+    /// Whether the driver ends kernels that run for seconds, as it does if the device drives a display.
+    bool ends_long_kernels = false;
 };
 
 }  // namespace voxspring::cuda

@@ -57,8 +57,8 @@ unsigned Kernel::blocks_at_once(const Device& device, unsigned block) const {
     int blocks = 0;
     check(cudaOccupancyMaxActiveBlocksPerMultiprocessor(&blocks, kernel_, int(block), 0));
     if (blocks < 1)
-        throw DeviceError("a multiprocessor has no room for a block of " + std::to_string(block) +
-                          " threads");
+        throw DeviceError("a multiprocessor has no room for one block of the kernel, which has " +
+                          std::to_string(block) + " threads");
     return unsigned(blocks * device.multiprocessors);
 }
 

@@ -14,23 +14,24 @@ namespace voxspring::cuda {
 
 using Library = Handle<cudaLibrary_t, cudaLibraryUnload>;
 
-/// A loaded kernel. All backends of a process share one object per source, on any device of its architecture.
+/// A loaded kernel. All backends of a process share one object per source, function name and architecture.
 class Kernel {
 public:
     /// Compiles the source if this process has not done so yet, and loads its function `name` on the current
-    /// device, `device`. Any thread may call this; only one compiles at a time. `time` grows by the time that
-    /// compiling took.
+    /// device, `device`. Any thread may call this; only one compiles at a time. The time that compiling took
+    /// is added to `time`.
     static std::shared_ptr<const Kernel> get(const KernelSource& source, const Device& device,
                                              CompileTime& time, const std::string& name = kernel_name);
 
     Kernel(std::shared_ptr<const Library> library, const std::string& name);
 
-    /// How many blocks of `block` threads `device`, which is current, holds at once. Throws if it holds none.
+    /// How many blocks of `block` threads run at once on `device`, which must be current. Throws DeviceError
+    /// if not even one fits on a multiprocessor.
     unsigned blocks_at_once(const Device& device, unsigned block) const;
     /// Registers per thread when a launch begins.
     int registers() const;
-    /// Lets a block of this kernel have `bytes` of shared memory, if that is more than any kernel may have by
-    /// default.
+    /// Allows launches of this kernel with `bytes` bytes of dynamic shared memory per block. CUDA wants to be
+    /// asked only for more than 48 KiB, so up to that this function does nothing.
     void allow_shared(std::size_t bytes) const;
     template <class... Arguments>
     void launch(const Stream& stream, dim3 grid, dim3 block, std::size_t shared_bytes,
@@ -81,7 +82,7 @@ private:
     void load() const;
 
     std::shared_ptr<const Library> library_;  ///< shared by all kernels of a file
-    const void* kernel_ = nullptr;            // a cudaKernel_t, which launches like a function's address
+    const void* kernel_ = nullptr;            ///< a cudaKernel_t, which launches take as a function's address
 };
 
 }  // namespace voxspring::cuda

@@ -26,7 +26,7 @@ class LimitKernels {
 public:
     explicit LimitKernels(const Device& device) : device_(device) {}
     const Device& device() const { return device_; }
-    /// The time for compiling belongs to no backend, so it is dropped.
+    /// Drops the time that compiling took, since it belongs to no backend.
     std::shared_ptr<const Kernel> get(const std::string& name) const {
         CompileTime time;
         return Kernel::get({"limits.cu", {{"THREADS", std::to_string(block)}}}, device_, time, name);
@@ -71,8 +71,8 @@ double launch_seconds(const LimitKernels& kernels, const Stream& stream, Stopwat
 /// Measures bandwidths by passes over parts of one buffer of zeros.
 class Sweeps {
 public:
-    /// Every footprint is a multiple of this, in bytes. So whole blocks cover it as one, two or three arrays,
-    /// even with two words per thread.
+    /// Every footprint, the bytes of all arrays of a pass, is a multiple of this number. So whole blocks
+    /// cover each of one, two or three arrays, even if a thread has two words.
     static constexpr std::size_t unit = 6 * 2 * block * sizeof(float4);
 
     Sweeps(std::size_t max_footprint, const LimitKernels& kernels, const Stream& stream, Stopwatch& stopwatch)
@@ -93,8 +93,8 @@ public:
     }
 
 private:
-    /// Bytes per second of a pass over `footprint` bytes in `arrays` arrays; `writes`: it writes the last
-    /// one.
+    /// Bytes per second of a pass over `arrays` arrays of `footprint` bytes together. The pass reads the
+    /// first `reads` of the arrays and, if `writes`, writes the last one, which may be one that it reads.
     template <int reads, bool writes>
     double of_arrays(std::size_t footprint, std::size_t arrays) {
         const std::size_t count = footprint / sizeof(float4) / arrays;
@@ -110,7 +110,7 @@ private:
     }
 
     /// Seconds per pass, by the faster of two kinds of launch: few blocks that stride through the arrays, or
-    /// a new block for every few words.
+    /// one block for every `block` x `words` words.
     template <int reads, bool writes, int words>
     double of_words(const Sweep& moved) {
         const auto kernel = kernels_.get(fmt::format("sweep_{}_{}_{}", reads, writes ? 1 : 0, words));
@@ -144,7 +144,7 @@ private:
     Buffer<float4> buffer_;
 };
 
-/// Fills in the table of bandwidths and the two rates of copies that are taken from it.
+/// Fills in the table of bandwidths, and the two rates of copying that follow from the table.
 void measure_bandwidth(DeviceLimits& limits, const LimitKernels& kernels, const Stream& stream,
                        Stopwatch& stopwatch) {
     const auto cache = std::size_t(kernels.device().cache_bytes);

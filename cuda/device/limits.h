@@ -1,4 +1,5 @@
-// What the GPU can do at best.
+// Measures a GPU's limits: bandwidths, arithmetic rates, and the times of a launch, a barrier and an
+// exchange.
 #pragma once
 
 #include "backends/limits.h"
@@ -7,7 +8,7 @@
 
 namespace voxspring::cuda {
 
-/// Measures `device`, which is current, by kernels enqueued in `stream`. Waits for them.
+/// Measures the limits of `device`, which must be current, by kernels in `stream`. Waits for these.
 DeviceLimits measure_limits(const Device& device, const Stream& stream);
 
 }  // namespace voxspring::cuda

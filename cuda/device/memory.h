@@ -8,7 +8,7 @@
 
 namespace voxspring::cuda {
 
-/// `allocate` and `free` are cudaMalloc and cudaFree, or another such pair.
+/// `allocate` and `free` are cudaMalloc and cudaFree, or cudaMallocHost and cudaFreeHost.
 template <class T, cudaError_t (*allocate)(void**, std::size_t), cudaError_t (*free)(void*)>
 class Memory {
 public:

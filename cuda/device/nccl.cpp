@@ -21,7 +21,7 @@ constexpr const char* library_name = "libnccl.so.2";
 template <class Function>
 void find(void* library, const char* name, Function& function) {
     function = reinterpret_cast<Function>(dlsym(library, name));
-    if (function == nullptr) throw Unavailable(std::string(library_name) + " has no " + name);
+    if (function == nullptr) throw Unavailable(std::string(library_name) + " has no function " + name);
 }
 
 }  // namespace
@@ -77,7 +77,7 @@ NcclRanks::NcclRanks(const Nccl& nccl, int ranks, const NcclId& id, int rank,
     }).detach();
     if (started.wait_for(limit) != std::future_status::ready)
         throw DeviceError("NCCL did not start within " + std::to_string(std::lround(limit.count())) +
-                          " s: NCCL_DEBUG=INFO has it say what it waits for");
+                          " s; with the environment variable NCCL_DEBUG=INFO it prints what it waits for");
     communicator_ = started.get();
 }
 

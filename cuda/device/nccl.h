@@ -1,4 +1,4 @@
-// NCCL, opened at run time if it is installed. It is not needed to build.
+// NCCL, whose library is opened at run time if it is installed. The build does not need it.
 #pragma once
 
 #include <array>
@@ -9,16 +9,17 @@
 
 namespace voxspring::cuda {
 
-/// The id by which ranks find each other, with the layout of NCCL's type, which is passed by value.
+/// The id by which ranks find each other. It has the layout of ncclUniqueId, which NCCL's functions take by
+/// value.
 struct NcclId {
     std::array<char, 128> bytes;
 };
 
-/// The library and the functions of it that are called here.
+/// NCCL's library, and those of its functions that this program calls.
 class Nccl {
 public:
-    /// Opens the library at the first call. Throws Unavailable, with the reason, where there is none, and
-    /// does so at every call.
+    /// Opens the library at the first call. If it cannot be opened, this call and every later one throw
+    /// Unavailable with the reason.
     static const Nccl& load();
 
     NcclId new_id() const;
@@ -27,7 +28,7 @@ private:
     friend class NcclRanks;
     using Status = int;  ///< 0: success
     using Communicator = void*;
-    // In C an enumerator is an int.
+    // NCCL's functions take this enumerator of ncclDataType_t, which in C is an int.
     static constexpr int bytes = 0;  ///< ncclInt8
 
     Nccl();
@@ -46,27 +47,30 @@ private:
     Status (*receive_)(void*, std::size_t, int type, int rank, Communicator, cudaStream_t);
 };
 
-/// One of several ranks, each on a separate device and in a separate thread.
+/// One rank of an NCCL communicator. Each rank has its device and its thread.
 class NcclRanks {
 public:
-    /// Starts this rank on the current device. Returns once all ranks have started. Throws DeviceError, also
-    /// if NCCL has not started within `limit`: its start waits for all ranks and for the network and cannot
-    /// be cancelled. The thread that waits for it is then left behind until the process ends.
+    /// Starts this rank on the current device. Returns once all ranks have started. Throws DeviceError if
+    /// NCCL fails, or has not started within `limit`. NCCL's start waits for all ranks and for the network
+    /// and cannot be cancelled, so a separate thread waits for it. After a timeout that thread is left behind
+    /// until NCCL's start or the process ends.
     ///
-    /// The start does not use ncclConfig_t::blocking = 0: with such a communicator every group of transfers
-    /// starts a thread (ncclGroupEnd() of recent versions), which would add to the time of each step.
+    /// The start does not use ncclConfig_t::blocking = 0, which would return at once: with such a
+    /// communicator, recent versions of ncclGroupEnd() start a thread for every group of transfers, which
+    /// would add to the time of each step.
     NcclRanks(const Nccl& nccl, int ranks, const NcclId& id, int rank,
               std::chrono::duration<double> limit = std::chrono::minutes(2));
     NcclRanks(const NcclRanks&) = delete;
     NcclRanks& operator=(const NcclRanks&) = delete;
-    /// Aborts the communicator unless end() was called, with all transfers that are under way.
+    /// Unless end() was called, aborts the communicator and all transfers that are under way.
     ~NcclRanks();
 
-    /// Waits for the transfers that are under way, and ends. Returns once all ranks have called end(); no
-    /// other member may be called afterwards. Throws DeviceError.
+    /// Waits for the transfers that are under way, and frees the communicator. Returns once all ranks have
+    /// called end(). No other member may be called afterwards. Throws DeviceError if NCCL fails.
     void end();
 
-    /// Enqueues the sends and receives that `transfers` calls, as one group: none of them waits for another.
+    /// Calls `transfers`, and enqueues the sends and receives that it makes as one group: none of them waits
+    /// for another.
     template <class Transfers>
     void together(const Transfers& transfers) const {
         nccl_.check(nccl_.group_start_());

@@ -1,4 +1,4 @@
-// NVRTC, opened at run time: a program that computes on the processor alone needs none.
+// NVRTC, whose library is opened at run time: a program without NVRTC still computes on the processor.
 #pragma once
 
 #include <dlfcn.h>
@@ -11,12 +11,12 @@
 
 namespace voxspring::cuda {
 
-/// The library and the functions of it that are called here, each by NVRTC's own type.
+/// NVRTC's library, and those of its functions that this program calls, with the types that nvrtc.h declares.
 class Nvrtc {
 public:
     /// Opens the library at the first call: the one that the system's loader finds, or else the one with
-    /// which this build was configured. Throws Unavailable, with the reason, where there is none, and does so
-    /// at every call.
+    /// which this build was configured. If neither can be opened, this call and every later one throw
+    /// Unavailable with the reason.
     static const Nvrtc& load() {
         static const Nvrtc nvrtc;
         return nvrtc;
@@ -57,7 +57,7 @@ private:
     template <class Function>
     Function find(const char* name) const {
         const auto function = reinterpret_cast<Function>(dlsym(library_, name));
-        if (function == nullptr) throw Unavailable(std::string(nvrtc_name) + " has no " + name);
+        if (function == nullptr) throw Unavailable(std::string(nvrtc_name) + " has no function " + name);
         return function;
     }
 };

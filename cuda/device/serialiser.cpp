@@ -47,9 +47,9 @@ std::string serialised_by(int kernels, const std::function<const char*(const cha
     const int asked = text == nullptr ? 0 : std::atoi(text);
     const int connections = asked > 0 ? asked : usual_connections;
     if (kernels > connections)
-        return "streams share " + std::to_string(connections) +
-               " queues (CUDA_DEVICE_MAX_CONNECTIONS), and " + std::to_string(kernels) +
-               " kernels need one each";
+        return "the streams of a process share " + std::to_string(connections) +
+               " queues (environment variable CUDA_DEVICE_MAX_CONNECTIONS), but " + std::to_string(kernels) +
+               " kernels need one queue each";
     return {};
 }
 

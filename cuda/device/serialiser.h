@@ -9,10 +9,11 @@ namespace voxspring::cuda {
 
 /// Empty, or the reason why `kernels` kernels, each in a separate stream of this process, may not run at the
 /// same time, for example "with CUDA_LAUNCH_BLOCKING=1 kernels run one at a time". To be called once CUDA is
-/// in use, since tools are loaded only then.
+/// in use, since profilers and memory checkers load their libraries only then.
 std::string serialised_by(int kernels);
 
-/// serialised_by() for the environment variables that value_of(name) returns (null: not set) and `libraries`.
+/// serialised_by() for a given environment: value_of(name) returns the value of an environment variable
+/// (null: not set), and `libraries` are the file names of the libraries that the process has loaded.
 std::string serialised_by(int kernels, const std::function<const char*(const char* name)>& value_of,
                           const std::vector<std::string>& libraries);
 

@@ -14,17 +14,18 @@ namespace voxspring::cuda {
 namespace {
 
 constexpr std::size_t piece_bytes = std::size_t(1) << 25;
-/// Copies of fewer bytes do not go through pinned memory, so a program without larger ones allocates none.
+/// Copies of fewer bytes do not go through pinned memory, so a program that makes no larger copy allocates no
+/// pinned memory.
 constexpr std::size_t large = 2 * piece_bytes;
 
 struct Piece {
     Memory<std::byte, cudaMallocHost, cudaFreeHost> memory;
-    Event copied;  ///< passed when the latest copy from or to the device has ended
+    Event copied;  ///< recorded after the latest copy between `memory` and the device
 };
 
 using Pieces = std::array<Piece, 2>;
 
-/// The result is null if no pinned memory can be allocated.
+/// Returns null if no pinned memory can be allocated.
 Pieces* make_pieces() {
     auto both = std::make_unique<Pieces>();
     try {
@@ -35,10 +36,10 @@ Pieces* make_pieces() {
     return both.release();
 }
 
-/// Two pieces for each thread and device; the result belongs to the current device, since a stream records
-/// only events of its device. The device copies one piece while the host copies the other. The result is null
-/// if make_pieces() returned null. Pieces are never freed, because at the end of the process the driver may
-/// be gone.
+/// The two pieces of the calling thread for the current device. Each device has its pieces, since a stream
+/// can record only events of its device. The device copies one piece while the host copies the other. The
+/// result is null if make_pieces() returned null. Pieces are never freed, because at the end of the process
+/// the driver may be gone.
 Pieces* pieces() {
     thread_local std::map<int, Pieces*> made;  // by device number
     int device = 0;

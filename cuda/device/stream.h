@@ -1,4 +1,4 @@
-// Streams, in which work runs in order, points in them, and work that is captured from them.
+// Streams, in which work runs in order; events, which are points in streams; and graphs, which replay work.
 #pragma once
 
 #include "cuda/device/handle.h"
@@ -13,7 +13,8 @@ public:
         check(cudaStreamCreateWithFlags(&stream, cudaStreamNonBlocking));
         handle_ = Handle<cudaStream_t, cudaStreamDestroy>(stream);
     }
-    /// A stream whose work begins before that of other streams wherever the device has room for only one.
+    /// A stream of the highest priority: if the device has room for the work of one stream only, this
+    /// stream's work begins first.
     static Stream with_priority() {
         int least = 0, greatest = 0;
         check(cudaDeviceGetStreamPriorityRange(&least, &greatest));
@@ -69,7 +70,7 @@ private:
     Handle<cudaEvent_t, cudaEventDestroy> handle_;
 };
 
-/// Work captured once and replayed with one call.
+/// Work that is captured from a stream once. Each launch() replays it.
 class Graph {
 public:
     /// Captures the work that `enqueue()` puts into `stream`. The work does not run until launch().
