@@ -1,5 +1,6 @@
 // One cooperative launch for thousands of steps. Every block keeps a brick of the lattice in shared memory,
-// and every thread owns a tile of particles in it. Points that cross the border of a brick go through L2.
+// and every thread owns a tile of particles in it. The positions of particles at the border of a brick go to
+// the other blocks through L2.
 #include <algorithm>
 #include <memory>
 #include <optional>
@@ -21,7 +22,8 @@ std::string name_of(const BrickTileSize& size) {
     return std::to_string(size.x) + "x" + std::to_string(size.y) + "x" + std::to_string(size.z);
 }
 
-/// The tile size that the tuning parameter names, or none for `auto`, which allows any size.
+/// The tile size that `tuned`, the value of the tuning parameter `tile`, names. Nothing for `auto`, which
+/// allows any size.
 std::optional<BrickTileSize> size_of(const std::string& tuned) {
     for (const BrickTileSize& size : brick_tile_sizes()) {
         if (name_of(size) == tuned) return size;
@@ -29,14 +31,15 @@ std::optional<BrickTileSize> size_of(const std::string& tuned) {
     return std::nullopt;
 }
 
-/// Bytes of the exchange: two words per lattice element, which successive steps use in turn.
+/// Bytes of the exchange, through which blocks pass the positions at their borders: two words per lattice
+/// element, which successive steps use in turn.
 std::uint64_t exchange_bytes(const Lattice& lattice) {
     return 2 * march_strides(lattice, sizeof(float)).axis * sizeof(TaggedPoint);
 }
 
 /// An upper bound of the device memory: state, exchange, masks, polls and increments. It assumes that all
 /// tiles are half empty, that there are as many polls as particles, and that increments are in memory. The
-/// masks of a tile have 20 bits per particle, of which 18 are for springs, and one more word.
+/// masks of a tile have at most 20 bits per particle, 18 of them for springs, and one more word.
 std::uint64_t bricks_bytes(const Problem& problem, const Options& options) {
     constexpr std::uint64_t tables = 16 + sizeof(BrickPoll);
     const std::uint64_t increments = by_increments(options.formulation) ? 2 * sizeof(Vector<float>) : 0;
@@ -91,7 +94,7 @@ public:
 
 private:
     static constexpr const char* too_large =
-        "the body is larger than what the multiprocessors' shared memory and registers hold";
+        "the body does not fit into the shared memory and registers of the device's multiprocessors";
 
     std::optional<BrickPlan> planned(const Problem& problem) const {
         if (latest_ && latest_->dims == problem.lattice.dims && latest_->voxel == problem.lattice.voxel)
@@ -115,8 +118,8 @@ private:
         source.macros["POLLERS"] = std::to_string(plan_.pollers);
         source.macros["ROUNDS"] = std::to_string(layout_->rounds());
         // Code without masks was measured to make a step 7% shorter where threads have 3 particles, but up to
-        // 4% longer where they have 8 or 18. If some blocks need masks it gains nothing, because each block
-        // waits for the slowest one.
+        // 4% longer where they have 8 or 18. If some blocks need masks, such code gains nothing, because each
+        // block waits for the slowest one.
         const bool has_plain_code = s.tile() <= 4 && layout_->all_plain();
         source.macros["PLAIN_BLOCKS"] = has_plain_code ? "1" : "0";
         source.macros["INCREMENTS_IN_MEMORY"] = plan_.increments_in_memory ? "true" : "false";
@@ -156,7 +159,7 @@ private:
             },
             [&](int steps) { stepped(steps); });
     }
-    void enqueue_step(int /*reading*/) override {}  // steps are enqueued together
+    void enqueue_step(int /*reading*/) override {}  // enqueue_steps() enqueues all steps together
 
     std::string refused(const Problem& problem) const override {
         if (std::string why = class_refusal(problem, precision, formulation(), "bricks"); !why.empty())
@@ -207,8 +210,9 @@ const Registered entry({
     .name = "cuda_bricks",
     .api = "cuda",
     .addressing = Addressing::by_grid,
-    .summary = "One launch for thousands of steps: bricks of the lattice in shared memory, one tile of "
-               "particles per thread, borders through L2; one material, face and edge springs.",
+    .summary =
+        "One launch for thousands of steps: bricks of the lattice in shared memory, one tile of "
+        "particles per thread, borders of bricks through L2. Only one material, face and edge springs.",
     .formulations = {Formulation::increment, Formulation::position, Formulation::displacement},
     .tuning = {{"tile", tile_names()}},
     .make = [](const Options& options) { return std::make_unique<BricksBackend>(options); },

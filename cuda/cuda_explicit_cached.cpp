@@ -1,5 +1,5 @@
-// Neighbour lists with a secondary list of stiffness and rest length. Positions are read through the texture
-// path.
+// Neighbour lists with a secondary list of stiffness and rest length. Positions are read through a texture
+// object or, with fetch=l1, through L1.
 #include "cuda/common/explicit.h"
 
 namespace voxspring::cuda {

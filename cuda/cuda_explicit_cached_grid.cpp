@@ -1,5 +1,6 @@
-// Neighbour lists of a regular grid, with one counter per spring group instead of a secondary list. Positions
-// are read through the texture path.
+// Neighbour lists for a regular grid. All springs of a group (face, edge, corner) have the same constants, so
+// a list has one counter per group instead of a secondary list. Positions are read through a texture object
+// or, with fetch=l1, through L1.
 #include "cuda/common/explicit.h"
 
 namespace voxspring::cuda {

@@ -12,8 +12,9 @@ namespace {
 
 constexpr int max_threads = 256;
 
-/// How many columns to allocate for springs beyond the lattice if `used` are in use: a quarter more, for
-/// edits. A column has one spring end for each particle of a slice.
+/// How many columns to allocate for springs beyond the lattice (Problem::springs) if `used` columns are in
+/// use: a quarter and 256 more, as room for edits. A column has one spring end for each of a slice's 32
+/// particles.
 std::size_t roomy(std::size_t used) { return used == 0 ? 0 : used + used / 4 + 256; }
 
 template <class Real>
@@ -109,7 +110,8 @@ public:
     }
 
 private:
-    /// Makes and uploads the slices and their springs beyond the lattice, and chooses the kernel.
+    /// Makes and uploads the slices' lists of springs beyond the lattice, uploads the slices, and chooses the
+    /// kernel.
     void lay_out_off_lattice(const Problem& problem, typename DeltaBackend::Launch& launch) {
         off_lattice_ = OffLatticeLists<Real>(problem, place_guarded(problem), this->formulation(), slices_);
         slices_on_device_.upload(slices_, this->stream());
@@ -182,7 +184,7 @@ const Registered entry({
     .name = "cuda_explicit_delta",
     .api = "cuda",
     .summary = "One thread per particle, neighbours by delta-compressed lists that runs of particles share, "
-               "springs of any topology beyond them by slices.",
+               "springs beyond the lattice by one list per 32 particles.",
     .precisions = {Precision::float32, Precision::float64},
     .formulations = every_formulation,
     // On an H200, dependent launches make a step of the heart take 0.86 times as long. For box 96^3 they

@@ -1,4 +1,4 @@
-// The grid in global memory, read past L1.
+// The grid in global memory, read past L1 or, with fetch=l1, through L1.
 #include "cuda/common/implicit.h"
 
 namespace voxspring::cuda {

@@ -1,5 +1,5 @@
 // The grid is read through shared memory: a block loads three slices of a tile with a frame of one particle,
-// and steps the middle slice (Figure 4).
+// and steps the middle slice (the paper's Figure 4).
 #include "cuda/common/implicit.h"
 
 namespace voxspring::cuda {

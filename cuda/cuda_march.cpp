@@ -1,5 +1,6 @@
-// The grid is stepped plane by plane: blocks march along z over tiles of columns. Positions are in structure
-// of arrays, and the tensor copy engine fills windows of them (kernels/march.h).
+// The grid is stepped plane by plane: blocks march along z over tiles of columns. Positions are a structure
+// of arrays. The tensor copy engine, or the block's threads, copy windows of them to shared memory
+// (kernels/march.h).
 #include <cuda.h>
 
 #include <algorithm>
@@ -23,14 +24,15 @@ namespace {
 
 constexpr int first_with_async_copies = 80, first_with_tensor_copies = 90;
 
-/// The tiles that `tuned`, the tuning parameter, allows. None if it names a tile that the precision lacks.
+/// The tiles that `tuned`, the value of the tuning parameter `tile`, allows. Empty if it names a tile that is
+/// not offered in `precision`.
 std::vector<MarchTile> tiles_of(const std::string& tuned, Precision precision) {
     std::vector<MarchTile> tiles = march_tiles(precision);
     if (tuned != "auto") std::erase_if(tiles, [&](const MarchTile& tile) { return tile.name != tuned; });
     return tiles;
 }
 
-/// The bytes of the largest plan with any of `tiles`.
+/// The bytes of device memory of the largest plan with any of `tiles`.
 std::uint64_t max_plan_bytes(const Lattice& lattice, const std::vector<MarchTile>& tiles) {
     std::uint64_t most = 0;
     for (const MarchTile& tile : tiles) most = std::max(most, max_plan_bytes(lattice, tile.shape));
@@ -49,7 +51,8 @@ decltype(&cuTensorMapEncodeTiled) encode_function() {
     return reinterpret_cast<decltype(&cuTensorMapEncodeTiled)>(function);
 }
 
-/// A map by which one copy fetches a box of width x height voxels of one plane, all three axes, from `data`.
+/// A tensor map of `data`. By this map one copy fetches a box of width x height voxels of one plane, for all
+/// three axes.
 template <class Real>
 TensorMap tensor_map(Real* data, const Lattice& lattice, const SoaStrides& axes, int width, int height) {
     static const auto encode = encode_function();
@@ -67,15 +70,15 @@ TensorMap tensor_map(Real* data, const Lattice& lattice, const SoaStrides& axes,
                every.data(), CU_TENSOR_MAP_INTERLEAVE_NONE, CU_TENSOR_MAP_SWIZZLE_NONE,
                CU_TENSOR_MAP_L2_PROMOTION_L2_256B, CU_TENSOR_MAP_FLOAT_OOB_FILL_NONE);
     if (result != CUDA_SUCCESS)
-        throw DeviceError("cuTensorMapEncodeTiled: CUresult " + std::to_string(int(result)));
+        throw DeviceError("cuTensorMapEncodeTiled failed with CUresult " + std::to_string(int(result)));
     TensorMap map{};
     static_assert(sizeof map == sizeof encoded);
     std::memcpy(&map, &encoded, sizeof map);
     return map;
 }
 
-/// The source of the march kernel for a scene. A thread gets at most so many registers that `blocks` blocks
-/// fit on a multiprocessor.
+/// The source of the march kernel for a scene. The compiler limits the registers per thread so that `blocks`
+/// blocks fit on a multiprocessor.
 KernelSource march_source(const Problem& problem, Formulation formulation, const MarchTile& tile,
                           Precision precision, int blocks) {
     const MarchShape& s = tile.shape;
@@ -134,7 +137,7 @@ public:
         this->reset_to_step_zero();
     }
 
-    /// An edit may change masks in place, or give masks to a warp that had none, so all masks are made anew.
+    /// Makes all items and masks anew, since an edit may give masks to a warp that had none.
     void edit(const Problem& edited, const SpringEdit& edit) override {
         this->set_problem(edited);
         if (!edit.empty()) resume(planned(edited, {tile_}), launch_);
@@ -166,15 +169,17 @@ private:
     using AxesBackend<Real>::precision;
 
     bool gives_borders() const override { return true; }
-    /// Throws Unavailable unless the particles lie in one plane of constant z. A thread sums forces by pairs
-    /// of columns and of rows, and parts that are cut across x or y would have other pairs.
+    /// Throws Unavailable unless the particles lie in one plane of constant z and the lattice has several
+    /// such planes. A thread sums forces by pairs of columns and of rows. In parts that are cut across x or y
+    /// these pairs, and so the bits of the sums, would differ from those of the whole body.
     void check_border(const std::vector<std::uint32_t>& particles) const {
         const Lattice& lattice = this->problem().lattice;
         const auto plane = [&](std::uint32_t i) { return lattice.coordinates(lattice.voxel[i]).z; };
         for (const std::uint32_t i : particles) {
             if (lattice.dims.z == 1 || plane(i) != plane(particles.front()))
                 throw Unavailable(
-                    "the march gives the bits of an uncut body only if the body is cut across z alone");
+                    "cuda_march steps the parts of a body with the bits of the whole body only if all cuts "
+                    "are across z");
         }
     }
 
@@ -188,7 +193,7 @@ private:
     }
 
     std::string refused(const Problem& problem) const override {
-        if (tiles_.empty()) return "tiles of " + tuned_ + " do not support " + to_string(precision);
+        if (tiles_.empty()) return "tile=" + tuned_ + " is not available in " + to_string(precision);
         const int architecture = this->device().architecture;
         if (architecture < first_with_async_copies)
             return "compute capability " + version_of(architecture) +
@@ -292,7 +297,7 @@ std::uint64_t march_bytes(const Problem& problem, const Options& options) {
            max_plan_bytes(problem.lattice, tiles_of(options.tuning.at("tile"), options.precision));
 }
 
-/// Tiles by their width and height in particles. With `auto`, the default, plan_march() chooses the tile.
+/// The names of tiles: width x height in particles. With `auto`, the default, plan_march() chooses the tile.
 const TuningValues tiles = {"auto", "32x20", "64x4", "64x8", "64x16", "64x20", "128x8", "128x16", "128x20"};
 
 const Registered entry({
@@ -300,8 +305,8 @@ const Registered entry({
     .api = "cuda",
     .addressing = Addressing::by_grid,
     .summary =
-        "Blocks march along z, two to four columns per thread, planes copied ahead into shared memory; "
-        "one material, face and edge springs.",
+        "Blocks march along z, two to four columns per thread, planes copied ahead into shared memory. "
+        "Only one material, face and edge springs.",
     .precisions = {Precision::float32, Precision::float64},
     .formulations = {Formulation::increment, Formulation::position, Formulation::displacement},
     // How windows are filled. `auto`: by the tensor copy engine from compute capability 9.0 on, otherwise by

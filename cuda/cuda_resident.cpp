@@ -1,5 +1,6 @@
-// One cooperative launch for thousands of steps. A block's particles stay in registers and shared memory.
-// Points cross the border of a block through L2, or by NVLink to a part of the body on another device.
+// One cooperative launch for thousands of steps. A block's particles stay in registers and shared memory. The
+// positions of particles at a block's border go to other blocks through L2, or by NVLink to the part of the
+// body that another device steps.
 #include <algorithm>
 #include <memory>
 #include <optional>
@@ -45,8 +46,9 @@ public:
         send(slot_, slots_with(layout, mask), step.slot);
         send(polled_slot_, layout.polled_slot, step.polled_slot);
         send(border_, layout.border, step.border);
-        // Another part may still write to this part's old exchange. So the old exchange stays with that part,
-        // and this part gets a new one.
+        // An exchange is the array into which blocks, and other parts of the body, store positions. Another
+        // part may still write to this part's old exchange and share its ownership. Then this part gets a new
+        // exchange.
         if (exchange_.use_count() > 1) exchange_ = std::make_shared<Buffer<TaggedPoint>>();
         exchange_->resize(std::size_t(2) * layout.published_count);
         exchange_->fill_with_zeros(stream);
@@ -97,8 +99,8 @@ public:
         return points * sizeof(TaggedPoint);
     }
 
-    /// Allocates and uploads here all that launches need to send points: nothing may be allocated or freed
-    /// later, while other parts wait for this one.
+    /// Allocates and uploads all that launches need to send points. It is done here because nothing may be
+    /// allocated or freed later, while other parts wait for this one.
     void connect(const std::vector<std::shared_ptr<DeviceBorders>>& parts, std::size_t part) override {
         for (std::size_t border = 0; border < beside_.size(); ++border) {
             const auto* const theirs =
@@ -139,8 +141,8 @@ private:
     ResidentLinks links_{};
 };
 
-/// An upper bound of the device memory in bytes. It assumes that every particle is published and that every
-/// lane has a particle.
+/// An upper bound of the device memory in bytes. It assumes that every particle is published (stored for
+/// other blocks) and that every lane has a particle.
 std::uint64_t resident_bytes(const Problem& problem, const Options& options) {
     return particle_bytes<float>(problem, place_compact(problem), options.formulation) +
            problem.particle_count() * (2 * sizeof(TaggedPoint) + 2 * sizeof(std::uint32_t) +
@@ -172,7 +174,7 @@ public:
               [this] { wait_for_stream(); }) {}
     ResidentBackend(const ResidentBackend&) = delete;
     ResidentBackend& operator=(const ResidentBackend&) = delete;
-    /// Ends a launch that still runs, since the memory that it uses must outlive it.
+    /// Ends a launch that still runs, since it uses memory of this object.
     ~ResidentBackend() override {
         try {
             ResidentBackend::let_end();
@@ -211,7 +213,7 @@ public:
         all.border_ways = {"stores"};
         return all;
     }
-    /// Keeps the borders too, since every launch gets their links as an argument.
+    /// Also keeps the borders that it returns, since every launch gets their links as an argument.
     std::shared_ptr<DeviceBorders> device_borders(const std::vector<SharedParticles>& borders,
                                                   const std::string&) override {
         borders_ = std::make_shared<ResidentBorders>(borders, problem(), layout_, tables_.exchange(),
@@ -219,7 +221,8 @@ public:
         return borders_;
     }
 
-    /// Only stores the displacement: the next launch or order carries it to the device.
+    /// Only stores the displacement. The next launch, or the next order to a launch that goes on (Ticks),
+    /// carries it to the device.
     void move_tool(const glm::dvec3& displacement) override { moved_ = vector_of<float>(displacement); }
     glm::dvec3 tool_force() override {
         if (steps() == 0 || tool_mode_ != ToolMode::ticks) return ParticleBackend::tool_force();
@@ -228,10 +231,10 @@ public:
         return force;
     }
 
-    /// Rewrites the masks of the particles that the edit touches. Also rewrites the table of slots, which
-    /// tells a lane where its neighbours are, for cut or joined springs. Nothing else changes, since the
-    /// tables have room for every spring of the lattice's groups. A launch reads masks and slots when it
-    /// begins.
+    /// Rewrites the masks of the particles that the edit touches. Also rewrites, for springs that are cut or
+    /// joined, the table of slots, which tells a thread where its particle's neighbours are in shared memory.
+    /// Nothing else changes, since the tables have room for every spring of the lattice's groups. No launch
+    /// runs meanwhile: let_end() ends one that goes on, and the stream orders all others.
     void edit(const Problem& edited, const SpringEdit& edit) override {
         set_problem(edited);
         if (edit.empty()) return;
@@ -251,10 +254,12 @@ public:
     }
 
 private:
-    /// Particles are in memory only at the end of a launch. Within a launch device_borders() exchanges them.
+    /// False because particles are in device memory only at the end of a launch, not after each step. Within
+    /// a launch, the object that device_borders() returns exchanges the borders.
     bool gives_borders() const override { return false; }
 
-    /// This part's share of the device. The blocks of all parts on it wait for each other, so all need room.
+    /// This part's share of the device. The blocks of all parts on a device wait for each other, so there
+    /// must be room for all of them at once.
     ResidentCard card() const { return {device().multiprocessors / device().parts, device().shared_bytes}; }
 
     ToolMode tool_mode_for(const Problem& problem) const {
@@ -360,7 +365,7 @@ private:
                 line};
     }
 
-    // --- Ticks: one launch, which takes the steps of each order ---
+    // --- Ticks: one launch goes on, and takes the steps of each order that the host gives ---
 
     void order_steps(int count) {
         while (count > 0) {
@@ -386,22 +391,25 @@ private:
         const ToolMode mode = tool_mode_for(problem);
         if (std::string why = part_refusal(problem, mode); !why.empty()) return why;
         if (mode == ToolMode::ticks && device().ends_long_kernels)
-            return "ticks=resident: the driver ends kernels that run for seconds on a device with a display";
+            return "ticks=resident: on a device with a display the driver ends kernels that run for "
+                   "seconds; use ticks=launch";
         return block_refusal(*layout_of(problem, stressed_at_rest(problem)), card(), mode);
     }
     /// Empty, or why `problem`, if it is a part of a body, cannot be stepped.
     std::string part_refusal(const Problem& problem, ToolMode mode) const {
         if (problem.ghosts.empty()) return {};
         if (mode == ToolMode::ticks)
-            return "ticks=resident: parts of a body would receive the host's orders at different steps";
+            return "ticks=resident: parts of a body would receive the host's orders at different steps; "
+                   "use ticks=launch";
         if (options_.tuning.at("overlap") == "on")
-            return "overlap=on adds the springs across a block's border last, and the blocks of a part have "
-                   "other borders than those of the whole, so that bits would differ; overlap=off does not";
+            return "overlap=on would give a part other bits than the whole body, because it adds the springs "
+                   "across a block's border last and the blocks of a part have other borders; "
+                   "use overlap=off";
         if (device().ends_long_kernels)
-            return "the driver ends kernels that run for seconds on a device with a display, and a part "
-                   "of a body waits for the other parts";
+            return "on a device with a display the driver ends kernels that run for seconds, and the "
+                   "kernel of a part may wait that long for the other parts";
         if (const std::string why = serialised_by(device().parts); !why.empty())
-            return why + ", and a part of a body waits for others";
+            return why + ", but the kernels of a body's parts wait for each other";
         return {};
     }
 
@@ -418,7 +426,7 @@ private:
     const Options options_;
     const Partition partition_;
     const int pollers_;
-    const bool in_ticks_;  ///< a tool's ticks share one launch (tuning `ticks`)
+    const bool in_ticks_;  ///< ticks=resident: one launch serves all ticks of a tool
     ResidentTables tables_;
     /// The latest layout and everything that it depends on. refused() and the upload after refused() need the
     /// same layout.
@@ -439,7 +447,7 @@ private:
     float tool_stiffness_ = 0;
     Vector<float> moved_{};  ///< displacement of the tool from the next step on
     Ticks ticks_;
-    bool is_part_ = false;                      ///< other backends step the rest of the body
+    bool is_part_ = false;                      ///< this backend steps a part of a body, others the rest
     std::shared_ptr<ResidentBorders> borders_;  ///< set for a part
 };
 
@@ -447,7 +455,7 @@ const Registered entry({
     .name = "cuda_resident",
     .api = "cuda",
     .addressing = Addressing::by_grid,
-    .summary = "One launch for thousands of steps, particles in registers, borders through L2.",
+    .summary = "One launch for thousands of steps, particles in registers, borders of blocks through L2.",
     .formulations = {Formulation::increment, Formulation::position, Formulation::displacement,
                      Formulation::paper},
     .tuning = tuning({{"partition", {"auto", "rows", "bisection"}},

@@ -124,7 +124,8 @@ private:
         const std::size_t count = parts_.count_of(part);
         if (count == 0) return;
         const std::uint32_t* const blocks = blocks_.data() + parts_.begin_of(part);
-        // Not launched dependently: a part also waits for work in another stream, so it cannot begin early.
+        // This launch is not a dependent one, which could begin early: a part of a split step also waits for
+        // work in another stream.
         launch(*part_kernel_, in, count, reading, false, blocks);
     }
 
@@ -152,7 +153,7 @@ private:
     Buffer<TileRow> rows_;
     Buffer<TileMask> masks_;
     Staging<EditedWord> staging_;
-    // For steps in two parts.
+    // Used if steps are launched in two parts: the particles at borders, and the interior.
     std::shared_ptr<const Kernel> part_kernel_;
     BlockParts<std::uint32_t> parts_;
     Buffer<std::uint32_t> blocks_;
@@ -162,8 +163,8 @@ const Registered entry({
     .name = "cuda_tiles",
     .api = "cuda",
     .summary =
-        "One or two threads per active tile of 2x2x2 voxels, in a list: springs within a thread's share "
-        "once, neighbours by rows of tiles; one material, face and edge springs.",
+        "One or two threads per active tile of 2x2x2 voxels, tiles by list, neighbours by rows of tiles; "
+        "springs within a thread's share are computed once. Only one material, face and edge springs.",
     .precisions = {Precision::float32, Precision::float64},
     .formulations = {Formulation::increment, Formulation::position, Formulation::displacement},
     .tuning = {{"threads", {"auto", "1", "2"}}},
