@@ -1,5 +1,5 @@
 // The grid is stepped plane by plane: blocks march along z over tiles of columns. Positions are a structure
-// of arrays. The tensor copy engine, or the block's threads, copy windows of them to shared memory
+// of arrays. The tensor copy engine or the block's threads copy windows of them to shared memory
 // (kernels/march.h).
 #include <cuda.h>
 

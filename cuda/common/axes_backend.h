@@ -1,5 +1,5 @@
 // The base class of backends whose state is a structure of arrays (backends/layout/march_layout.h), and what
-// all kernels that evaluate springs by class (spring_class()) have in common.
+// all kernels that evaluate springs by class, that is by direction (spring_class()), have in common.
 #pragma once
 
 #include <array>
@@ -138,7 +138,8 @@ protected:
             increment_.resize(0);
         }
     }
-    /// The kernel's constants for `problem`. Unless by increments, the device computes inverse rest lengths.
+    /// The kernel's constants for `problem`. In formulations that are not by increments, the device computes
+    /// the inverse rest lengths, with its own inverse root.
     MarchStep<Real> measured_step(const Problem& problem) const {
         MarchStep<Real> step = make_march_step<Real>(problem, formulation_);
         if (!by_increments(formulation_))

@@ -1,6 +1,5 @@
-// What the kernels that run between steps do for a backend: rest lengths measured with the device's inverse
-// root (physics/inverse_root.h), the divergence monitor's check, and the hash of arrays
-// (physics/state_hash.h).
+// The host's side of kernels that run between steps: rest lengths measured with the device's inverse root
+// (physics/inverse_root.h), the divergence monitor's check, and the hash of arrays (physics/state_hash.h).
 #pragma once
 
 #include <cstddef>
@@ -25,12 +24,12 @@ void measure_on_device(const Kernel& kernel, std::span<Real> squared, const Stre
     launch_for_each(kernel, values.size(), stream, values.data(), values.size());
     values.download(squared, stream);
 }
-/// Replaces each squared length by its measured_length().
+/// Replaces each squared length by measured_length() of it, computed on the device.
 template <class Real>
 void calibrate_rest_lengths(std::span<Real> squared, const Stream& stream) {
     measure_on_device(*support_kernels<Real>().measure_lengths, squared, stream);
 }
-/// Replaces the squared rest length of every spring by its measured_length().
+/// Replaces the squared rest length of every spring by measured_length() of it, computed on the device.
 template <class Real>
 void calibrate_rest_lengths(const Buffer<SpringConstants<Real>>& springs, const Stream& stream) {
     launch_for_each(*support_kernels<Real>().measure_springs, springs.size(), stream, springs.data(),
@@ -44,9 +43,10 @@ struct DivergenceCheck {
     double largest_increment;  ///< the largest |x(t) - x(t - dt)| that passes
 };
 
-/// Enqueues a check of the first `count` elements of `particles` by `kernel`: check_words or check_axes,
-/// whichever takes their type. In a structure of arrays, elements without a particle pass: they are finite
-/// and do not move. Before the first check the caller fills `first` with the largest numbers of its type.
+/// Enqueues a check of the first `count` elements of `particles`. `kernel`: check_words or check_axes,
+/// whichever takes the type of `particles`. In a structure of arrays, elements without a particle pass: they
+/// are finite and do not move. Before the first check the caller fills `first` with the largest numbers of
+/// its type.
 template <class Real, template <class> class Particles>
 void launch_divergence_check(const Kernel& kernel, const Particles<Real>& particles, std::size_t count,
                              const DivergenceCheck& parameters, FirstDivergence* first,

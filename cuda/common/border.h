@@ -20,7 +20,8 @@ namespace voxspring::cuda {
 template <class Real>
 struct BorderState {
     const Stream& stream;  ///< the stream in which the state is stepped
-    /// Returns where places are after the steps enqueued so far; `element` and `count` are unset.
+    /// Returns where the particles' places are after the steps enqueued so far. The caller sets `element` and
+    /// `count`.
     std::function<BorderPlaces<Real>()> now;
     std::function<void()> written;  ///< to be called once places have been written between steps
     WaitLimit wait;                 ///< for kernels that wait for another part
@@ -46,7 +47,7 @@ struct BorderState {
 
 /// How exchange_places() launches its kernel.
 struct ExchangeLaunch {
-    unsigned blocks;  ///< per link
+    unsigned blocks;  ///< blocks per link, that is per border with another part
     bool stores;      ///< whether the kernel sends messages
     bool takes;       ///< whether the kernel waits for messages and writes them to the state
     bool dependent;   ///< whether the kernel may begin while the previous step still runs
@@ -55,7 +56,7 @@ struct ExchangeLaunch {
     static constexpr unsigned threads_per_block = 512;
 };
 
-/// All links of one part of a body, in device memory.
+/// All links (borders with other parts) of one part of a body, in device memory.
 template <class Real>
 using BorderLinks = Buffer<BorderLink<Real>>;
 

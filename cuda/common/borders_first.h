@@ -14,9 +14,9 @@ namespace voxspring::cuda {
 ///                   v                            ^ stepped   ^ arrived
 ///     stream()      border of step n   send   receive          |  border of n + 1 ...
 ///
-/// So work that is enqueued in the backend's stream between two steps sees the whole state, and need not know
-/// of the second stream. A border is sent before the interior of its step ends, unless
-/// order_after_main_stream() was called.
+/// So work that is enqueued in the backend's stream between two steps finds the whole state complete,
+/// although it does not know of the second stream. A border is sent before the interior of its step ends,
+/// unless order_after_main_stream() was called.
 class BordersFirst {
 public:
     /// `whole`: the backend's stream, which must outlive this object. The second stream has priority: where
@@ -46,7 +46,8 @@ public:
         if (!std::exchange(is_ahead_, false)) wait_for_main_stream();
     }
     /// To be called once a receive is enqueued in stream(). Later work in the backend's stream then finds the
-    /// ghosts as the neighbouring parts sent them, unless step_follows(true) was called before.
+    /// ghosts (particles that neighbouring parts step) as they were received, unless step_follows(true) was
+    /// called before.
     void end_receive() {
         if (step_follows_) return;
         arrived_.record(own_);

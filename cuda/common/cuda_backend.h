@@ -70,8 +70,8 @@ protected:
     BordersFirst* enable_border_stream(const std::vector<SharedParticles>& borders, const std::string& way);
     /// Whether steps are split, so that borders are stepped first.
     bool is_split() const { return is_split_; }
-    /// The limit for kernels that wait for another part of the body. check_waits() throws once one exceeds
-    /// it.
+    /// The limit for kernels that wait for another part of the body. check_waits() throws once a wait has
+    /// exceeded it.
     WaitLimit border_wait();
 
     /// Ends a kernel that keeps running to wait for further steps, if there is one. Called before anything
@@ -79,7 +79,8 @@ protected:
     virtual void let_end() {}
     /// Waits for the stream without calling let_end(). Throws DeviceError if a launch has waited in vain.
     void wait_for_stream();
-    /// Throws DeviceError if a launch has waited in vain: with failure_note(), or the message waited for.
+    /// Throws DeviceError if a launch has waited in vain. The text is failure_note(), or names the message
+    /// from another part of the body that did not come.
     void check_waits() const;
 
     /// To be called first in upload(): waits for the device, frees the copy that keep_start() made and loads
@@ -101,7 +102,7 @@ protected:
     /// Counts steps from 0 again, and resets the tool and the divergence monitor. To be called once x(t) of
     /// the start is in buffer 0.
     void reset_to_step_zero();
-    /// Drops captured graphs. To be called when enqueue_step() would no longer enqueue what they hold.
+    /// Drops captured graphs. To be called if enqueue_step() now enqueues other work than the graphs hold.
     void forget_graphs();
 
     /// To be called when `count` more steps have been enqueued: checks for divergence if a check is due.
@@ -131,9 +132,10 @@ private:
     virtual std::vector<StateArray> state_arrays() const = 0;
     /// Called once rewind() has restored the state arrays of step 0.
     virtual void rewound() {}
-    /// Enqueues what the tool, if there is one, does before a step that reads buffer `reading`.
+    /// If the scene has a tool, enqueues the computation of its force on the particles that it holds, for the
+    /// step that reads buffer `reading`.
     virtual void enqueue_tool(int) {}
-    /// Puts the tool, if there is one, back to where it took hold.
+    /// If the scene has a tool, moves it back to where it took hold of its particles (displacement 0).
     virtual void rest_tool() {}
     /// Enqueues one step that reads buffer `reading`. Called by this class's enqueue_steps() and its graphs.
     virtual void enqueue_step(int reading) = 0;
@@ -146,12 +148,12 @@ private:
     virtual bool replays_steps() const { return true; }
     /// Whether the next step can be made in two parts.
     virtual bool splits_next_step() const { return true; }
-    /// Makes all steps until rewind() or the next upload alike, so that graphs with exchanges can hold them.
-    /// Returns false if the backend's options forbid that.
+    /// Makes all steps until rewind() or the next upload the same work, so that a graph with exchanges can
+    /// replay them. Returns false if the backend's options forbid that.
     virtual bool make_steps_alike() { return true; }
     void enqueue_split_step();
-    /// Calls enqueue(steps) for `count` steps in all: from check to check if checks are frequent, else at
-    /// once.
+    /// Calls enqueue(steps) for `count` steps in all. If divergence checks are frequent, each call reaches to
+    /// the next check. Otherwise there is one call.
     template <class Enqueue>
     void between_checks(int count, Enqueue enqueue);
     /// Enqueues `count` steps as graphs. graph(k) has to return the graph of 2^k steps.
@@ -165,14 +167,15 @@ private:
     /// Empty, or a note that a launch waited in vain. The state is then worthless until the next upload.
     virtual std::string failure_note() const { return {}; }
 
-    /// Enqueues a check of the current state. If it has diverged, the kernel writes this to `first`.
+    /// Enqueues a check of the current state. If the state has diverged, the kernel writes the numbers of
+    /// this step and of the last check to `first`, unless an earlier check already did.
     virtual void enqueue_divergence_check(const DivergenceCheck& parameters, FirstDivergence* first) = 0;
     void check_divergence();
 
     void mark(Mark which) final { (which == Mark::begin ? begin_ : end_).record(stream_); }
     double seconds_between_marks() const final { return end_.seconds_since(begin_); }
 
-    Device device_;  // declared first, so that a missing device is found before all else
+    Device device_;  // declared first, so that its constructor runs first and reports a missing device
     Stream stream_;
     Event begin_, end_;
     const Problem* problem_ = nullptr;
@@ -191,7 +194,7 @@ private:
     std::array<std::array<std::array<std::optional<Graph>, graph_lengths>, 2>, 2> graphs_;
     /// exchanging_graphs_[b][k]: like graphs_, but an exchange of borders follows each step.
     std::array<std::array<std::optional<Graph>, graph_lengths>, 2> exchanging_graphs_;
-    Pinned<std::uint64_t> border_stall_;  ///< WaitLimit::stall of border_wait()
+    Pinned<std::uint64_t> border_stall_;  ///< WaitLimit::stall of border_wait(); empty before
     /// Set once a caller has asked for borders that are stepped first.
     std::optional<BordersFirst> borders_first_;
     bool is_split_ = false;

@@ -30,7 +30,7 @@ public:
     }
     /// The number of the part on the other side.
     int part() const { return part_; }
-    /// How many numbers the message to the other side has, and the message from it.
+    /// How many numbers this side's message has, and how many the other side's message has.
     std::size_t to_send() const { return state_.places(sent_).numbers(); }
     std::size_t to_receive() const { return state_.places(received_).numbers(); }
 
@@ -46,7 +46,8 @@ private:
     Buffer<std::uint32_t> sent_, received_;
 };
 
-/// Casts the borders of another part to the kind of this part's borders. Throws if they are of another kind.
+/// Casts the borders of another part to `Borders`, the class of this part's borders. Throws if they are of
+/// another class.
 template <class Borders>
 Borders& same_kind(const std::shared_ptr<DeviceBorders>& other) {
     auto* const borders = dynamic_cast<Borders*>(other.get());
@@ -59,7 +60,8 @@ template <class Links, class LeadsThere>
 auto find_side(const Links& links, LeadsThere leads_there) {
     const auto link = std::find_if(links.begin(), links.end(), leads_there);
     if (link == links.end())
-        throw std::logic_error("a part borders on another part, which has no border with it");
+        throw std::logic_error(
+            "a part of the body has a border with another part, but that part has none with it");
     return link;
 }
 
@@ -177,8 +179,9 @@ private:
 
 /// Borders whose messages a kernel stores into the memory of the device that receives them. A kernel there
 /// waits for the messages and writes them to the state. If no two parts share a device, no host takes part,
-/// so that graphs can hold exchanges. If some do, no kernel may wait, since it might keep the one that it
-/// waits for from running: each part sends by one launch and takes by another, and events order these.
+/// so graphs can hold exchanges. If two parts share one, no kernel may wait, since it might keep the kernel
+/// that it waits for from running. Then each part sends by one launch and takes by another, and events order
+/// these launches.
 ///
 /// Buffers are free in time for the same reason as those of PeerBorders: a part sends message n + 2 only
 /// after message n + 1 has arrived, and the other part sends that only after it has taken message n.
@@ -341,7 +344,7 @@ public:
         for (Link& link : links_) link.side.gather(link.leaving.data());
     }
 
-    /// Sends and receives are in one NCCL group: otherwise two ranks could wait for each other.
+    /// Enqueues all sends and receives as one NCCL group: otherwise two ranks could wait for each other.
     void receive() override {
         ranks_->together([&] {
             for (const Link& link : links_) {
@@ -392,8 +395,9 @@ void require_whole_words(int own, int other) {
     int atomics = 0;
     check(cudaDeviceGetP2PAttribute(&atomics, cudaDevP2PAttrNativeAtomicSupported, own, other));
     if (atomics == 0)
-        throw Unavailable("devices " + std::to_string(own) + " and " + std::to_string(other) +
-                          " are not joined by NVLink, so that words of 16 bytes might not arrive whole");
+        throw Unavailable(
+            "devices " + std::to_string(own) + " and " + std::to_string(other) +
+            " are not joined by NVLink, without which words of 16 bytes might not arrive whole");
 }
 
 void require_peer_access(int own, int other) {

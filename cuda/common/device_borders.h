@@ -12,9 +12,9 @@
 
 namespace voxspring::cuda {
 
-/// Values for Capabilities::border_ways: "peer", "stores" and "nccl". If `splits_steps`, each of them also
-/// with the suffix `_overlap`: borders are then stepped first, and are sent while the other particles are
-/// stepped.
+/// Values for Capabilities::border_ways: "peer", "stores" and "nccl". If `splits_steps`, also each of these
+/// with the suffix `_overlap`, which means: borders are stepped first, and are sent while the other particles
+/// are stepped.
 std::vector<std::string> border_ways(bool splits_steps);
 /// Whether `way` has the suffix `_overlap`.
 bool overlaps(const std::string& way);
@@ -22,8 +22,8 @@ bool overlaps(const std::string& way);
 /// Lets the current device, `own`, read and write the memory of `other`. Returns false if the hardware does
 /// not connect the two in this way.
 bool enable_peer_access(int own, int other);
-/// Throws Unavailable unless words of 16 bytes arrive whole (kernels/exchange.h), which takes NVLink. NVLink
-/// is told from PCIe by the support for atomics between the devices.
+/// Throws Unavailable unless words of 16 bytes arrive whole (kernels/exchange.h), which takes NVLink. Devices
+/// count as joined by NVLink if they support native atomics in each other's memory; over PCIe they do not.
 void require_whole_words(int own, int other);
 /// Calls enable_peer_access(), and throws Unavailable if that returns false.
 void require_peer_access(int own, int other);
@@ -47,9 +47,9 @@ std::vector<SharedParticles> in_elements(std::vector<SharedParticles> borders, c
     return borders;
 }
 
-/// The result of BorderFacet::device_borders() for a state that is stepped on `device`. `borders`: those of
-/// in_elements(). For a way that
-/// overlaps(), the caller has to set `state.first`, which steps the borders before the rest.
+/// The result of BorderFacet::device_borders() for a state that is stepped on `device`. `borders`: the result
+/// of in_elements(). If overlaps(way), the caller has to set `state.first`, which steps the borders before
+/// the rest.
 template <class Real>
 std::shared_ptr<DeviceBorders> make_device_borders(const std::vector<SharedParticles>& borders,
                                                    const std::string& way, const Device& device,

@@ -19,7 +19,7 @@ struct ListOptions {
     Secondary secondary = Secondary::always;
     ListLayout layout = ListLayout::vertical;
     unsigned block = 128;  ///< threads per block
-    bool rows = false;     ///< the lists are preceded by the paper's rows (ListRows)
+    bool rows = false;     ///< counters=rows: the paper's rows (ListRows) precede the lists
 
     ListOptions(Secondary when, const Options& options)
         : secondary(when),
@@ -141,8 +141,8 @@ private:
         return {launch, std::move(lists.bits)};
     }
 
-    /// Lays out the lists anew, with more slots or as lists of the other kind. The particles stay where they
-    /// are.
+    /// Lays out the lists anew, for example with more slots, or with a secondary list that they lacked. The
+    /// particles stay where they are.
     void lay_out_anew(const Problem& edited) {
         this->synchronize();
         auto [launch, bits] = lay_out(edited);
@@ -169,7 +169,9 @@ private:
                 problem.particle_count() *
                 (options_.has_secondary(problem) ? slots_by_springs(problem) : slots_by_groups(problem));
             if (entries > std::numeric_limits<std::uint32_t>::max())
-                return std::to_string(entries) + " list entries exceed the 32 bits of an index in a row";
+                return std::to_string(entries) +
+                       " list entries are too many for counters=rows, whose indices have 32 bits; use "
+                       "counters=word";
         }
         return launch_refusal<Real>(problem.particle_count(), this->device(), this->family());
     }

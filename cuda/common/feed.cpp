@@ -28,8 +28,9 @@ public:
     }
     FeedKernel(const FeedKernel&) = delete;
     FeedKernel& operator=(const FeedKernel&) = delete;
-    /// Freeing the buffers of a feed waits until the device is idle. A launch that waits for ticks (Ticks)
-    /// would keep the device busy up to its time limit. Calling feeding_() first ends it.
+    /// Freeing the buffers of a feed waits until the device is idle. A launch that goes on and waits for the
+    /// host's next order (Ticks) would keep the device busy up to its time limit. Calling feeding_() first
+    /// ends that launch.
     ~FeedKernel() {
         try {
             static_cast<void>(feeding_());
@@ -38,7 +39,8 @@ public:
         }
     }
     bool empty() const { return fed_.size() == 0; }
-    /// Asks where the particles are now, which also ends a launch that waits for ticks.
+    /// Asks where the particles are now. That also ends a launch that waits for the host's next order
+    /// (Ticks).
     Feeding<Real> feeding() const {
         Feeding<Real> feeding = feeding_();
         feeding.fed = fed_.data();
@@ -87,8 +89,8 @@ private:
     FeedKernel<Real> kernel_;
 };
 
-/// A feed whose kernel writes into pinned host memory. A copy of these few bytes would be one more command
-/// that waits for its turn.
+/// A feed whose kernel writes into pinned host memory. A separate copy of these few bytes to the host would
+/// be one more command that waits for its turn.
 template <class Real>
 class PinnedFeed final : public HostFeed {
 public:

@@ -58,7 +58,7 @@ public:
         launch.kernel = this->kernel(source(problem, launch.grid, registers_for(launch.grid)));
         if (tiled_) launch.shared_bytes = tile_bytes();
         // The kernel that leaves out blocks at rest is compiled only if the run may use it. Graphs that hold
-        // the previous one are dropped before that kernel is.
+        // the previous kernel are dropped before that kernel is.
         if (resting_.may_check()) {
             std::shared_ptr<const Kernel> kernel =
                 this->kernel(source(problem, launch.grid, resting_registers, resting_.terms()));
@@ -80,7 +80,8 @@ public:
         if (!by_increments(this->formulation()))
             calibrate_rest_lengths<Real>(launch.step.rest_length, this->stream());
         this->start(problem, state, placement, lattice.mask, launch);
-        // With a tool there is no start check: the tool's forces are computed only with the first step.
+        // The start check finds the blocks that the first step changes. With a tool there is none: the tool's
+        // forces are computed only with the first step.
         if (resting_.checks() && this->held().size() == 0) {
             launch_resting(resting_.start_check(), 0);
             resting_.start_checked(this->stream());
@@ -139,8 +140,8 @@ private:
                resting_.bytes_held();
     }
 
-    /// A message from another part has moved particles, so the blocks around them have to be stepped. It is
-    /// simpler to step all blocks once than to find these.
+    /// A message from another part has moved particles, so the blocks around these particles have to be
+    /// stepped. The next step takes all blocks, which is simpler than finding these.
     void border_written() override { resting_.wake(this->current(), this->stream()); }
 
     bool splits_steps() const override { return !launches_all_; }
@@ -149,7 +150,7 @@ private:
         part_origins_.upload(parts_.blocks, this->stream());
         return parts_.count_of(StepPart::interior) > 0;
     }
-    // Nothing to compile: the kernel of a whole step takes any list of blocks.
+    // Nothing has to be compiled: the kernel of a whole step takes any list of blocks.
     void compile_for_parts() override {}
     void enqueue_part(int reading, StepPart part, const Stream& in) override {
         const std::size_t count = parts_.count_of(part);
@@ -161,8 +162,9 @@ private:
                             step, reading);
     }
     bool splits_next_step() const override { return !resting_.checks(); }
-    /// Ends the search for blocks at rest, unless the tuning asks for it: a message over a border wakes all
-    /// blocks anyway (border_written()). With `flush` steps have other bits, and `skip` promises to search.
+    /// With rest=auto, ends the search for blocks at rest, because each message over a border makes the next
+    /// step take all blocks anyway (border_written()). Returns false with rest=skip, which asks for the
+    /// search, and with rest=flush, whose steps have other bits.
     bool make_steps_alike() override { return resting_.stop(); }
 
     void rewound() override { resting_.rewind(this->stream()); }
@@ -224,8 +226,9 @@ private:
                                                                         max_threads, {128, 64}, choice);
     }
 
-    /// Whether warps vote (tuning `interior`). With `auto` they do not if all threads run at once: a step
-    /// then takes as long as one thread waits for memory, and the vote would be one more wait.
+    /// Whether warps vote on leaving out the masks (tuning `interior`). With `auto` they do not vote if all
+    /// threads run at once: a step then takes as long as one thread waits for memory, and the vote would be
+    /// one more wait.
     bool votes(dim3 grid) const {
         return interior_ == "auto" ? !this->run_at_once(threads_of(grid), 64, max_threads)
                                    : interior_ == "vote";

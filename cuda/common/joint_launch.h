@@ -1,5 +1,5 @@
-// Launches whose blocks wait for each other: the counters for these waits, and how the host learns that a
-// wait was in vain.
+// Launches whose blocks wait for each other (joint launches): the counters for these waits, and how the host
+// learns that a wait was in vain.
 #pragma once
 
 #include <algorithm>
@@ -34,9 +34,9 @@ public:
     WaitLimit wait_limit() const { return {stall_.data(), max_wait_nanoseconds}; }
 
     /// Launches `count` steps: calls launch(steps, tag, launches) as often as needed, with at most `longest`
-    /// steps each, and stepped(steps) after each launch. `tag` is that of the latest step before; `launches`
-    /// counts launches since start_anew(), this one included. On a watched device launches are kept short
-    /// (Pace): the host waits in `stream` for the first ones, to see how long they take.
+    /// steps each, and stepped(steps) after each launch. `tag` is the number of the latest step before this
+    /// launch; `launches` counts launches since start_anew(), this one included. On a watched device launches
+    /// are kept short (Pace): the host waits in `stream` for the first ones, to see how long they take.
     template <class Launch, class Stepped>
     void enqueue(int count, int longest, const Stream& stream, Launch launch, Stepped stepped) {
         while (count > 0) {
@@ -87,8 +87,8 @@ private:
     std::uint32_t launches_ = 0;  ///< since start_anew()
 };
 
-/// The work of a step within such a launch, if `work` is its work with memory traffic. The state leaves the
-/// multiprocessors only at the end of the launch.
+/// The work of a step within a joint launch, if `work` is the work of such a step that is launched alone. In
+/// a joint launch the state leaves the multiprocessors only at the end.
 inline StepWork without_traffic(StepWork work) {
     work.bytes = work.written_bytes = work.footprint_bytes = 0;
     work.launches = 0;
@@ -96,8 +96,9 @@ inline StepWork without_traffic(StepWork work) {
     return work;
 }
 
-/// The most steps per launch. `monitored`: the state is checked for divergence between launches. A launch
-/// then has few enough steps to find a divergence early. It costs as much as some ten steps, so 1% at most.
+/// The most steps per launch. `monitored`: the state is checked for divergence between launches. If so, a
+/// launch has few enough steps to find a divergence early. Beginning and ending a launch costs as much as
+/// some ten steps, so about 1% of its 1024 steps.
 inline int longest_joint_launch(bool monitored) { return monitored ? 1024 : JointLaunch::most_steps; }
 
 }  // namespace voxspring::cuda

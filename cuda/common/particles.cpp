@@ -50,12 +50,14 @@ KernelSource KernelFamily::source(const std::string& file, const Problem& proble
 template <class Real>
 std::string too_many_words(std::size_t words, const Device& device, Fetch fetch) {
     if (words > max_words)
-        return std::to_string(words) + " words of positions exceed the index limit of " +
+        return std::to_string(words) + " words of positions are too many: kernels can index at most " +
                std::to_string(max_words);
     const std::size_t texels = fetch == Fetch::texture ? words * texels_per_word<Real> : 0;
     if (texels > device.max_texels)
-        return std::to_string(texels) + " texels of positions exceed the device's limit of " +
-               std::to_string(device.max_texels) + " for a texture on linear memory";
+        return std::to_string(texels) +
+               " texels of positions are too many for fetch=texture: a texture on linear memory has at "
+               "most " +
+               std::to_string(device.max_texels) + " on this device";
     return {};
 }
 

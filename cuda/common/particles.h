@@ -44,7 +44,8 @@ inline constexpr std::size_t texels_per_word = sizeof(ParticleRecord<Real>) / 16
 
 /// Adds to `own` the tuning parameters that all backends with a KernelFamily have.
 inline std::map<std::string, TuningValues> tuning(std::map<std::string, TuningValues> own) {
-    // `needed`: compile in the terms that the scene has. `all`: compile in all, and test at run time.
+    // Which terms (damping, loads, pins ...) a kernel has. `needed`: those of the scene. `all`: all of them,
+    // and the kernel tests at run time which the scene has.
     own["terms"] = {"needed", "all"};
     return own;
 }
@@ -79,7 +80,7 @@ struct RegisterChoice {
     }
 };
 
-/// Empty, or why kernels cannot index an array of `words` words, or not fetch it through a texture.
+/// Empty, or why kernels cannot index an array of `words` words, or cannot fetch it by `fetch`.
 template <class Real>
 std::string too_many_words(std::size_t words, const Device& device, Fetch fetch);
 /// Empty, or why the device cannot launch the family's kernels for an array of `words` words.
@@ -161,7 +162,7 @@ protected:
     explicit ParticleBackend(const KernelFamily& family) : family_(family.on(this->device())) {}
 
     struct Launch {
-        KernelSource source = {};  ///< that of `kernel`, if it supports LISTED_BLOCKS
+        KernelSource source = {};  ///< the source of `kernel`; set only if it supports LISTED_BLOCKS
         std::shared_ptr<const Kernel> kernel;
         dim3 grid, block;
         std::size_t shared_bytes = 0;
@@ -250,7 +251,7 @@ protected:
     const Buffer<HeldWord<Real>>& held() const { return held_; }
     HeldForce<Real>* held_forces() const { return held_forces_.data(); }
 
-    /// The words that hold the particles' places at t.
+    /// The words that hold the particles' places (positions or displacements) at t.
     ParticleRecord<Real>* current_words() const { return words_[std::size_t(current())].data(); }
 
     /// Writes new bits of `particles` to the current state. Every step copies the bits from the buffer that
@@ -320,7 +321,8 @@ protected:
     }
 
     /// Splits the blocks of a step into those with particles of `border` and the others, for kernels that can
-    /// take a list of blocks. Particles are in canonical order.
+    /// take a list of blocks. Particles are in canonical order, so block n has those from n * launch_.block.x
+    /// on.
     bool split_steps(const std::vector<std::uint32_t>& border) override {
         parts_ = part_blocks(problem().particle_count(), launch_.block.x, border);
         blocks_.upload(parts_.blocks, stream());
@@ -380,8 +382,8 @@ private:
         return pack_fed<Real>(problem(), particles, family_.formulation,
                               [&](std::uint32_t i) { return placement_.at(i); });
     }
-    /// Where particles are after the steps so far. The caller fills in which particles it wants (`fed`,
-    /// `count`).
+    /// Where particles are after the steps so far. The caller sets `fed` and `count`, which say which
+    /// particles it wants.
     Feeding<Real> feeding() {
         let_end();
         const auto now = std::size_t(current());
@@ -439,7 +441,7 @@ private:
     const KernelFamily family_;
     Placement placement_;
     Pair words_, low_;
-    std::array<std::array<Texture, 2>, 2> textures_;  // for words_ and low_
+    std::array<std::array<Texture, 2>, 2> textures_;  // [0]: of words_, [1]: of low_
     Buffer<Real> increment_, increment_low_;
     Buffer<Vector<Real>> load_;
     Buffer<Real> inverse_masses_;
@@ -448,7 +450,7 @@ private:
     Buffer<HeldForce<Real>> held_forces_;
     Staging<ToolState<Real>> tool_;  // one element at a fixed address, which graphs hold
     Launch launch_{};
-    // For steps in two parts.
+    // Used if steps are launched in two parts: the particles at borders, and the interior.
     std::shared_ptr<const Kernel> part_kernel_;
     BlockParts<std::uint32_t> parts_;
     Buffer<std::uint32_t> blocks_;

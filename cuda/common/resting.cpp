@@ -46,8 +46,9 @@ Resting::Resting(const Options& options)
 std::string Resting::refused(const Lattice& lattice, BlockShape shape) const {
     const std::size_t places = BlockGrid(lattice, shape).places();
     if (rest_ == Rest::step || rest_ == Rest::choose || can_be_named(places)) return {};
-    return "blocks can rest in a grid of at most " + std::to_string(std::numeric_limits<int>::max()) +
-           " blocks, and the grid of this lattice has " + std::to_string(places);
+    return "rest=skip and rest=flush take a grid of at most " +
+           std::to_string(std::numeric_limits<int>::max()) + " blocks, but the grid of this lattice has " +
+           std::to_string(places);
 }
 
 bool Resting::could_check(const Problem& problem, BlockShape shape) const {

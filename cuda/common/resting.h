@@ -1,4 +1,5 @@
-// Which blocks of an implicit kernel rest (kernels/resting.h), and whether it pays to find out.
+// Which blocks of voxels rest and may be left out of a step (kernels/resting.h), and whether it pays to find
+// out.
 #pragma once
 
 #include <array>
@@ -78,11 +79,12 @@ private:
 
     const Rest rest_;
     RestPolicy policy_;
-    bool starts_checking_ = false;  ///< upload() decided that the run begins with checks
+    bool starts_checking_ = false;  ///< whether upload() decided that the run begins with checks
     int row_ = 0, slice_ = 0;
-    Buffer<BlockOrigin> all_;                     ///< blocks with particles
-    Buffer<std::uint32_t> all_marks_, no_marks_;  ///< ActiveBlocks marks of all blocks, and of none
-    Buffer<Counts> awake_counts_;                 ///< for a step of all blocks that reads buffer 0 or 1
+    Buffer<BlockOrigin> all_;  ///< blocks with particles
+    /// Values for the marks of ActiveBlocks: all blocks are listed, and no block is.
+    Buffer<std::uint32_t> all_marks_, no_marks_;
+    Buffer<Counts> awake_counts_;  ///< counts for a step of all blocks: [b] if it reads buffer b
     // lists_ and marks_ have one element for steps that read buffer 0, one for steps that read buffer 1.
     std::array<Buffer<BlockOrigin>, 2> lists_;
     std::array<Buffer<std::uint32_t>, 2> marks_;

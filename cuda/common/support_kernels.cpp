@@ -11,7 +11,7 @@
 namespace voxspring::cuda {
 namespace {
 
-/// CUDA shows at most this many devices of one host.
+/// The tables below have room for this many devices of one host.
 constexpr std::size_t max_devices = 64;
 
 /// The kernels of `Real` on each device; null if they are not loaded there.
@@ -50,7 +50,7 @@ template <class Real>
 const SupportKernels& support_kernels() {
     const SupportKernels* const kernels = kernels_by_device<Real>.at(current_device());
     if (kernels == nullptr)
-        throw DeviceError("the kernels between steps are not loaded on the current device");
+        throw DeviceError("the kernels that run between steps are not loaded on the current device");
     return *kernels;
 }
 

@@ -28,8 +28,8 @@ struct SupportKernels {
 };
 
 /// Compiles and loads the kernels of `Real` on the current device, `device`, unless this process has done so.
-/// `time` grows by the time that this compiling takes. The kernels are loaded here because one that is first
-/// loaded by its launch may wait until nothing runs on the device, and cannot be captured.
+/// The time that compiling takes is added to `time`. The kernels are loaded here because a kernel that is
+/// loaded only by its first launch may wait until nothing runs on the device, and cannot be captured.
 template <class Real>
 void load_support_kernels(const Device& device, CompileTime& time);
 
@@ -49,8 +49,8 @@ void launch_for_each(const Kernel& kernel, std::size_t count, const Stream& stre
     kernel.launch(stream, dim3(unsigned((count + block - 1) / block)), dim3(block), 0, arguments...);
 }
 
-/// Launches few blocks, whose threads stride over `count` elements. So few that one atomic operation per warp
-/// costs nothing. Launches nothing if there are no elements.
+/// Launches few blocks, whose threads stride over `count` elements. The blocks are so few that one atomic
+/// operation per warp costs next to nothing. Launches nothing if there are no elements.
 template <class... Arguments>
 void launch_striding(const Kernel& kernel, std::size_t count, const Stream& stream,
                      const Arguments&... arguments) {

@@ -24,7 +24,7 @@ void Ticks::end() {
     wait();
     desk_.order_end();
     running_ = false;
-    // Wait for the end of the launch: until it has read this order, no other order may replace it.
+    // Wait for the end of the launch: until the launch has read this order, no other order may replace it.
     wait_for_stream_();
 }
 
@@ -43,7 +43,8 @@ void Ticks::begin(std::uint32_t again) {
 
 void Ticks::wait() {
     using Clock = std::chrono::steady_clock;
-    // An answer takes microseconds. Asking the driver at every look would delay the next look.
+    // An answer takes microseconds. Asking the driver at every look whether the launch has ended would delay
+    // the next look.
     constexpr auto patience = std::chrono::milliseconds(1);
     bool again = false;
     for (auto look = Clock::now() + patience; !desk_.answered();) {

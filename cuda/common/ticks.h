@@ -1,5 +1,6 @@
-// A launch that goes on from tick to tick: it takes the steps that the host orders for each tick, and ends
-// when the host orders the end.
+// A launch that goes on from tick to tick. In a tick the host moves the tool, orders some steps, and reads
+// the force on the tool. The launch takes these steps, waits for the next tick, and ends when the host orders
+// the end.
 #pragma once
 
 #include <cstddef>
@@ -41,9 +42,9 @@ public:
 
 private:
     /// Waits for the answer to the latest order. A launch ends by itself if it sees no order for too long
-    /// (max_idle_nanoseconds), maybe just before it would have seen the latest one. Then another launch is
-    /// started. If that one ends without an answer too, this function throws. So the wait is bounded, as
-    /// every wait in a launch is.
+    /// (max_idle_nanoseconds), maybe just before it would have seen the latest one. If it has ended without
+    /// an answer, another launch is started. If that one ends without an answer too, this function throws
+    /// DeviceError. So the wait is bounded, as every wait in a launch is.
     void wait();
     void begin(std::uint32_t again);
 
