@@ -107,8 +107,8 @@ BordersFirst* CudaBackend::enable_border_stream(const std::vector<SharedParticle
     }
     if (!split_steps(particles))
         throw Unavailable(
-            "the ways with the suffix _overlap step particles away from borders while borders are exchanged, "
-            "but every block of this part has particles of a border");
+            "peer_overlap, stores_overlap and nccl_overlap need particles to step while borders are "
+            "exchanged, but every block of this part has particles of a border");
     if (!borders_first_) borders_first_.emplace(stream_);
     borders_first_->order_after_main_stream();
     is_split_ = true;

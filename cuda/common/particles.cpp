@@ -55,9 +55,8 @@ std::string too_many_words(std::size_t words, const Device& device, Fetch fetch)
     const std::size_t texels = fetch == Fetch::texture ? words * texels_per_word<Real> : 0;
     if (texels > device.max_texels)
         return std::to_string(texels) +
-               " texels of positions are too many for fetch=texture: a texture on linear memory has at "
-               "most " +
-               std::to_string(device.max_texels) + " on this device";
+               " texels of positions are too many for fetch=texture: on this device a texture has at most " +
+               std::to_string(device.max_texels) + " texels";
     return {};
 }
 

@@ -1,5 +1,5 @@
 // Rings of windows in shared memory that a block's threads fill by asynchronous copies, from compute
-// capability 8.0 on. Device code. A host can run it too if it provides the copies and a barrier
+// capability 8.0 on. This is device code. The host can run it too if the functions below are provided
 // (tests/cuda_march_test.cpp).
 #pragma once
 
@@ -30,9 +30,10 @@ __device__ void meet_block() {
 }
 #endif
 
-/// The rings of a block that marches over an item, and where this thread is in them (march()). A plane has
-/// arrived once every thread has waited for its copies and all threads have met. By then no thread works any
-/// more on the plane that is two before it, so the slots of that plane are filled anew.
+/// The rings of a block that marches over an item, and where this thread is in them: the `Planes` of march().
+/// A plane has arrived once every thread has waited for the copies that it began, and all threads have met.
+/// By then no thread works any more on the plane that is two before it, so the slots of that plane are filled
+/// anew.
 template <class Real, MarchShape shape>
 class AsyncRings {
     static constexpr int real = sizeof(Real);
@@ -140,9 +141,10 @@ private:
     Real* const windows_;
     Real* const befores_;
     const int thread_, first_;
-    int arriving_;                            ///< the next plane to arrive
-    int slot_ = 0;                            ///< the slot of plane `arriving_`
-    int before_plane_ = 0, before_slot_ = 0;  ///< the next plane to step, from item.begin, and its slot
+    int arriving_;  ///< the next plane to arrive
+    int slot_ = 0;  ///< the slot of plane `arriving_`
+    /// The next plane to step, counted from item.begin, and its slot.
+    int before_plane_ = 0, before_slot_ = 0;
 };
 
 }  // namespace voxspring::cuda

@@ -1,6 +1,7 @@
 // The kernels that run between two steps or before the first one: they serve borders, edits, feeds, the tool,
 // checks for divergence, hashes of the state, and rest lengths by the device's own root. REAL is the only
-// macro. SupportKernels (cuda/common/support_kernels.h) holds them under the same names.
+// macro. SupportKernels (cuda/common/support_kernels.h) holds the kernels under the names that they have
+// here.
 #include "backends/physics/state_hash.h"
 #include "cuda/kernels/border.h"
 #include "cuda/kernels/divergence_check.h"
@@ -34,8 +35,8 @@ KERNEL scatter_border(BorderPlaces<Real> places, const Real* message) {
 }
 
 // Each row of blocks serves one link. A thread stores its share of the message first and waits afterwards, so
-// that a wait depends on nothing but the stores of the other part. For parts that must not wait for each
-// other, a launch sets only `stores` or only `takes`.
+// that a wait depends on nothing but the stores of the other part. If parts must not wait for each other, the
+// host launches this kernel twice: once with `stores` alone, and once with `takes` alone.
 KERNEL exchange_borders(BorderPlaces<Real> places, const BorderLink<Real>* links, bool stores, bool takes,
                         WaitLimit limit) {
     BEGIN_AFTER_THE_STEP;
@@ -118,7 +119,8 @@ KERNEL write_springs(const EditedSpring<Real>* edited, std::size_t count, Spring
     if (thread_number() < count) write_spring(edited[thread_number()], ends, constants, off_lattice_rest);
 }
 
-// The values of these two kernels are so few that they travel as an argument: a copy would not be worth it.
+// These two kernels write a few values, which they get as an argument, since a separate copy would take
+// longer.
 KERNEL write_short_argument(__grid_constant__ const ShortArgument argument, unsigned words,
                             ArgumentWord* to) {
     if (thread_number() < words) to[thread_number()] = argument.word[thread_number()];

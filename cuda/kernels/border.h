@@ -1,6 +1,6 @@
-// The bodies of the kernels that copy the places of a border's particles from a state into a message, and
-// from a message into a state. A message is an array of numbers, or consists of words (TaggedPoint) that a
-// device stores into the memory of another.
+// The bodies of the kernels that copy the places (positions or displacements) of a border's particles from a
+// state into a message, and from a message into a state. A message is an array of numbers, or consists of
+// words (TaggedPoint) that a device stores into the memory of another.
 #pragma once
 
 #include <cstddef>
@@ -30,7 +30,7 @@ struct BorderPlaces {
     }
 };
 
-/// The bits of a vector as vectors of three numbers of 32 bits.
+/// A vector's bits as vectors of three 32-bit numbers: one such vector in float32, two in float64.
 template <class Real>
 struct SplitVector {
     static constexpr int parts = sizeof(Real) / sizeof(float);
@@ -61,7 +61,8 @@ VOXSPRING_HOST_DEVICE void scatter_place(const BorderPlaces<Real>& places, std::
     }
 }
 
-/// Calls put(k, numbers) with the place of particle n, three numbers of 32 bits at a time, for k from 0 on.
+/// Splits the place of particle n into groups of three 32-bit numbers. Calls put(k, numbers) for each group,
+/// for k from 0 on.
 template <class Real, class Put>
 VOXSPRING_HOST_DEVICE void split_place(const BorderPlaces<Real>& places, std::size_t n, Put put) {
     const std::size_t first = places.element[n] * places.element_pitch;
@@ -101,7 +102,7 @@ struct BorderLink {
     std::size_t sent_count, received_count;
     TaggedPoint* outbox[2];       ///< in the memory of the other part's device
     const TaggedPoint* inbox[2];  ///< in this device's memory
-    std::uint32_t* taken;         ///< per thread: of how many messages it has taken its share
+    std::uint32_t* taken;         ///< per thread: the number of messages of which it has taken its share
 
     /// `all`, restricted to the particles that this part sends; arriving(): to those that it receives.
     VOXSPRING_HOST_DEVICE BorderPlaces<Real> leaving(BorderPlaces<Real> all) const {

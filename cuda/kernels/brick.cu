@@ -1,8 +1,9 @@
-// Macros: SHAPE is a BrickShape. EQUAL_EDGES: true if equal_edges() holds. POLLERS: threads beside those with
-// tiles, each of which waits for ROUNDS points of other blocks. LANE_REGISTERS, POLLER_REGISTERS: registers
-// per thread with a tile and per poller, if registers are moved from pollers to the others; else 0.
-// PLAIN_BLOCKS: 1 if there is separate code for blocks all of whose threads are plain (TileSides), which
-// tests sides instead of springs. INCREMENTS_IN_MEMORY: true if increments are not in registers.
+// Macros: SHAPE is a BrickShape. EQUAL_EDGES: true if equal_edges() holds. POLLERS: additional threads
+// without tiles, each of which waits for ROUNDS points of other blocks. LANE_REGISTERS, POLLER_REGISTERS:
+// registers per thread with a tile and per poller, if registers are moved from pollers to the other threads;
+// otherwise both are 0. PLAIN_BLOCKS: 1 if there is separate code for blocks all of whose threads are plain
+// (TileSides), which tests sides instead of springs. INCREMENTS_IN_MEMORY: true if increments are not in
+// registers.
 #include "cuda/kernels/brick.h"
 #include "cuda/kernels/entry.h"
 #include "cuda/kernels/wait.h"
@@ -45,8 +46,8 @@ struct TileWords {
 
 __device__ std::uint32_t lane_of(int thread) { return blockIdx.x * lanes + std::uint32_t(thread); }
 
-/// The half of the points that is read in a step, and the half that is written. Two offsets are swapped: with
-/// a condition in place of this the compiler would duplicate the loop.
+/// The half of the points that is read in a step, and the half that is written. swap() exchanges two offsets:
+/// with a condition instead, the compiler would duplicate the loop over steps.
 class DoubleBuffer {
 public:
     __device__ float* now() const { return points + now_; }

@@ -1,6 +1,6 @@
 // A brick of a lattice on the chip: every thread owns a tile of particles and steps it, using points that its
-// block holds in shared memory. This is the body of the kernel. The device adds barriers between its parts, a
-// test adds loops over threads.
+// block holds in shared memory. This is the body of the kernel (brick.cu), which adds the barriers. A test
+// adds loops over threads instead.
 #pragma once
 
 #include "backends/layout/records/brick.h"
@@ -15,7 +15,7 @@ struct CountSprings {
     VOXSPRING_HOST_DEVICE constexpr void half(int, int, int, int, int, int, int) {}
 };
 
-/// Which bit of a tile's masks stands for what.
+/// The meaning of each bit of a tile's masks.
 template <BrickShape shape>
 VOXSPRING_HOST_DEVICE constexpr BrickMask brick_mask() {
     CountSprings count;
@@ -51,7 +51,8 @@ template <class Terms, BrickShape shape, bool equal_edges, bool increments_in_me
 class BrickTile {
 public:
     static constexpr int particles = shape.tile();
-    // Mask bits of the first late spring, and of whether particle 0 moves and exists; words of bits.
+    // The mask bits of the first late spring (visit_brick_springs()), of whether particle 0 moves, and of
+    // whether particle 0 exists. `mask_words`: the number of words of mask bits per thread.
     static constexpr int late_bit = brick_mask<shape>().early, moves_bit = brick_mask<shape>().moves(0),
                          exists_bit = brick_mask<shape>().exists(0), mask_words = brick_mask<shape>().words();
 
@@ -132,10 +133,10 @@ public:
         Springs<Words> springs{*this, step, points, words};
         visit_brick_springs<shape.tx, shape.ty, shape.tz, shape.both, true>(springs, late_bit);
     }
-    /// Moves the particles by one step. `next`: the half of `points` that is written; unless by increments it
-    /// still holds x(t - dt). publish(whether, i, j, k, point) is called for each particle. No branch skips a
-    /// particle that does not exist: without branches the compiler fills the waits of one particle with the
-    /// work of the others, and a step takes about half as long.
+    /// Moves the particles by one step. `next`: the half of `points` that is written. In formulations that
+    /// are not by increments it holds x(t - dt) before. publish(whether, i, j, k, point) is called for each
+    /// particle. No branch skips a particle that does not exist: without branches the compiler fills the
+    /// waits of one particle with the work of the others, and a step takes about half as long.
     template <class Words, class Publish>
     VOXSPRING_HOST_DEVICE void integrate(const BrickStep& step, float* next, const Words& words,
                                          Publish publish) {
@@ -190,8 +191,8 @@ private:
             const Pull<float> spring = class_pull<Terms, equal_edges>(
                 step, tile.spacing_, tile.own_[a] - tile.own_[b], c, i2 - i, j2 - j, k2 - k);
             const auto there = words.spring(bit, 0);
-            if constexpr (Words::by_side) {  // the spring is always there, which the compiler sees in
-                                             // add_where()
+            // By side, a spring within the tile always exists, which lets the compiler simplify add_where().
+            if constexpr (Words::by_side) {
                 add_where(spring.offset, spring.density, there, tile.force_[a]);
                 add_where(spring.offset, -spring.density, there, tile.force_[b]);
             } else {

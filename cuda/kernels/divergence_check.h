@@ -18,8 +18,8 @@ VOXSPRING_HOST_DEVICE bool beyond(Vector<Real> position, Vector<Real> v, Real ma
     return !(v.x * v.x + v.y * v.y + v.z * v.z <= max_squared) || !(sum - sum == Real(0));
 }
 
-/// Particles in words. By increments `before` is null and `increment` is used. A word without bits is no
-/// particle.
+/// Particles in words. By increments `before` is null and `increment` is used. A word whose bits are 0 holds
+/// no particle.
 template <class Real>
 struct ParticlesInWords {
     const ParticleRecord<Real>* words;

@@ -11,7 +11,8 @@
 
 namespace voxspring::cuda {
 
-/// measured_length(), or 0 where a slot has no spring: inverse_root() is defined for normal numbers only.
+/// measured_length(squared), or 0 if `squared` is too small, as in a slot without a spring: measured_length()
+/// calls inverse_root(), which is defined for normal numbers only.
 template <class Real>
 VOXSPRING_HOST_DEVICE Real measured_or_zero(Real squared) {
     constexpr Real smallest = sizeof(Real) == sizeof(float) ? Real(FLT_MIN) : Real(DBL_MIN);

@@ -11,8 +11,8 @@ using Real = REAL;
 using Fetch = FETCH<Real>;
 using Terms = TERMS;
 
-/// An SM must have room for BLOCKS blocks. The compiler may spend the registers that this leaves on fetches
-/// in flight.
+/// An SM must have room for BLOCKS blocks. The compiler may use the registers per thread that this allows,
+/// for example to have more fetches in flight.
 #define KERNEL extern "C" __global__ void __launch_bounds__(THREADS, BLOCKS)
 
 /// With LISTED_BLOCKS a launch steps only some blocks, whose numbers are in an additional last argument.

@@ -1,6 +1,6 @@
 // Blocks of one launch send points to each other through L2. A point travels in a word of 16 bytes, the last
 // four of which are a tag. A word is read and written whole: once the tag has arrived, so has the point, and
-// no barrier is needed. Device code only.
+// no barrier is needed. This is device code only.
 //
 // Words between blocks of one launch are accessed with the scope of the GPU; words between parts of a body,
 // whose kernels may run on different devices, with that of the system. The latter lie in the memory of the
@@ -8,9 +8,9 @@
 // - PTX counts .b128 as one scalar, unlike a vector of four floats, which is four accesses in any order. A
 //   store and a load of one word do not tear if the scope of each includes the other's thread. Hence .sys on
 //   both sides: .gpu would leave out the threads of other devices.
-// - NVLink delivers an aligned word of 16 bytes whole. NCCL relies on even more there (LL128: lines of 128
-//   bytes arrive in order), but elsewhere only on words of 8 bytes. So the backend refuses to send such words
-//   over PCIe.
+// - NVLink delivers an aligned word of 16 bytes whole. Over NVLink NCCL relies on even more (LL128: lines of
+//   128 bytes arrive in order), but over other links only on words of 8 bytes. So the backend refuses to send
+//   words of 16 bytes over PCIe.
 // - The order of two words is undefined, and nothing depends on it: each word has its own tag.
 #pragma once
 

@@ -3,7 +3,7 @@
 // is the entry of a list at p.
 //
 // Every list has the same number of slots. An unused slot holds the particle itself, whose pull on itself is
-// zero. So lists can be read in whole chunks, before the counters that say where lists end.
+// zero. So lists can be read in whole chunks, before the counters that say where lists end have been read.
 #pragma once
 
 #include "backends/layout/records/explicit.h"
@@ -11,8 +11,8 @@
 
 namespace voxspring::cuda {
 
-/// How many slots step_by_groups() reads together, unless it is compiled for exactly faces and edges. The
-/// number divides the size of every group: 6, 12 and 8.
+/// How many slots step_by_groups() reads together, unless it is compiled for exactly the face and edge
+/// springs. The number divides the size of every group: 6, 12 and 8.
 inline constexpr int short_chunk = 2;
 
 /// The index of the neighbour that a list entry names.

@@ -1,5 +1,5 @@
-// How kernels read memory: one type per path. A kernel gets an object of that type, 8 bytes, as an argument.
-// Device code only.
+// How kernels read memory: one type per path (past L1, through L1, through a texture). A kernel gets an
+// object of such a type, which has 8 bytes, as an argument. Device code only.
 #pragma once
 
 #include "backends/layout/records/delta.h"
@@ -7,7 +7,7 @@
 
 namespace voxspring::cuda {
 
-/// The built-in CUDA type as which an entry of a list is loaded.
+/// The built-in CUDA type by which an entry of a list is loaded in one access.
 template <class Entry>
 struct LoadedAs;
 #define LOAD_AS(Entry, Vector) \
@@ -87,7 +87,8 @@ __device__ inline int4 texel(cudaTextureObject_t texture, int index, int4) {
 }
 
 /// Reads positions through a texture object (tex1Dfetch): one float4, or two int4 for float64. Lists are read
-/// through L1 or, with ROWS, past L1: in 2008 no such cache served plain loads.
+/// through L1. With ROWS, which repeats the paper of 2008, they are read past L1, since no cache served plain
+/// loads then.
 template <class Real>
 struct ThroughTexture {
     cudaTextureObject_t texture;

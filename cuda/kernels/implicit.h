@@ -33,7 +33,8 @@ VOXSPRING_HOST_DEVICE Real spaced(int steps, Real spacing) {
 }
 
 /// unit_pull() of a lattice spring from `here` to its neighbour `there` at (dx, dy, dz), which is mask bit
-/// `bit`. `spacing`: the step's, or that of a mirrored lattice (kernels/resident.h).
+/// `bit`. `spacing`: that of `step`, or that of a mirrored warp, with some signs changed (mirrored_y in
+/// backends/layout/records/resident.h).
 template <class Terms, class Real>
 VOXSPRING_HOST_DEVICE Pull<Real> lattice_pull(const ImplicitStep<Real>& step, const Vector<Real>& spacing,
                                               const Point<Real, Terms::split>& here,
@@ -50,16 +51,16 @@ struct GroupSums {
     Vector<Real> face{0, 0, 0}, edge{0, 0, 0}, corner{0, 0, 0};
 };
 
-/// Tells add_springs() to visit all neighbours.
+/// Says that add_springs() visits all neighbours.
 struct EveryNeighbour {
     static VOXSPRING_HOST_DEVICE constexpr bool has(int, int, int) { return true; }
 };
 
 /// Adds to `sums` the pulls of the springs of `self` to its `Chosen` neighbours. `neighbour(dx, dy, dz)` is
 /// the point at that offset and `compliance(dx, dy, dz)` its compliance. Both are called for absent
-/// neighbours too, so that no fetch waits for the mask. A selection then drops their results, so that a NaN
-/// in an inactive voxel stays there. With term_bit_by_bit they are called only for neighbours that exist.
-/// `full_stencil`: every neighbour of the groups that are compiled in exists.
+/// neighbours too, so that no fetch waits for the mask. A selection then drops the pulls of absent
+/// neighbours, so that a NaN in an inactive voxel does not spread. With term_bit_by_bit they are called only
+/// for neighbours that exist. `full_stencil`: every neighbour of the groups that are compiled in exists.
 template <class Terms, bool full_stencil, class Chosen, class Real, class Neighbour, class Compliance>
 VOXSPRING_HOST_DEVICE void add_springs(const ImplicitStep<Real>& step, const Vector<Real>& spacing,
                                        const Self<Real, Terms::split>& self, Neighbour neighbour,
@@ -230,7 +231,7 @@ struct Tile {
     }
 
     /// Loads the column of thread (tx, ty), and the columns of the frame next to it. Returns the thread's
-    /// particle. What lies outside of the lattice stays unset: no spring reads it.
+    /// particle. Places outside of the lattice may stay unset: pulls from there are dropped by the mask.
     template <class Current>
     VOXSPRING_HOST_DEVICE Self<Real, split> fill(int tx, int ty, int index, int row, int slice,
                                                  const Current& current) {

@@ -23,7 +23,7 @@ struct Sweep {
     float impossible;
 };
 
-/// Independent sums per thread. With 8 warps or more per scheduler they have a multiply-add ready in every
+/// Independent sums per thread. With 8 warps or more per scheduler, a multiply-add is then ready in every
 /// cycle.
 inline constexpr int limit_sums = 8;
 inline constexpr int limit_multiply_adds = 2048;  ///< per sum and repetition

@@ -85,8 +85,8 @@ VOXSPRING_HOST_DEVICE Real strain_deficit(Vector<Real> relative, Vector<Real> of
 template <class Terms, class Real>
 VOXSPRING_HOST_DEVICE Pull<Real> unit_pull(Vector<Real> relative, const SpringRest<Real>& rest,
                                            Real rest_length, Real shortest_squared) {
-    // A subtraction: the compiler folds away that of a zero, but not the addition of a zero, which turns -0
-    // into 0.
+    // The rest offset is subtracted, not added with the opposite sign: the compiler can leave out the
+    // subtraction of a zero, but not the addition of one, which turns -0 into 0.
     const Vector<Real> offset = Terms::positions ? relative : relative - rest.offset;
     const Real squared = squared_length(offset.x, offset.y, offset.z, shortest_squared);
     if constexpr (Terms::increments) {
@@ -96,7 +96,7 @@ VOXSPRING_HOST_DEVICE Pull<Real> unit_pull(Vector<Real> relative, const SpringRe
     }
 }
 
-/// What a step overwrites of a particle: x or u at t - dt, or v.
+/// The part of a particle's state that a step overwrites: x or u at t - dt, or v.
 template <class Real>
 struct PreviousOrVelocity {
     Vector<Real> high, low;
@@ -125,13 +125,13 @@ VOXSPRING_HOST_DEVICE PreviousOrVelocity<Real> load_before(const Output<Real>& o
     }
 }
 
-/// `v`, with zero for every component whose magnitude is below flushed_below.
+/// `v`, with each component set to zero whose magnitude is below flushed_below.
 template <class Real>
 VOXSPRING_HOST_DEVICE Vector<Real> flushed(Vector<Real> v) {
     const auto far = [](Real a) { return a < Real(flushed_below) && a > -Real(flushed_below) ? Real(0) : a; };
     return {far(v.x), far(v.y), far(v.z)};
 }
-/// `low`, with zero for every component that is zero in `high`.
+/// `low`, with each component set to zero whose component in `high` is zero.
 template <class Real>
 VOXSPRING_HOST_DEVICE Vector<Real> low_of(Vector<Real> high, Vector<Real> low) {
     const auto kept = [](Real h, Real l) { return h != 0 ? l : Real(0); };

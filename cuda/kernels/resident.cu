@@ -1,7 +1,7 @@
 // Macros: LANES threads per block have TURNS particles each, and POLLERS more threads wait for ROUNDS points
 // of other blocks each. SLOTS: how many points shared memory holds. BORDERS: the kinds of border in use, as
-// bits. MASKED: 1 if the lattice is stressed at rest, so that the spring to an absent neighbour would pull.
-// TOOL: a ToolMode. PART: 1 if the kernel steps a part of a body, beside kernels that step the others.
+// bits. MASKED: 1 if springs need masks (ResidentShape::masked). TOOL: the name of a ToolMode. PART: 1 if the
+// kernel steps a part of a body, beside kernels that step the others.
 #include "cuda/kernels/entry.h"
 #include "cuda/kernels/resident_block.h"
 
@@ -13,10 +13,10 @@ inline constexpr ResidentShape shape{LANES,       POLLERS,        ROUNDS,    SLO
                                      MASKED != 0, ToolMode::TOOL, PART != 0, TURNS};
 using Block = ResidentBlock<Terms, shape>;
 
-/// Takes `count` steps, at least one, or as many as the host orders. The state is in `words` and `previous`
-/// or, by increments, `increment`, whose axes are `pitch` elements apart; the state after the last step
-/// replaces it. Points are published with the tags `tag` + 1, `tag` + 2 and so on. `launches`: how many
-/// launches have counted their blocks in `step.started_blocks`, this one included.
+/// Takes `count` steps, at least one. In ToolMode::ticks it takes the steps that the host orders instead. The
+/// state is in `words` and `previous` or, by increments, `increment`, whose axes are `pitch` elements apart;
+/// the state after the last step replaces it. Points are published with the tags `tag` + 1, `tag` + 2 and so
+/// on. `launches`: how many launches have counted their blocks in `step.started_blocks`, this one included.
 extern "C" __global__ void __launch_bounds__(Block::all_threads, 1)
     step(const __grid_constant__ Block::Step step, ParticleRecord<float>* words,
          ParticleRecord<float>* previous, float* increment, std::size_t pitch, int count, std::uint32_t tag,

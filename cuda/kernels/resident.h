@@ -10,7 +10,7 @@
 namespace voxspring::cuda {
 
 /// The directions in which a warp's neighbours belong to other blocks: those with dy == 1 if `y`, and those
-/// with dz == 1 if `z`.
+/// with dz == 1 if `z`. has() tells whether a direction is one of them.
 template <bool y, bool z>
 struct Across {
     static VOXSPRING_HOST_DEVICE constexpr bool has(int, int dy, int dz) {

@@ -1,5 +1,5 @@
-// The work of the threads of a block of the resident kernel (resident.cu). This is device code. A host can
-// run it too if it provides the built-in names and barriers of a device (tests/host_blocks.h).
+// The work of the threads of a block of the resident kernel (resident.cu). This is device code. The host can
+// run it too if the built-in names and barriers of a device are provided (tests/host_blocks.h).
 #pragma once
 
 #include "backends/layout/records/loops.h"
@@ -12,17 +12,20 @@ namespace voxspring::cuda {
 /// What a resident kernel is compiled for.
 struct ResidentShape {
     int lanes;              ///< threads of a block that have particles
-    int pollers;            ///< more threads, which wait for points of other blocks
+    int pollers;            ///< threads without particles, which wait for points of other blocks
     int rounds;             ///< points that each poller waits for
     int slots;              ///< points in shared memory
     std::uint32_t borders;  ///< kinds of border in use, as bits
-    bool masked;  ///< the lattice is stressed at rest, so that the spring to an absent neighbour would pull
+    /// Whether springs need masks: in place of an absent neighbour a particle has a spring to itself. Only if
+    /// the lattice is stressed at rest does such a spring pull.
+    bool masked;
     ToolMode tool;
     /// The kernel steps a part of a body and exchanges the points at its borders with the kernels that step
     /// the parts beside it.
     bool part = false;
     /// Particles per thread. If there are several, the thread steps one after the other and keeps none in
-    /// registers: x(t - dt) is in the other half of the points in shared memory, v in global memory.
+    /// registers. Then x(t - dt) is in the other half of the points in shared memory, and v is in global
+    /// memory.
     int turns = 1;
 };
 
@@ -69,8 +72,8 @@ public:
 
     __device__ ResidentBlock(Shared& shared, const Step& step) : shared_(shared), step_(step) {}
 
-    /// Takes `count` steps, at least one; in ticks it takes what the host orders, until the host orders the
-    /// end. resident.cu describes the arguments.
+    /// Takes `count` steps, at least one. In ToolMode::ticks it takes the steps that the host orders instead,
+    /// until the host orders the end. step() in resident.cu describes the arguments.
     __device__ void run(const Memory& memory, int count, std::uint32_t tag, std::uint32_t launches) {
         const int thread = int(threadIdx.x);
         if (shape.turns > 1 && thread < shape.lanes) {
@@ -118,14 +121,14 @@ private:
         int newest;  ///< with several particles per thread: the half that the latest step wrote
         int slot[neighbour_bits];
         Vector<float> spacing;   ///< of the lattice, negative along axes in which the warp is mirrored
-        TaggedPoint* published;  ///< null where no other block reaches the particle
+        TaggedPoint* published;  ///< null if no other block reads the particle
         std::uint32_t sent;      ///< the lane's entry in ResidentLinks::sent
         // Only used if there is a tool:
         std::uint32_t held;  ///< the lane's element of HeldResidentStep::held_by_lane
         Vector<float> load;  ///< without the tool's force
     };
 
-    /// Fetches neighbours from shared memory. Only the slots of groups that are compiled in are used.
+    /// Fetches neighbours from shared memory. `lane.slot` is set for the spring groups that are compiled in.
     struct SlotNeighbours {
         const Shared& shared;
         const Lane& lane;
@@ -191,7 +194,7 @@ private:
         }
     }
 
-    /// Reads what the particle of lane `at` needs for a step.
+    /// Reads into `lane` what a step of the particle of lane number `at` needs.
     template <int half>
     __device__ void load_turn(Lane& lane, std::uint32_t at) const {
         const std::uint32_t word = step_.particle[at];
@@ -227,12 +230,13 @@ private:
         }
     }
 
-    /// Takes a step of every particle of this thread. Those with neighbours in other blocks come last, once
-    /// the points at the border have come. So all springs of a particle are added in the order of the
+    /// Takes a step of every particle of this thread. Particles with neighbours in other blocks come last,
+    /// once those neighbours' points have arrived. So all springs of a particle are added in the order of the
     /// implicit kernels.
     template <int half>
     __device__ void step_in_turns(std::uint32_t tag, bool first, bool last) {
-        // Read now: after the wait for the border, the next tick's order may replace this one.
+        // Read the tool's place now: after the wait for the border, the next tick's order may have replaced
+        // this tick's.
         const ToolNow tool = tool_now();
         bool waits = !first;
         ROLLED
@@ -356,9 +360,9 @@ private:
     /// step n.
     static __device__ int turn_of(int half, std::uint32_t tag) { return shape.part ? int(tag & 1) : half; }
 
-    /// Takes a step that reads half `half` of shared memory. Springs across the border are added last, once
-    /// the points at the border have come. The load is computed before that wait: after the wait, the next
-    /// tick's order may replace this one.
+    /// Takes a step that reads half `half` of shared memory. Springs across the block's border are added
+    /// last, once the points of other blocks have arrived. The load is computed before that wait: after the
+    /// wait, the next tick's order may have replaced this tick's.
     template <class Border, int half>
     __device__ void step_lane(Lane& lane, std::uint32_t tag, bool first, bool last) {
         if constexpr (shape.turns > 1) {
@@ -379,8 +383,8 @@ private:
         if constexpr (overlaps) own_points_are_here();
     }
 
-    /// Moves a lane's particle under `sums` of its springs and `load`, and passes its place to all who read
-    /// it.
+    /// Moves a lane's particle by the forces of its springs (`sums`) and by `load`, and stores its new place
+    /// for all threads, blocks and parts that read it.
     template <int half>
     __device__ void finish(Lane& lane, const GroupSums<float>& sums, Vector<float> load, std::uint32_t tag,
                            bool last) {
@@ -390,8 +394,8 @@ private:
             integrate<MotionTerms>(step_.motion, lane.word, lane.self, lane.before, force);
         lane.self.point = next.point;
         lane.before = next.before;
-        // A branch is faster here than a predicated store, with which the kernel of formulation `increment`,
-        // at 80 registers, waits longer.
+        // This branch is faster than a predicated store. With such a store the kernel of formulation
+        // `increment`, which has 80 registers per thread, waits longer.
         if (lane.published != nullptr && (in_ticks || !last))
             publish_if(true, lane.published + turn_of(1 - half, tag + 1) * step_.published_count,
                        next.point.high, tag + 1);
@@ -399,8 +403,8 @@ private:
         put(1 - half, lane.own_slot, next.point.high);
     }
 
-    /// Sends a point to the part that reads it. This happens in every step, since the next launch of a
-    /// neighbour begins with the last point.
+    /// Sends a point to the neighbouring part that reads it, if there is one (`to`). This happens in the last
+    /// step of a launch as well, since the neighbour's next launch begins with that point.
     __device__ void send(std::uint32_t to, Vector<float> point, std::uint32_t tag) const {
         if (to == resident_none) return;
         const ResidentNeighbour& neighbour = step_.links.neighbour[to / second_neighbour];
@@ -417,16 +421,17 @@ private:
         }
     }
 
-    /// How far a thread has come. The host orders steps in ticks (backends/layout/records/ticks.h).
+    /// How far a thread has come with the host's orders. In each tick the host orders some steps
+    /// (backends/layout/records/ticks.h).
     struct Turn {
         std::uint32_t next_tick;
         std::uint32_t steps;  ///< still to be taken in this tick
     };
 
     /// Whether there is another step to take. All threads of the block call this before each step; after the
-    /// last step of a tick they wait for the next tick. The first poller waits for the order, since lanes are
-    /// busy for longer. The new order replaces the previous one, which no thread reads any more: threads read
-    /// an order only before their last wait for the border in its tick.
+    /// last step of a tick they wait for the next tick. The first poller waits for the order, since threads
+    /// with particles are busy for longer. The new order replaces the previous one, which no thread reads any
+    /// more: threads read an order only before their last wait for the border in its tick.
     __device__ bool goes_on(Turn& turn, std::uint32_t tag) {
         if (turn.steps == 0) {
             if (int(threadIdx.x) == shape.lanes)
@@ -513,9 +518,10 @@ private:
         return wait_for_words<shape.rounds, true>(step_.wait, missing, tag, load, found);
     }
 
-    /// Stores in memory the ghosts that this thread keeps, as a launch's last step stores all other
-    /// particles: as x(t) and, since ghosts count as pinned, as x(t - dt). So the next launch, an edit and a
-    /// check for divergence find ghosts like other particles.
+    /// Stores in memory, at the end of a launch, the ghosts that this thread keeps. (A ghost is a particle
+    /// that another part steps.) Lanes store all other particles. A ghost is stored as x(t) and, since ghosts
+    /// count as pinned, as x(t - dt). So the next launch, an edit and a check for divergence find ghosts like
+    /// other particles.
     __device__ void keep_ghosts(const Polls& polls, std::uint32_t at, const Memory& memory,
                                 std::uint32_t launches, std::uint32_t tag) {
         std::uint32_t kept = 0, word[shape.rounds];

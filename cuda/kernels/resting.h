@@ -1,4 +1,4 @@
-// Blocks of an implicit kernel that rest.
+// Blocks of voxels that rest, which an implicit kernel leaves out of a step.
 //
 // A step of a block depends on its particles and on those of the blocks around it. If the latest step changed
 // no bit of these particles, the next one would change none either, and is left out (term_resting). x(t) and

@@ -1,5 +1,5 @@
-// Rings of windows in shared memory, which the tensor copy engine fills while a block works. Device code
-// only.
+// Rings of windows in shared memory, which the tensor copy engine fills while a block works. This is device
+// code only.
 #pragma once
 
 #include "cuda/kernels/march.h"
@@ -10,8 +10,8 @@ __device__ inline std::uint32_t shared_address(const void* p) {
     return static_cast<std::uint32_t>(__cvta_generic_to_shared(p));
 }
 
-/// An mbarrier. A phase ends once as many threads have arrived as make() was given, and all bytes that they
-/// announced are there.
+/// An mbarrier in shared memory. A phase of it ends once as many threads have arrived as make() was told, and
+/// all bytes that they announced have arrived.
 struct Barrier {
     std::uint32_t address;
 
@@ -90,7 +90,7 @@ struct CachePolicy {
     }
 };
 
-/// A position in a ring: a slot, and the parity of the number of rounds through the ring before.
+/// A position in a ring: a slot, and the parity of the number of completed rounds through the ring.
 template <int slots>
 struct RingPlace {
     int slot = 0;
@@ -129,7 +129,7 @@ struct WindowRing {
     }
 };
 
-/// The rings of a block that marches over an item, and where this thread is in them (march()).
+/// The rings of a block that marches over an item, and where this thread is in them: the `Planes` of march().
 template <class Real, MarchShape shape, int kept>
 class MarchRings {
     static constexpr int real = sizeof(Real);
@@ -166,9 +166,9 @@ public:
             fill_before(before_place_.ahead(n), item.begin + n);
     }
 
-    /// Begins to copy the planes whose slots have become free. To be called before `plane` arrives. The
-    /// copies are always the same number of planes ahead of the arrival, so their slots and parities follow
-    /// from the arrival's.
+    /// Begins to copy the planes whose slots have become free. To be called before `plane` arrives. Copies
+    /// are always the same number of planes ahead of arrivals, so place_ and before_place_ also tell the
+    /// slots and parities of copies.
     __device__ void refill(int plane) {
         if (threadIdx.x != 0) return;
         fill(place_.ahead(shape.planes - 2), plane + shape.planes - 2);

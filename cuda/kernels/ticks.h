@@ -1,5 +1,6 @@
 // How a resident kernel that goes on from tick to tick receives the host's orders, and answers them, by the
-// words of backends/layout/records/ticks.h. Device code, which a host can run too, like resident_block.h.
+// words of backends/layout/records/ticks.h. (In a tick the host moves the tool, orders some steps, and reads
+// the force on the tool.) This is device code, which the host can run too, like resident_block.h.
 #pragma once
 
 #include "backends/layout/records/ticks.h"

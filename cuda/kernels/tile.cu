@@ -1,4 +1,5 @@
-// Neighbours are read from shared memory, which holds one tile of WIDTH x HEIGHT particles at a time (Tile).
+// Neighbours are read from shared memory, which holds three slices of one tile of WIDTH x HEIGHT particles at
+// a time (Tile).
 #include "cuda/kernels/entry.h"
 #include "cuda/kernels/implicit.h"
 

@@ -1,5 +1,6 @@
-// Each active tile has TILE_THREADS threads, in as many successive warps. Steps go through the list forwards
-// and backwards in turn, so that a step begins with what the step before has left in L2.
+// Each active tile has TILE_THREADS threads, in as many successive warps. Successive steps go through the
+// list of tiles forwards and backwards in turn, so that a step begins with the tiles that the previous step
+// has left in L2.
 #include "cuda/kernels/entry.h"
 #include "cuda/kernels/tiles.h"
 

@@ -1,7 +1,7 @@
-// Active tiles of 2 x 2 x 2 voxels as a list: every thread steps one tile, or a share of one. It computes the
-// springs between its particles once, and reads each neighbour once. This is the body of the kernel, which
-// needs no shared memory: neighbouring tiles lie side by side in memory, or nearly so, and L1 holds what
-// several read.
+// Active tiles of 2 x 2 x 2 voxels as a list: every thread steps one tile, or a share of one. A thread
+// computes the springs between its particles once, and reads each neighbour once. This is the body of the
+// kernel, which needs no shared memory: neighbouring tiles lie side by side in memory, or nearly so, and L1
+// holds what several read.
 #pragma once
 
 #include "backends/layout/records/tiles.h"

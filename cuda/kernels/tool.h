@@ -1,5 +1,5 @@
-// Pulls the particles that the tool holds, before each step. In that step a held particle's load is the sum
-// of its load in the problem and the tool's force.
+// The body of the kernel that pulls, before each step, the particles that the tool holds by springs. In that
+// step a held particle's load is the sum of its load in the problem and the tool's force.
 #pragma once
 
 #include "backends/layout/records/tool.h"

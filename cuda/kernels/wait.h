@@ -1,11 +1,11 @@
 // How blocks of one launch, and launches that step parts of one body, wait for each other, and how a wait in
-// vain ends. This is device code. A host can run it too if it provides what a device has
+// vain ends. This is device code. The host can run it too if the built-in functions of a device are provided
 // (tests/host_blocks.h).
 //
-// A wait that lasts for too long marks WaitLimit::stall, where the host reads it, and ends. Its thread goes
-// on without what it waited for and waits no more; every other wait ends as soon as it sees the mark. So the
-// launch ends soon after, and its state is worthless. A trap would end the launch at once, but also whatever
-// else the process runs on the device, and all processes that share the device by MPS.
+// A wait that lasts for too long marks WaitLimit::stall, where the host reads it, and ends. The thread that
+// waited goes on without what it waited for and waits no more; every other wait ends as soon as it sees the
+// mark. So the launch ends soon after, and its state is worthless. A trap would end the launch at once, but
+// also whatever else the process runs on the device, and all processes that share the device by MPS.
 #pragma once
 
 #include "backends/layout/records/loops.h"
@@ -49,7 +49,7 @@ __device__ void meet() {
 }
 #endif
 
-/// A wait of one thread that ends after a time limit. `number`: the step to report if it does.
+/// A wait of one thread that ends after a time limit. `number`: the step or message to report if it ends so.
 class BoundedWait {
 public:
     __device__ BoundedWait(const WaitLimit& limit, std::uint32_t number) : limit_(limit), number_(number) {}
@@ -67,7 +67,7 @@ public:
     }
 
 private:
-    /// Time in ticks of about a millisecond, so that one register counts for weeks.
+    /// The time in units of 2^20 ns, about a millisecond, so that 32 bits count for weeks.
     static __device__ std::uint32_t ticks_of(std::uint64_t nanoseconds) {
         return std::uint32_t(nanoseconds >> 20);
     }
@@ -79,7 +79,7 @@ private:
 };
 
 /// Waits until each of the words whose bits are set in `missing` has `tag`. load(n) reads word n, and
-/// found(n, point) takes its point. Returns false if not all of them came; the launch must then end.
+/// found(n, point) takes its point. Returns false if not all of the words came; the launch must then end.
 /// `loads_all`: words that have come are loaded again as well, which saves a branch.
 template <int count, bool loads_all, class Load, class Found>
 __device__ bool wait_for_words(const WaitLimit& limit, std::uint32_t missing, std::uint32_t tag, Load load,
@@ -102,8 +102,9 @@ __device__ bool wait_for_words(const WaitLimit& limit, std::uint32_t missing, st
     return true;
 }
 
-/// Waits until `wanted` blocks have counted themselves in `counted_blocks`, so that what they have read may
-/// be overwritten. `number`: the latest step. Returns false if they did not; the launch must then end.
+/// Waits until `wanted` blocks have counted themselves in `counted_blocks`. What these blocks have read may
+/// then be overwritten. `number`: the step to report if the wait is in vain. The result is then false, and
+/// the launch must end.
 __device__ inline bool wait_until_counted(const std::uint32_t* counted_blocks, std::uint32_t wanted,
                                           const WaitLimit& limit, std::uint32_t number) {
     BoundedWait wait(limit, number);

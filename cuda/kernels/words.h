@@ -1,4 +1,5 @@
-// How kernels read and write words. Plain C++, so that tests can run the kernels' bodies without a device.
+// How kernels read and write words (ParticleRecord: a particle's position and bits). The host has plain C++
+// versions, so that tests can run the kernels' bodies without a device.
 #pragma once
 
 #include "backends/layout/records/particle.h"
@@ -23,9 +24,9 @@ __device__ inline Particle<double> unpacked(double2 a, double2 b) {
 // On a device, words are loaded and stored by accesses of 16 bytes. On the host, loads are plain copies.
 
 #ifdef __CUDACC__
-// With DEPENDENT_LAUNCH (entry.h) the previous step may still write words while this one begins. So a load
-// must not be moved before the wait for that step, which makes it volatile, and it must not be an instruction
-// for memory that nobody writes while the kernel runs (ld.global.nc).
+// With DEPENDENT_LAUNCH (entry.h) the previous step may still write words while this one begins. So the
+// compiler must not move a load before the wait for that step: loads are volatile. Nor may a load be
+// ld.global.nc, which is for memory that nobody writes while the kernel runs.
 #ifdef DEPENDENT_LAUNCH
 #define ORDERED_LOAD(name, cached)                                                                  \
     __device__ inline float4 name(const float4* p) {                                                \
