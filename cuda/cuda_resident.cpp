@@ -134,7 +134,8 @@ private:
     const int steps_per_call_;
     std::vector<int> beside_;  ///< the number of the part on the other side of each border
     std::vector<ResidentSending> sendings_;
-    std::vector<std::vector<std::uint32_t>> words_;  ///< per border: where in exchange_ ghosts arrive
+    /// Per border: the words of exchange_ to which the other part's points go.
+    std::vector<std::vector<std::uint32_t>> words_;
     /// The other parts' exchanges, kept alive for as long as a launch may write to them.
     std::vector<std::shared_ptr<Buffer<TaggedPoint>>> their_exchanges_;
     Buffer<std::uint32_t> sent_;

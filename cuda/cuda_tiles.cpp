@@ -124,8 +124,8 @@ private:
         const std::size_t count = parts_.count_of(part);
         if (count == 0) return;
         const std::uint32_t* const blocks = blocks_.data() + parts_.begin_of(part);
-        // This launch is not a dependent one, which could begin early: a part of a split step also waits for
-        // work in another stream.
+        // This launch is not a dependent one, which could begin early: a launch of a split step also waits
+        // for work in another stream.
         launch(*part_kernel_, in, count, reading, false, blocks);
     }
 
@@ -153,7 +153,7 @@ private:
     Buffer<TileRow> rows_;
     Buffer<TileMask> masks_;
     Staging<EditedWord> staging_;
-    // Used if steps are launched in two parts: the particles at borders, and the interior.
+    // For split steps, which have two launches: the border, and the interior.
     std::shared_ptr<const Kernel> part_kernel_;
     BlockParts<std::uint32_t> parts_;
     Buffer<std::uint32_t> blocks_;

@@ -114,22 +114,22 @@ protected:
     Formulation formulation() const { return formulation_; }
     /// The elements of the state's arrays that hold the particles of problem().
     virtual SoaPlaces places() const { return march_places(problem().lattice, sizeof(Real)); }
-    /// One of the two buffers (0 or 1) of x or u, which steps write in turn.
+    /// One of the two buffers (0 or 1) of positions x or displacements u, which steps write in turn.
     Real* positions(std::size_t buffer) const { return positions_[buffer].data(); }
     Real* increment() const { return increment_.data(); }
     std::uint64_t state_bytes_held() const {
         return positions_[0].bytes() + positions_[1].bytes() + increment_.bytes();
     }
 
-    /// Uploads `state`, in the places() of problem(). To be called after set_problem(problem).
+    /// Uploads `state` into the elements that places() tells. To be called after set_problem(problem).
     void upload_state(const Problem& problem, const State& state) {
         const SoaPlaces places = this->places();
         axis_ = places.axis;
         const SoaState<Real> packed = pack_soa<Real>(problem, state, formulation_, places);
         positions_[0].upload(packed.current, stream());
         if (by_increments(formulation_)) {
-            // The first step writes every particle's u to this buffer before any step reads it. Elements
-            // without a particle stay zero.
+            // What is in this buffer now is not read: the first step writes every particle's u to it.
+            // Elements without a particle stay zero.
             positions_[1].resize(packed.current.size());
             positions_[1].fill_with_zeros(stream());
             increment_.upload(packed.before, stream());

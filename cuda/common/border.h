@@ -23,9 +23,9 @@ struct BorderState {
     /// Returns where the particles' places are after the steps enqueued so far. The caller sets `element` and
     /// `count`.
     std::function<BorderPlaces<Real>()> now;
-    std::function<void()> written;  ///< to be called once places have been written between steps
-    WaitLimit wait;                 ///< for kernels that wait for another part
-    BordersFirst* first = nullptr;  ///< steps borders first; null: all work is in `stream`
+    std::function<void()> written;  ///< to be called after a received message has been written to places
+    WaitLimit wait;                 ///< limit for kernels that wait for another part
+    BordersFirst* first = nullptr;  ///< has a second stream for borders; null: all work is in `stream`
 
     /// The stream in which borders are sent and received.
     const Stream& lane() const { return first == nullptr ? stream : first->stream(); }

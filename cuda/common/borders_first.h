@@ -69,7 +69,8 @@ private:
     Event stepped_ = Event::without_time();  ///< in the second stream: the border of the latest step is done
     Event arrived_ = Event::without_time();  ///< in the second stream: the ghosts of that step have arrived
     bool step_follows_ = false;
-    bool is_ahead_ = false;  ///< whether the latest work that was enqueued is a step()
+    /// Whether step() was called after the latest call of begin_send() and of order_after_main_stream().
+    bool is_ahead_ = false;
 };
 
 }  // namespace voxspring::cuda

@@ -58,11 +58,11 @@ protected:
     const Problem& problem() const { return *problem_; }
     void set_problem(const Problem& problem) { problem_ = &problem; }
 
-    /// Whether border() returns a border. True for strategies whose particles are all in device memory
-    /// between two steps.
+    /// Whether border() returns a border. True for backends whose particles are all in device memory between
+    /// two steps.
     virtual bool gives_borders() const { return false; }
-    /// Whether a step can be launched in two parts. A strategy that returns true overrides split_steps() and
-    /// enqueue_part().
+    /// Whether a step can be split into two launches: the border, and the interior. A backend that returns
+    /// true overrides split_steps() and enqueue_part().
     virtual bool splits_steps() const { return false; }
     /// To be called by device_borders(). If overlaps(way), steps are split from here on until the next
     /// upload(), and the result is the object that enqueues them. Otherwise the result is null. Throws
@@ -109,8 +109,8 @@ protected:
     void stepped(int count);
     /// Whether a divergence monitor is set.
     bool monitored() const { return monitor_.every > 0; }
-    /// Enqueues `count` steps and the checks between them. By default each step has its own launches, which
-    /// graphs of 1 to 256 steps hold if replays_steps().
+    /// Enqueues `count` steps and the checks between them. By default each step is launched by
+    /// enqueue_step(). If replays_steps(), graphs of 1 to 256 such steps are replayed.
     virtual void enqueue_steps(int count);
 
 private:
@@ -120,11 +120,11 @@ private:
         enqueue_step(reading);
     }
 
-    /// Empty, or why the strategy cannot run `problem`, memory aside.
+    /// Empty, or why the backend cannot run `problem`. Lack of device memory is not among the reasons.
     virtual std::string refused(const Problem& problem) const = 0;
     /// Bytes of device memory that upload(problem) would take. bytes_held(): bytes that are allocated now.
     virtual std::uint64_t bytes_needed(const Problem& problem) const = 0;
-    /// An upper bound of bytes_needed(), for strategies that can compute one faster.
+    /// An upper bound of bytes_needed(), for backends that can compute one faster.
     virtual std::uint64_t max_bytes_needed(const Problem& problem) const { return bytes_needed(problem); }
     virtual std::uint64_t bytes_held() const = 0;
     /// The arrays in which a step leaves the state to the next step. rewind() restores them from the copies
@@ -139,14 +139,14 @@ private:
     virtual void rest_tool() {}
     /// Enqueues one step that reads buffer `reading`. Called by this class's enqueue_steps() and its graphs.
     virtual void enqueue_step(int reading) = 0;
-    /// Splits later steps into two parts, one of which has the particles `border`. Returns whether the other
-    /// part has anything to do.
+    /// Splits later steps into two launches. One steps the particles `border`, and others that are launched
+    /// with them. The other, the interior, steps all others. Returns whether the interior has any particle.
     virtual bool split_steps(const std::vector<std::uint32_t>& /*border*/) { return false; }
-    /// Enqueues one of the two parts of a split step (split_steps()) that reads buffer `reading`.
+    /// Enqueues one of the two launches of a split step (split_steps()) that reads buffer `reading`.
     virtual void enqueue_part(int /*reading*/, StepPart, const Stream&) {}
     /// Whether steps are replayed from graphs. Otherwise the host launches each step.
     virtual bool replays_steps() const { return true; }
-    /// Whether the next step can be made in two parts.
+    /// Whether the next step can be split.
     virtual bool splits_next_step() const { return true; }
     /// Makes all steps until rewind() or the next upload the same work, so that a graph with exchanges can
     /// replay them. Returns false if the backend's options forbid that.
@@ -161,7 +161,7 @@ private:
     void launch_graphs(int count, GraphOf graph);
     /// The graph of 2^k steps, each followed by an exchange. The first step reads buffer current().
     Graph& exchanging_graph(DeviceBorders& borders, int k);
-    /// The kind of the next step, 0 or 1, for strategies with two kinds of step. Each kind has its graphs.
+    /// The kind of the next step, 0 or 1, for backends with two kinds of step. Each kind has its graphs.
     virtual int kind_of_step() const { return 0; }
 
     /// Empty, or a note that a launch waited in vain. The state is then worthless until the next upload.
@@ -194,7 +194,7 @@ private:
     std::array<std::array<std::array<std::optional<Graph>, graph_lengths>, 2>, 2> graphs_;
     /// exchanging_graphs_[b][k]: like graphs_, but an exchange of borders follows each step.
     std::array<std::array<std::optional<Graph>, graph_lengths>, 2> exchanging_graphs_;
-    Pinned<std::uint64_t> border_stall_;  ///< WaitLimit::stall of border_wait(); empty before
+    Pinned<std::uint64_t> border_stall_;  ///< memory of WaitLimit::stall, which border_wait() allocates
     /// Set once a caller has asked for borders that are stepped first.
     std::optional<BordersFirst> borders_first_;
     bool is_split_ = false;

@@ -260,8 +260,8 @@ public:
 
 private:
     /// The two buffers for messages that arrive at one side of a border, and the events that this side
-    /// records after its sends unless devices wait. Both sides share this object, which is freed when neither
-    /// needs it any more.
+    /// records after its sends unless waits_on_device_. Both sides share this object, which is freed when
+    /// neither needs it any more.
     struct BorderInbox {
         std::array<Buffer<TaggedPoint>, 2> arrived;
         std::array<Event, 2> sent{Event::without_time(), Event::without_time()};

@@ -48,7 +48,7 @@ public:
 private:
     struct Slot {
         Pinned<T> pinned;
-        Event sent;  ///< passed when the device has fetched `pinned`
+        Event sent;  ///< recorded after the copy from `pinned`
         bool pending = false;
     };
 

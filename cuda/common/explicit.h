@@ -1,4 +1,5 @@
-// Explicit addressing on the device: one thread per particle, with and without a secondary list.
+// Explicit addressing on the device: one thread per particle, and a list of its neighbours, with or without a
+// secondary list.
 #pragma once
 
 #include <string>

@@ -74,8 +74,8 @@ public:
         launch.step = make_implicit_step<Real>(problem, placement, this->formulation());
         launch.step.origins = origins_.data();
         launch.step.compliance = compliance_.data();
-        // `active` is set only for resume(), which compares the step with the latest one: other addresses
-        // tell that the buffers have moved.
+        // `active` is set here only for resume(), which compares this step with the latest one: if the
+        // buffers have moved, it finds other addresses.
         launch.step.active = resting_.active(0);
         if (!by_increments(this->formulation()))
             calibrate_rest_lengths<Real>(launch.step.rest_length, this->stream());
@@ -249,7 +249,7 @@ private:
     std::shared_ptr<const Kernel> resting_kernel_;
     dim3 resting_grid_;
     Buffer<BlockOrigin> origins_;
-    BlockParts<BlockOrigin> parts_;  ///< for steps in two parts
+    BlockParts<BlockOrigin> parts_;  ///< the blocks of each of a split step's two launches
     Buffer<BlockOrigin> part_origins_;
     Buffer<Real> compliance_;
 };
@@ -260,7 +260,7 @@ BackendEntry implicit_entry(const std::string& name, const std::string& summary,
                             const TuningValues& blocks) {
     const bool tiled = fetches.empty();
     const auto make = [tiled](const Options& options) {
-        // The tile in shared memory is the cache, so it is filled by loads past L1.
+        // The tile in shared memory takes the place of a cache, so it is filled by loads past L1.
         const KernelFamily family(options, tiled ? Fetch::past_l1 : fetch_path(options.tuning.at("fetch")));
         return make_by_precision<ImplicitBackend>(options, family, options, tiled);
     };

@@ -1,5 +1,5 @@
-// Implicit addressing on the device. One backend class serves two kernels: one fetches neighbours from
-// memory, the other from a tile in shared memory.
+// Implicit addressing on the device: neighbours follow from a particle's position in the lattice. One backend
+// class serves two kernels: one fetches neighbours from memory, the other from a tile in shared memory.
 #pragma once
 
 #include <string>

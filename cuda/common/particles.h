@@ -240,7 +240,8 @@ protected:
         this->forget_graphs();
     }
     const Launch& launch() const { return launch_; }
-    /// Compiles the kernel for parts of split steps. Overridden if the kernel of whole steps steps parts too.
+    /// Compiles the kernel for the two launches of a split step. Overridden if the kernel of whole steps can
+    /// make these as well.
     virtual void compile_for_parts() {
         KernelSource source = launch_.source;
         source.macros["LISTED_BLOCKS"] = "1";
@@ -450,7 +451,7 @@ private:
     Buffer<HeldForce<Real>> held_forces_;
     Staging<ToolState<Real>> tool_;  // one element at a fixed address, which graphs hold
     Launch launch_{};
-    // Used if steps are launched in two parts: the particles at borders, and the interior.
+    // For split steps, which have two launches: the border, and the interior.
     std::shared_ptr<const Kernel> part_kernel_;
     BlockParts<std::uint32_t> parts_;
     Buffer<std::uint32_t> blocks_;

@@ -28,7 +28,7 @@ std::size_t count_moved(const Problem& problem, const State& state, BlockShape s
     return count;
 }
 
-/// Whether kernels can index `places` places of blocks.
+/// Whether the numbers of `places` blocks fit into BlockOrigin::place, an int.
 bool can_be_named(std::size_t places) { return places <= std::size_t(std::numeric_limits<int>::max()); }
 
 }  // namespace

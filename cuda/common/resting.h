@@ -70,7 +70,8 @@ private:
     /// With `auto`, fewer blocks than this are never checked: a step of them takes no longer than its launch.
     static constexpr std::size_t min_blocks = 512;
 
-    /// Indices into Counts.
+    /// Indices into Counts: the lengths of the lists for steps that read buffer 0 and buffer 1, and the
+    /// values of ActiveBlocks::readers and ActiveBlocks::taken.
     enum Count : std::uint8_t { listed_for_0, listed_for_1, readers, taken, counts };
     using Counts = std::array<unsigned, counts>;
 
@@ -89,12 +90,12 @@ private:
     std::array<Buffer<BlockOrigin>, 2> lists_;
     std::array<Buffer<std::uint32_t>, 2> marks_;
     Buffer<Counts> counts_;
-    // What the start check has listed.
+    // The list, marks and counts that the start check has made, for every run from the same start.
     bool has_start_check_ = false;
     Buffer<BlockOrigin> first_list_;
     Buffer<std::uint32_t> first_marks_;
     Buffer<Counts> first_counts_;
-    Pinned<Counts> seen_;  ///< the counts of some steps ago
+    Pinned<Counts> seen_;  ///< a copy of `counts_`, some steps old
     Event copied_;         ///< recorded after the copy to `seen_`
     bool asked_ = false;
 };

@@ -52,7 +52,7 @@ class DoubleBuffer {
 public:
     __device__ float* now() const { return points + now_; }
     __device__ float* next() const { return points + next_; }
-    /// The index in BrickStep::exchange from which on this step's points are published.
+    /// Where the half of BrickStep::exchange begins to which this step's points are published.
     __device__ std::size_t exchange(const BrickStep& step) const { return next_ == 0 ? 0 : step.axis; }
     __device__ void swap() {
         const int now = now_;
@@ -94,7 +94,7 @@ constexpr int polls_in_flight = ROUNDS < kept_polls ? ROUNDS : polls_in_turn;
 /// Whether a poller keeps all its polls in registers. If not, it reads them anew in each step.
 constexpr bool keeps_polls = ROUNDS == polls_in_flight;
 
-/// Loads a poll past L1, which is left to the masks.
+/// Loads a poll past L1, so that L1 keeps the masks.
 __device__ BrickPoll load_poll(const BrickPoll* from) {
     BrickPoll poll;
     asm("ld.global.nc.L1::no_allocate.v2.u32 {%0, %1}, [%2];" : "=r"(poll.from), "=r"(poll.slot) : "l"(from));

@@ -67,7 +67,8 @@ VOXSPRING_HOST_DEVICE void write_spring(const EditedSpring<Real>& edited, Spring
             end = middle;
         }
     }
-    if (edited.begin == edited.end) ends[begin] = edited.ends;  // springs of the lattice keep their ends
+    // A spring that was searched for (begin < end) keeps its ends.
+    if (edited.begin == edited.end) ends[begin] = edited.ends;
     constants[begin] = rest_measured(edited.constants, edited.squared);
     if (off_lattice_rest != nullptr) off_lattice_rest[begin] = edited.off_lattice_rest;
 }

@@ -1,4 +1,4 @@
-// The displacements of some particles, for a picture: the body of the kernel of a feed.
+// The body of the kernel of a feed, which writes the displacements of some particles for a picture.
 #pragma once
 
 #include "backends/layout/records/feed.h"

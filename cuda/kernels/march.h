@@ -1,6 +1,6 @@
-// A march along z through a lattice in structure of arrays: every thread owns ROWS x 2 columns of particles
-// and steps them plane by plane. It reads windows, each of which holds one plane of a tile with a frame
-// around it. This is the body of the kernel. A device fills the windows with its copy engine or by its
+// A march along z through a lattice in structure of arrays: every thread owns MarchShape::rows x 2 columns of
+// particles and steps them plane by plane. It reads windows, each of which holds one plane of a tile with a
+// frame around it. This is the body of the kernel. A device fills the windows with its copy engine or by its
 // threads' asynchronous copies, a test with a loop.
 #pragma once
 
