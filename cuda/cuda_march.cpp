@@ -197,7 +197,7 @@ private:
         const int architecture = this->device().architecture;
         if (architecture < first_with_async_copies)
             return "compute capability " + version_of(architecture) +
-                   " has no asynchronous copies, which came with 8.0";
+                   " has no asynchronous copies, which cuda_march needs and which came with 8.0";
         if (std::string why = class_refusal(problem, precision, this->formulation(), "the march");
             !why.empty())
             return why;

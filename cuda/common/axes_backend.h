@@ -45,8 +45,8 @@ inline std::string class_refusal(const Problem& problem, Precision precision, Fo
         return strategy + " cannot step springs whose rest length is zero or nearly zero";
     const std::size_t elements = march_strides(problem.lattice, scalar_bytes(precision)).axis;
     if (!problem.ghosts.empty() && elements > std::numeric_limits<std::uint32_t>::max())
-        return "an axis of this part has " + std::to_string(elements) +
-               " elements, and its border can index at most " +
+        return "the arrays of this part have " + std::to_string(elements) +
+               " elements per axis, but a border can index at most " +
                std::to_string(std::numeric_limits<std::uint32_t>::max());
     if (problem.has_materials()) return strategy + " can step one material only";
     if (!problem.load.empty()) return strategy + " cannot apply loads";

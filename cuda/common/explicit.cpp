@@ -159,8 +159,7 @@ private:
         if (options_.secondary == Secondary::never) {
             if (const std::string why = grouped_list_refusal(problem); !why.empty())
                 return "the neighbour lists have one stiffness and one rest length for all face springs, one "
-                       "for all edge "
-                       "springs and one for all corner springs: " +
+                       "for all edge springs and one for all corner springs: " +
                        why;
         }
         if (std::string why = list_entry_refusal(problem, this->formulation()); !why.empty()) return why;

@@ -74,7 +74,7 @@ public:
         return block + " " + std::to_string(stall.block) + " waited in vain for step " +
                std::to_string(stall.step) + " (counted since the body was last uploaded to the device) for " +
                std::to_string(max_wait_nanoseconds / 1'000'000'000) +
-               " seconds: what it waited for did not run at the same time";
+               " seconds: the block that it waited for did not run at the same time";
     }
     std::uint64_t bytes() const { return started_blocks_.bytes(); }
 

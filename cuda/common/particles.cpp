@@ -66,7 +66,7 @@ template std::string too_many_words<double>(std::size_t, const Device&, Fetch);
 template <class Real>
 std::string launch_refusal(std::size_t words, const Device& device, const KernelFamily& family) {
     if (family.dependent_launch && !device.has_dependent_launches())
-        return "compute capability " + version_of(device.architecture) +
+        return "dependent_launch=on: compute capability " + version_of(device.architecture) +
                " has no dependent launches, which came with 9.0";
     return too_many_words<Real>(words, device, family.fetch);
 }

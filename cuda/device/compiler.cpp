@@ -116,7 +116,7 @@ std::pair<int, bool> nearest(int architecture) {
     for (const int a : known) best = a <= architecture ? std::max(best, a) : best;
     if (best == 0)
         throw DeviceError("the card has compute capability " + version_of(architecture) +
-                          ", and NVRTC compiles for " + version_of(known.front()) + " and later");
+                          ", but NVRTC compiles only for " + version_of(known.front()) + " and later");
     return {best, false};
 }
 

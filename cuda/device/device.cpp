@@ -76,7 +76,7 @@ Device::Device() {
     ends_long_kernels = attribute(cudaDevAttrKernelExecTimeout, number) != 0;
     if (const int oldest = oldest_architecture(); architecture < oldest)
         throw Unavailable(name + " has compute capability " + version_of(architecture) +
-                          ", and this build needs " + version_of(oldest) + " or later");
+                          ", but this program needs " + version_of(oldest) + " or later");
     const cudaChannelFormatDesc texel = cudaCreateChannelDesc(32, 32, 32, 32, cudaChannelFormatKindFloat);
     check(cudaDeviceGetTexture1DLinearMaxWidth(&max_texels, &texel, number));
     sm_mhz = megahertz(cudaDevAttrClockRate, number);

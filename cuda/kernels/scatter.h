@@ -1,5 +1,5 @@
-// Each spring has a thread, which adds the spring's force to both of its particles with atomics: this is what
-// most users write first. The bodies of the two kernels.
+// The bodies of two kernels. In the first, each spring has a thread, which adds the spring's force to both of
+// its particles with atomics: this is what most users write first. The second moves the particles.
 #pragma once
 
 #include "backends/layout/records/scatter.h"

@@ -62,7 +62,8 @@ __device__ inline TickOrder wait_for_order(const TickLine& line, std::uint32_t t
         // The new order may replace the previous one only once every block has read the previous one.
         bool late = !wait_until_counted(line.taken_blocks, (tick - line.first_tick) * gridDim.x, limit, step);
         const std::uint64_t begin = nanoseconds();
-        // Look once more after the time is over: another process may have had the card until then.
+        // Look for the order once more after the time is over: another process may have had the card until
+        // then.
         while (!look_for_order(line.asked, tick, order) && !late)
             late = nanoseconds() - begin > line.max_idle;
         hand_on(order, line.handed_on);
