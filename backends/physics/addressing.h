@@ -1,4 +1,5 @@
-// Says whether a problem suits backends that find neighbours by their place in the lattice.
+// Says whether a problem suits backends with implicit addressing, which find neighbours by their place in the
+// lattice.
 #pragma once
 
 #include <string>
@@ -7,10 +8,10 @@
 
 namespace voxspring {
 
-/// Empty, or why a backend that finds neighbours by their place in the grid cannot run `problem`.
+/// Empty, or why a backend that finds neighbours by their place in the lattice cannot run `problem`.
 inline std::string implicit_refusal(const Problem& problem) {
     if (problem.lattice.voxel_count() == 0)
-        return "addressing by the lattice needs a lattice, and the particles lie on none";
+        return "implicit addressing needs a lattice, but the particles of this scene lie on none";
     if (!problem.springs.empty())
         return "some springs join particles that are not grid neighbours, which needs neighbour lists";
     return {};

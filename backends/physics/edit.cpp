@@ -84,9 +84,9 @@ struct Bounds {
     Box operator()(const Ball& ball) const { return {ball.centre - ball.radius, ball.centre + ball.radius}; }
 };
 
-/// The triangles of a patch in a tree of boxes, so that a line is compared only with triangles near it. Boxes
-/// are wider than their triangles by more than rounding can move a line. So a line that misses a triangle's
-/// box also misses the triangle.
+/// The triangles of a patch in a tree of boxes, so that a line is compared only with triangles near it. Each
+/// box is wider than its triangles by more than rounding can move a line. So a line that misses a box also
+/// misses the triangles in it.
 class TriangleTree {
 public:
     explicit TriangleTree(const TrianglePatch& patch) : triangles_(patch.triangles) {
@@ -103,8 +103,8 @@ public:
         line.include(b);
         return any_near(line, [&](const Triangle& triangle) { return goes_through(triangle, a, b); });
     }
-    /// Whether the patch might cut a line that lies within `box`. False is certain. True only says that
-    /// triangles are near.
+    /// Whether the patch might cut a line that lies within `box`. If false, it certainly does not. If true,
+    /// there are triangles near the box, which need not cut the line.
     bool may_cut_within(const Box& box) const {
         return any_near(box, [](const Triangle&) { return true; });
     }
@@ -243,7 +243,7 @@ template <class Visit>
 void SpringEditor::visit_near(const Shape& shape, Visit visit) const {
     const Lattice& lattice = problem_.lattice;
     Box box = std::visit(Bounds{}, shape);
-    // No lattice spring reaches the shape from a particle outside of the voxels `low` to `high`.
+    // Only from particles in the voxels `low` to `high` can a lattice spring reach the shape.
     const double reach = longest_lattice_spring();
     const glm::dvec3 first(0), last(lattice.dims - 1);
     const glm::ivec3 low(glm::clamp(glm::floor((box.low - reach) / lattice.spacing), first, last));
@@ -338,7 +338,7 @@ SpringEdit SpringEditor::suture(const Shape& shape, double within, std::optional
                 for (int other = low.x; other <= high.x; ++other) {
                     const std::uint32_t j = particle_by_voxel()[std::size_t(
                         (std::ptrdiff_t(z) * problem_.lattice.dims.y + y) * problem_.lattice.dims.x + other)];
-                    // For an empty voxel j is no_particle, which is not in `faces`. Only j > i is taken, so
+                    // In an empty voxel j is no_particle, which is not in `faces`. Only j > i is taken, so
                     // that each pair is found once.
                     if (j <= i || !faces.contains(j) || glm::distance(x[i], x[j]) > within) continue;
                     if (crosses(x[i], x[j])) pairs.emplace_back(i, j);
@@ -427,7 +427,7 @@ void SpringEditor::finish(SpringEdit& edit) {
     std::sort(particles.begin(), particles.end());
     particles.erase(std::unique(particles.begin(), particles.end()), particles.end());
 
-    // For each touched particle its springs beyond the lattice, in the order of Problem::springs.
+    // For each touched particle, its springs beyond the lattice in the order of Problem::springs.
     std::vector<std::vector<ListedSpring>> beyond(particles.size());
     const auto list = [&](std::uint32_t particle, std::uint32_t other, const Spring& spring) {
         const auto at = std::lower_bound(particles.begin(), particles.end(), particle);
@@ -487,7 +487,7 @@ std::vector<ChangedSpring> changed_springs(const Problem& problem, const SpringD
     for (const auto& [particle, bits] : springs.on_lattice) count += std::size_t(std::popcount(bits));
     changed.reserve(count);
     for (const auto& [particle, bits] : springs.on_lattice) {
-        // A lambda cannot capture a structured binding.
+        // Clang before version 16 cannot capture a structured binding in a lambda.
         const std::uint32_t first = particle;
         visit_directions(bits, [&](const Direction& direction) {
             const auto voxel =

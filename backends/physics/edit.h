@@ -1,8 +1,8 @@
-// Cuts and sutures change a problem's springs. The host finds each change once, and every backend applies it
-// to its own data about springs.
+// Cuts and sutures change a problem's springs. The host finds out once which springs change, and every
+// backend applies these changes to its own tables of springs.
 //
-// Shapes are compared with where particles are at rest, which does not depend on how a backend moves them. So
-// an edit changes the same springs on every backend, and these are known before the first step.
+// A shape cuts springs by where their ends are at rest, not by where a backend has moved them. So an edit
+// changes the same springs on every backend, and these are known before the first step.
 #pragma once
 
 #include <array>
@@ -18,13 +18,13 @@
 
 namespace voxspring {
 
-/// Cuts the line between two particles on different sides of it. A particle on the plane counts to the side
-/// that the normal points to.
+/// Cuts the line between two particles on different sides of it. A particle on the plane counts as on the
+/// side to which the normal points.
 struct Plane {
     glm::dvec3 point{0};
     glm::dvec3 normal{0, 0, 1};  ///< of any length but 0
 };
-/// Cuts a line that goes through one of the triangles, their borders included.
+/// Cuts the line between two particles if it goes through one of the triangles, borders included.
 struct TrianglePatch {
     std::vector<std::array<glm::dvec3, 3>> triangles;
 };
@@ -41,7 +41,8 @@ bool cuts(const Shape& shape, const glm::dvec3& a, const glm::dvec3& b);
 /// A spring that an edit removes or adds, between particles `first` < `second`.
 struct ChangedSpring {
     Spring spring;
-    /// Mask bit of the direction from `first` to `second`, always odd; -1: a spring beyond the lattice.
+    /// Mask bit of the direction from `first` to `second`, which is always odd; -1 for a spring beyond the
+    /// lattice.
     int bit;
 
     friend bool operator==(const ChangedSpring&, const ChangedSpring&) = default;
@@ -57,9 +58,9 @@ struct ListedSpring {
     friend bool operator==(const ListedSpring&, const ListedSpring&) = default;
 };
 
-/// One change of springs. It holds all that a backend needs to update its data about springs.
+/// One cut or suture. It holds all that a backend needs to update its tables of springs.
 struct SpringEdit {
-    /// A particle that lost or gained a spring, with its bits and springs after the edit.
+    /// A particle that lost or gained a spring, with its mask and springs after the edit.
     struct Touched {
         std::uint32_t particle;
         std::uint32_t mask;        ///< as in Lattice::mask; without a lattice only active and pinned bits
@@ -69,7 +70,8 @@ struct SpringEdit {
     };
 
     std::vector<ChangedSpring> removed;  ///< lattice springs first
-    /// Lattice springs first. suture() orders these, and the others, by `first` and then by `second`.
+    /// Lattice springs first. suture() orders the lattice springs, and the others, by `first` and then by
+    /// `second`.
     std::vector<ChangedSpring> added;
     std::vector<Touched> touched;  ///< each particle once, ascending
     /// The springs of each touched particle, one particle after the other: its lattice springs by direction,
@@ -86,16 +88,16 @@ struct SpringEdit {
     friend bool operator==(const SpringEdit&, const SpringEdit&) = default;
 };
 
-/// Only the springs that an edit removes and adds, in a few bytes per spring, for scenes of thousands of
-/// edits. SpringEditor::make() makes the SpringEdit from this and the problem before the edit.
+/// The springs that an edit removes and adds, without anything else: a few bytes per spring, for scenes of
+/// thousands of edits. SpringEditor::make() makes the SpringEdit from this and the problem before the edit.
 struct SpringDifference {
     /// Lattice springs from `particle` to later particles. `bits`: their mask bits, all odd.
     struct OnLattice {
         std::uint32_t particle;
         std::uint32_t bits;
     };
-    /// Springs in the order of the edit. A particle appears several times in `on_lattice` if the edit does
-    /// not list its springs one after another in the order of their directions.
+    /// Springs in the order of the edit. `on_lattice` has several elements for a particle if the edit does
+    /// not list that particle's springs one after another in the order of their directions.
     struct Springs {
         std::vector<OnLattice> on_lattice;
         std::vector<Spring> beyond;  ///< springs of Problem::springs
@@ -105,7 +107,7 @@ struct SpringDifference {
     Springs removed, added;
 
     SpringDifference() = default;
-    /// Implicit, so that an edit can be passed to code that keeps only its difference.
+    /// An implicit conversion, so that an edit can be passed to a function that takes a difference.
     SpringDifference(const SpringEdit& edit);  // NOLINT(google-explicit-constructor)
 
     /// Whether the edit adds a spring beyond the lattice.
@@ -113,37 +115,37 @@ struct SpringDifference {
 };
 
 /// Lists the springs of a difference one by one, in the order of its edit. `problem` is the edited problem,
-/// as it was before the edit or is after it.
+/// either before or after the edit.
 std::vector<ChangedSpring> changed_springs(const Problem& problem, const SpringDifference::Springs& springs);
 
-/// Edits a problem's springs in place, and says what each edit changed. Keeps a reference to the problem,
-/// which nothing else may edit meanwhile.
+/// Edits a problem's springs in place, and returns what each edit changed. Keeps a reference to the problem.
+/// Nothing else may edit the problem while the editor is in use.
 class SpringEditor {
 public:
     explicit SpringEditor(Problem& problem);
 
     /// Removes the springs that `shape` cuts.
     SpringEdit cut(const Shape& shape);
-    /// Removes the springs that join the two particles of each pair, whichever comes first in the pair. Pairs
-    /// that no spring joins stay as they are.
+    /// Removes the springs that join the two particles of each pair, in whichever order the pair names them.
+    /// Pairs that no spring joins are ignored.
     SpringEdit cut(std::span<const std::pair<std::uint32_t, std::uint32_t>> pairs);
 
     /// Closes a cut: adds a spring between every two particles that (a) are at most `within` apart at rest,
     /// (b) have no spring between them, (c) have a line between them that `shape` cuts, and (d) have each
-    /// lost a lattice spring that `shape` cuts. Without a lattice it adds none. `stiffness`: as for the
-    /// suture() of pairs below.
+    /// lost a lattice spring that `shape` cuts. Without a lattice it adds none. `stiffness` means the same as
+    /// for the suture() of pairs below.
     SpringEdit suture(const Shape& shape, double within, std::optional<double> stiffness = {});
 
-    /// Joins each pair of different particles with a spring. Pairs that are joined already stay as they are.
+    /// Joins each pair of different particles with a spring. Pairs that a spring joins already are ignored.
     ///
-    /// If the two are lattice neighbours in a direction in use, the spring is a lattice spring, unless
-    /// `stiffness` is given and differs from that of a lattice spring. Otherwise it is one of
-    /// Problem::springs: its rest length is the distance at rest, and its default stiffness that of a lattice
-    /// spring of the first group in use.
+    /// If the two are lattice neighbours in a direction in use, the new spring is a lattice spring, unless
+    /// `stiffness` is given and differs from that of a lattice spring. Otherwise the new spring is added to
+    /// Problem::springs: its rest length is the distance at rest, and its default stiffness is that of a
+    /// lattice spring of the first group in use.
     SpringEdit suture(std::span<const std::pair<std::uint32_t, std::uint32_t>> pairs,
                       std::optional<double> stiffness = {});
 
-    /// Undoes a cut or repeats a suture: adds springs that another edit of the same particles removed or
+    /// Undoes a cut or repeats a suture: adds `springs`, which another edit of the same particles removed or
     /// added, each as it was. A spring is left out if another one joins its particles already.
     SpringEdit join(std::span<const ChangedSpring> springs);
 
@@ -156,7 +158,7 @@ private:
 
     /// The neighbour of `particle` in `direction`, or no_particle if there is none.
     std::uint32_t neighbour(std::uint32_t particle, const Direction& direction) const;
-    /// Calls visit(i) for each particle whose springs `shape` might cut.
+    /// Calls visit(i) for each particle with lattice springs that `shape` might cut.
     template <class Visit>
     void visit_near(const Shape& shape, Visit visit) const;
     double longest_lattice_spring() const;
@@ -167,8 +169,8 @@ private:
     }
     /// The lattice spring between `first` and `second`, which lies along `direction` from `first`.
     Spring lattice_spring(std::uint32_t first, std::uint32_t second, const Direction& direction) const;
-    /// Removes from `pairs` those that a spring joins already. `pairs` must ascend, with the smaller particle
-    /// first in each pair.
+    /// Removes from `pairs` the pairs that a spring joins already. `pairs` must be in ascending order, with
+    /// the smaller particle first in each pair.
     void leave_out_joined(std::vector<std::pair<std::uint32_t, std::uint32_t>>& pairs) const;
     /// Applies the edit to the problem, and fills in `touched` and `listed`.
     void finish(SpringEdit& edit);
@@ -177,7 +179,7 @@ private:
     const LatticeSprings springs_;
 };
 
-/// Applies `edit`, which was made for an equal problem, to `problem`.
+/// Applies an edit, which was made for an equal problem, to `problem`.
 void apply(Problem& problem, const SpringEdit& edit);
 void apply(Problem& problem, const SpringDifference& difference);
 

@@ -1,4 +1,5 @@
-// How a backend stores the state of a simulation and makes a step. Both determine what is rounded.
+// How a backend stores the state of a simulation and makes a step. The result of a step depends on it,
+// because different numbers are rounded.
 #pragma once
 
 #include <cstdint>
@@ -35,17 +36,17 @@ inline constexpr std::array all_formulations = {Formulation::paper, Formulation:
 std::string to_string(Formulation formulation);
 #endif
 
-/// With the tuning parameter rest=flush, formulations by increments set components of u and v to zero whose
-/// absolute value is less than this length. Otherwise the faint tails of a motion, which reach everywhere,
-/// would keep the body from ever coming to rest to the bit.
+/// With the tuning parameter rest=flush, formulations by increments set components of u and v to zero if
+/// their absolute value is less than this length. Without this, the faint tails of a motion, which reach
+/// everywhere, would keep particles from ever coming to rest exactly.
 inline constexpr double flushed_below = 1e-12;
 
-/// Whether the state is positions x; otherwise it is displacements u.
+/// Whether the state consists of positions x; otherwise it consists of displacements u.
 VOXSPRING_HOST_DEVICE constexpr bool on_positions(Formulation formulation) {
     return formulation <= Formulation::position;
 }
-/// Whether the state has the increment v instead of the previous x or u. Then strain_density() gives the
-/// forces.
+/// Whether the state has the increment v instead of the previous x or u. In that case strain_density() gives
+/// the forces.
 VOXSPRING_HOST_DEVICE constexpr bool by_increments(Formulation formulation) {
     return formulation >= Formulation::increment;
 }

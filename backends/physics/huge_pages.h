@@ -10,9 +10,9 @@
 
 namespace voxspring {
 
-/// Asks the system to put a large array, of 16 MiB or more, into huge pages. The system clears a page at its
-/// first touch, which with small pages takes longer than filling or copying the array. If the system refuses,
-/// nothing changes.
+/// Asks the system to put a large array, of 16 MiB or more, into huge pages. The system clears each page when
+/// it is first touched; with small pages this takes longer than filling or copying the array. If the system
+/// refuses, nothing changes.
 inline void prefer_huge_pages(void* memory, std::size_t bytes) {
     constexpr std::uintptr_t page = std::uintptr_t(1) << 21;
     constexpr std::size_t large = 8 * page;
@@ -22,7 +22,7 @@ inline void prefer_huge_pages(void* memory, std::size_t bytes) {
     (void)madvise(std::bit_cast<void*>(begin), end - begin, MADV_HUGEPAGE);
 }
 
-/// Resizes a list whose values need not be kept. New elements are `value`. A large list gets huge pages.
+/// Resizes a list. Old values may be lost; new elements are `value`. A large list gets huge pages.
 template <class T>
 void resize_in_huge_pages(std::vector<T>& list, std::size_t size, const T& value = T()) {
     if (list.capacity() < size) {

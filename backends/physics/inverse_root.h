@@ -1,10 +1,11 @@
-// The spring force of spring.h from the inverse root that GPUs have in hardware. For C++, CUDA and GLSL.
+// The spring force of spring.h, computed from the inverse square root that GPUs have in hardware. For C++,
+// CUDA and GLSL.
 //
 // With r = 1/sqrt(|d|^2) the force density k (l - |d|) / |d| is k (l - |d|^2 r) r, which needs no IEEE root
 // and no division. r is approximate (in float32 to about 2^-22.9 on NVIDIA), so rest lengths are measured in
 // the same way: l is measured_length(l^2) on the same device. At rest l and |d|^2 r are then the same number,
-// and the force is zero to the bit, whatever the error of r. Away from rest the error of the force is that of
-// a rest length off by about one unit in the last place.
+// and the force is zero to the bit, whatever the error of r. Away from rest the force is that of a spring
+// whose rest length is off by about one unit in the last place.
 //
 // In host code r is exact up to rounding, so that tests can run the same source without a device.
 #ifndef VOXSPRING_INVERSE_ROOT_H
@@ -41,7 +42,7 @@ namespace voxspring {
 /// 1 / sqrt(squared), for a normal positive number.
 VOXSPRING_HOST_DEVICE inline float inverse_root(float squared) {
 #ifdef __CUDA_ARCH__
-    // rsqrtf() takes two more instructions, for denormal numbers.
+    // rsqrtf() takes two more instructions, to handle denormal numbers.
     float root;
     asm("rsqrt.approx.ftz.f32 %0, %1;" : "=f"(root) : "f"(squared));
     return root;
@@ -50,7 +51,8 @@ VOXSPRING_HOST_DEVICE inline float inverse_root(float squared) {
 #endif
 }
 
-/// One step of a third-order iteration for 1 / sqrt(squared): 20 good bits of `root` become 53.
+/// One step of a third-order iteration for 1 / sqrt(squared): if `root` has 20 correct bits, the result has
+/// 53.
 VOXSPRING_HOST_DEVICE inline double refined_inverse_root(double squared, double root) {
     const double error = std::fma(-(squared * root), root, 1.0);
     return std::fma(root * error, std::fma(0.375, error, 0.5), root);
@@ -58,7 +60,7 @@ VOXSPRING_HOST_DEVICE inline double refined_inverse_root(double squared, double 
 
 VOXSPRING_HOST_DEVICE inline double inverse_root(double squared) {
 #ifdef __CUDA_ARCH__
-    // rsqrt(double) branches for numbers that are not normal.
+    // rsqrt(double) would branch for numbers that are not normal.
     double root;
     asm("rsqrt.approx.ftz.f64 %0, %1;" : "=d"(root) : "d"(squared));
     return refined_inverse_root(squared, root);
@@ -67,7 +69,8 @@ VOXSPRING_HOST_DEVICE inline double inverse_root(double squared) {
 #endif
 }
 
-/// a * b, rounded and never fused into a multiply-add: the difference of two equal products must be zero.
+/// a * b, rounded, and never fused with an addition into one instruction: the difference of two equal
+/// products must be zero.
 VOXSPRING_HOST_DEVICE inline float rounded_product(float a, float b) {
 #ifdef __CUDA_ARCH__
     return __fmul_rn(a, b);
@@ -84,9 +87,9 @@ VOXSPRING_HOST_DEVICE inline double rounded_product(double a, double b) {
 #endif
 }
 
-/// x^2 + y^2 + z^2, kept from zero by `shortest_squared`. Float32 adds `shortest_squared`, which costs
-/// nothing and is lost in rounding unless the ends of a spring nearly coincide. Float64 takes the larger of
-/// the two numbers, as spring_force() does.
+/// x^2 + y^2 + z^2, kept above zero by `shortest_squared`. In float32 `shortest_squared` is added, which
+/// takes no extra instruction and is lost in rounding unless the ends of a spring nearly coincide. In float64
+/// the larger of the two numbers is taken, as in spring_force().
 VOXSPRING_HOST_DEVICE inline float squared_length(float x, float y, float z, float shortest_squared) {
     return std::fma(x, x, std::fma(y, y, std::fma(z, z, shortest_squared)));
 }
@@ -95,7 +98,7 @@ VOXSPRING_HOST_DEVICE inline double squared_length(double x, double y, double z,
     return larger(std::fma(x, x, std::fma(y, y, z * z)), shortest_squared);
 }
 
-/// One step of a third-order iteration for 1 / value: 20 good bits of `reciprocal` become 53.
+/// One step of a third-order iteration for 1 / value: if `reciprocal` has 20 correct bits, the result has 53.
 VOXSPRING_HOST_DEVICE inline double refined_reciprocal(double value, double reciprocal) {
     const double error = std::fma(-value, reciprocal, 1.0);
     return std::fma(reciprocal, std::fma(error, error, error), reciprocal);
@@ -122,9 +125,9 @@ VOXSPRING_HOST_DEVICE inline double fast_reciprocal(double value) {
 #endif
 }
 
-/// series_stiffness() without an IEEE division. If neither end is a particle, both compliances are zero, and
-/// the caller drops the result. On a device that result is an infinity. On a host, whose sanitizers would
-/// stop at the division, it is zero.
+/// series_stiffness() without an IEEE division. A caller may pass two compliances of zero if no particles are
+/// there; it then drops the result. On a device this result is an infinity. On a host, whose sanitizers would
+/// stop at the division by zero, it is zero.
 VOXSPRING_HOST_DEVICE inline float fast_series_stiffness(float compliance_a, float compliance_b) {
 #ifdef __CUDA_ARCH__
     return __fdividef(2.0F, compliance_a + compliance_b);
@@ -150,11 +153,11 @@ VOXSPRING_HOST_DEVICE inline double fast_series_stiffness(double compliance_a, d
 namespace voxspring {
 #endif
 
-/// The length whose square is `squared`, by way of inverse_root().
+/// The length whose square is `squared`, computed by inverse_root().
 SHARED_SCALAR(Real)
 measured_length(Real squared) { return rounded_product(squared, inverse_root(squared)); }
 
-/// (l - |d|) / |d|: the force density of a spring of stiffness 1. `squared` is |d|^2, `inverse` its
+/// The force density of a spring of stiffness 1: (l - |d|) / |d|. `squared` is |d|^2, `inverse` its
 /// inverse_root(), and `rest_length` is l from measured_length().
 SHARED_SCALAR(Real)
 unit_force_density(Real squared, Real rest_length, Real inverse) {
@@ -162,9 +165,9 @@ unit_force_density(Real squared, Real rest_length, Real inverse) {
     return density;
 }
 
-/// strain_density() of stiffness 1 from |d|^2, the rest length l and `deficit` = l^2 - |d|^2: deficit / ((l +
-/// |d|) |d|). Only `deficit` is small near rest, so a relative error of the root is a relative error of the
-/// force, and at rest the force is zero.
+/// strain_density() at stiffness 1, computed from |d|^2, the rest length l and `deficit` = l^2 - |d|^2:
+/// deficit / ((l + |d|) |d|). Near rest only `deficit` is small. So the relative error of the force is that
+/// of the root, and at rest the force is zero.
 SHARED_SCALAR(Real)
 unit_strain_density(Real squared, Real rest_length, Real deficit) {
     PRECISE Real inverse = inverse_root(squared);
@@ -174,7 +177,7 @@ unit_strain_density(Real squared, Real rest_length, Real deficit) {
 
 #ifndef VOXSPRING_GLSL
 /// unit_strain_density() by another formula, deficit / (|d|^2 + l |d|). In float32 this saves a
-/// multiplication if the hardware has a square root instruction.
+/// multiplication, because the hardware has an instruction for the square root.
 VOXSPRING_HOST_DEVICE inline float lean_strain_density(float squared, float rest_length, float deficit) {
 #ifdef __CUDA_ARCH__
     float length;

@@ -1,12 +1,12 @@
-// What C++, CUDA and GLSL need in order to compile the same physics.
+// What C++, CUDA and GLSL need in order to compile the same formulas.
 //
-// The headers of this folder that carry formulas (spring.h) keep to what the three languages share:
-// by-value arguments, `dot`, `sqrt`, no references and no namespaces inside. A function is declared
+// The headers of this folder with formulas (spring.h) use only what the three languages share: arguments by
+// value, `dot`, `sqrt`, no references and no namespaces inside. A function is declared
 //
 //     SHARED(Vec3) name(Vec3 x, Real k) { ... }
 //
-// which is a function template over its scalar and vector type in C++ and CUDA (so that float, double
-// and a SIMD register all run the same source) and a plain function of float and vec3 in GLSL.
+// In C++ and CUDA this is a function template over its scalar and vector type, so that float, double and a
+// SIMD register all run the same source. In GLSL it is a plain function of float and vec3.
 #ifndef VOXSPRING_PORTABLE_H
 #define VOXSPRING_PORTABLE_H
 
@@ -27,8 +27,9 @@
 #define Vec4 vec4
 #endif
 #define larger max
-/// Stands before a local variable that must be rounded in the same way wherever its expression is compiled:
-/// no fused multiply-add in one place and none in another. C++ and CUDA settle that with compiler flags.
+/// Stands before a local variable that must be rounded in the same way wherever its expression is compiled.
+/// Otherwise a compiler might fuse a multiply-add in one place and not in another. In C++ and CUDA compiler
+/// flags prevent that.
 #define PRECISE precise
 
 #else

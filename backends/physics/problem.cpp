@@ -164,7 +164,8 @@ Problem make_lattice_problem(const VoxelGrid& grid, std::uint32_t group_bits) {
 
     const glm::ivec3 dims = grid.dims;
     const std::size_t slice = std::size_t(dims.x) * std::size_t(dims.y);
-    // The first particle of each plane of voxels along z, so that planes can be filled in parallel.
+    // The index of the first particle of each plane of voxels across z, so that planes can be filled in
+    // parallel.
     std::vector<std::size_t> begin(std::size_t(dims.z) + 1);
     bool several = false;
 #pragma omp parallel for reduction(|| : several)

@@ -11,31 +11,33 @@
 
 namespace voxspring {
 
-/// Spring groups of the paper: 6 face, 12 edge and 8 corner neighbours.
+/// The spring groups of the paper: springs to the 6 face, 12 edge and 8 corner neighbours of a voxel.
 enum class SpringGroup : std::uint8_t { face, edge, corner };
 
 inline constexpr int neighbour_count = 26;
 
-/// One direction of the stencil: the voxel offset that mask bit `bit` stands for.
+/// A direction from a voxel to one of its 26 neighbours: the voxel offset, and the mask bit that stands for
+/// it.
 struct Direction {
     int bit;
     glm::ivec3 offset;
     SpringGroup group;
 };
 
-/// All 26 directions in the order of neighbours.h, in which forces are summed. Element b has mask bit b.
+/// All 26 directions in the order of neighbours.h, in which the forces on a particle are summed. Element b
+/// has mask bit b.
 const std::array<Direction, neighbour_count>& directions();
 
-/// What a particle is made of. A spring between two materials has the `stiffness` of two half springs in
-/// series (spring.h). If a problem has only one material, Problem::group_stiffness is used instead of
-/// `stiffness`.
+/// What a particle is made of. A spring between two particles acts like two half springs in series, each with
+/// the `stiffness` of one particle's material (spring.h). If a problem has only one material,
+/// Problem::group_stiffness is used instead.
 struct Material {
     double mass = 1;       ///< of one particle
     double stiffness = 1;  ///< force per length
 };
 
-/// A regular grid with particles at the centres of its active voxels. x is the fastest axis. A network that
-/// lies on no grid has dims 0 and no masks.
+/// A regular grid with particles at the centres of its active voxels. x is the fastest axis. If a network of
+/// springs lies on no grid, dims are 0 and there are no masks.
 struct Lattice {
     glm::ivec3 dims{0};                ///< voxels along x, y, z
     glm::dvec3 spacing{1};             ///< distance between voxel centres along x, y, z
@@ -47,7 +49,7 @@ struct Lattice {
     }
     glm::ivec3 coordinates(std::uint32_t voxel_index) const;
     /// The index of a voxel's neighbour in `direction` minus the index of the voxel. Only the mask says
-    /// whether a spring leads to it.
+    /// whether a spring leads to the neighbour.
     std::ptrdiff_t stride(const Direction& direction) const;
 };
 
@@ -61,14 +63,15 @@ struct Spring {
     friend bool operator==(const Spring&, const Spring&) = default;
 };
 
-/// A tool that has taken hold of some particles. A spring of rest length 0 pulls each of them to where it
-/// would be if it had moved with the tool since then. If the tool has moved by d since then
+/// A tool that has taken hold of some particles. A spring of rest length 0 pulls each of them towards the
+/// place where it would be if it had moved with the tool. If the tool has moved by d since it took hold
 /// (ToolFacet::move_tool()), the force on a particle is
 ///
 ///     stiffness (held + d - u)
 ///
 /// where u is the particle's displacement and `held` was its displacement when the tool took hold. The force
-/// on the tool is minus the sum of these. The tool may hold pinned particles, and no cut frees what it holds.
+/// on the tool is minus the sum of these forces. The tool may hold pinned particles, and no cut frees the
+/// particles that it holds.
 struct Tool {
     std::vector<std::uint32_t> particles;  ///< ascending, each once; empty: there is no tool
     std::vector<glm::dvec3> held;          ///< per particle: displacement when the tool took hold; empty: 0
@@ -77,29 +80,31 @@ struct Tool {
     glm::dvec3 held_at(std::size_t n) const { return held.empty() ? glm::dvec3(0) : held[n]; }
 };
 
-/// Everything that does not change while a simulation runs. Particles are in canonical order: active voxels
-/// only, x fastest. Vectors that a scene does not need are empty, so that a backend can skip their work.
+/// Everything in a simulation that steps do not change. Particles on a lattice are in canonical order: active
+/// voxels only, x fastest. Vectors that a scene does not need are empty, so that a backend can skip their
+/// work.
 struct Problem {
     std::vector<glm::dvec3> rest_position;  ///< one per particle
     std::vector<Material> materials{1};     ///< at least one
     std::vector<std::uint8_t> material;     ///< one per particle, index into `materials`; empty: 0 for all
     std::vector<std::uint8_t> pinned;       ///< one per particle, 1 = does not move; empty: none is pinned
-    /// The particles of a part of a body that another part steps (layout/decomposition.h), ascending. All are
-    /// pinned.
+    /// If the problem is a part of a body (layout/decomposition.h): the particles that other parts step,
+    /// ascending. All of them are pinned.
     std::vector<std::uint32_t> ghosts;
     std::vector<glm::dvec3> load;  ///< one per particle, constant force; empty: none
-    Tool tool;                     ///< if it holds particles, `load` is not empty (take_hold())
+    Tool tool;                     ///< if it holds particles, take_hold() has filled `load`
 
     Lattice lattice;
-    /// Rest length of each direction of the lattice, by mask bit.
+    /// Rest length of the lattice springs in each direction, by mask bit.
     std::array<double, neighbour_count> rest_length{};
     /// Stiffness of each spring group of the lattice, used if there is only one material.
     std::array<double, 3> group_stiffness{1, 1, 1};
-    /// The mask bits of all directions of the spring groups in use. Masks have no other neighbour bits.
+    /// The mask bits of all directions of the spring groups in use. No mask has other neighbour bits.
     std::uint32_t group_bits = 0;
 
-    /// Springs beyond the lattice: sutures between particles that are no grid neighbours, or all springs of
-    /// an unstructured network. Backends with implicit addressing refuse a problem that has any.
+    /// Springs beyond the lattice: sutures between particles that are no grid neighbours, sutures with a
+    /// stiffness that no lattice spring has, or all springs of a network without a lattice. Backends with
+    /// implicit addressing refuse a problem that has any.
     std::vector<Spring> springs;
 
     glm::dvec3 gravity{0};  ///< acceleration
@@ -111,7 +116,8 @@ struct Problem {
         return materials[material.empty() ? 0 : material[particle]];
     }
     bool is_pinned(std::size_t particle) const { return !pinned.empty() && pinned[particle] != 0; }
-    /// Whether there are several materials: a spring then takes its stiffness from its two particles.
+    /// Whether there are several materials. If so, a lattice spring takes its stiffness from its two
+    /// particles.
     bool has_materials() const { return !material.empty(); }
     bool has_gravity() const { return gravity != glm::dvec3(0); }
     bool has_tool() const { return !tool.particles.empty(); }
@@ -119,17 +125,17 @@ struct Problem {
     double spring_stiffness(std::size_t particle, std::size_t neighbour, const Direction& direction) const;
     /// The force of a spring is computed with at least this squared distance between its ends, so that
     /// coincident particles give no NaN (spring.h). It is (1e-6 s)^2, where s is the shortest spacing of the
-    /// lattice or, without a lattice, the shortest rest length that is not 0.
+    /// lattice or, without a lattice, the shortest rest length that is not 0; if there is none, s is 1.
     double shortest_squared() const;
 };
 
-/// A spring at rest, as the particle i at one end sees particle j at the other. X: rest position.
+/// How a spring lies at rest, seen from its end i; its other end is j. X: rest position.
 struct RestSpring {
     glm::dvec3 offset{0};  ///< X_i - X_j
     double length = 0;     ///< l
     double deficit = 0;    ///< l^2 - |offset|^2; exactly 0 if l is the rounded |offset|
 };
-/// How the spring from particle i of a lattice to its neighbour j in `direction` lies at rest.
+/// How a lattice spring from particle i to its neighbour j in `direction` lies at rest.
 RestSpring rest_spring(const Problem& problem, const Direction& direction);
 /// How `spring` lies at rest, seen from particle i = `spring.first`.
 RestSpring rest_spring(const Problem& problem, const Spring& spring);
@@ -142,12 +148,14 @@ struct SpringCounts {
 };
 SpringCounts count_springs(const Problem& problem);
 
-/// Every spring once: lattice springs by `first`, then by direction; then springs beyond the lattice.
+/// Lists every spring once: first lattice springs, ordered by `first` and then by direction; then springs
+/// beyond the lattice.
 std::vector<Spring> list_springs(const Problem& problem);
-/// The springs of list_springs() at rest, in that order. At rest a lattice spring lies along its direction.
+/// How the springs of list_springs() lie at rest, in the same order. For a lattice spring the offset follows
+/// from its direction, not from positions.
 std::vector<RestSpring> list_rest_springs(const Problem& problem);
 
-/// Stands for a voxel without a particle.
+/// Stands for the particle of a voxel that has none.
 inline constexpr std::uint32_t no_particle = 0xFFFFFFFFu;
 /// The particle in each voxel, or `no_particle`.
 std::vector<std::uint32_t> particle_of_voxel(const Lattice& lattice);
@@ -161,8 +169,8 @@ void visit_directions(std::uint32_t mask, Visit visit) {
         visit(by_bit[std::size_t(std::countr_zero(bits))]);
 }
 
-/// Visits the springs of a lattice without making a list, for which memory would not suffice at 10^8
-/// particles. Without a lattice it visits none.
+/// Visits the springs of a lattice one by one. A list of them would not fit into memory at 10^8 particles.
+/// Without a lattice it visits none.
 class LatticeSprings {
 public:
     explicit LatticeSprings(const Problem& problem);
@@ -170,20 +178,21 @@ public:
     /// The particle in each voxel, or `no_particle`.
     const std::vector<std::uint32_t>& particle_by_voxel() const { return particle_; }
 
-    /// Calls visit(j, direction) for each spring from i to a later particle j, in the order of
+    /// Calls visit(j, direction) for each spring from i to a later particle j (j > i), in the order of
     /// list_springs().
     template <class Visit>
     void of(std::size_t i, Visit visit) const {
         visit_neighbours(i, later_bits, visit);
     }
-    /// Calls visit(j, direction) for each spring of particle i, to particle j, in the order of neighbours.h.
+    /// Calls visit(j, direction) for each spring from particle i to a particle j, in the order of
+    /// neighbours.h.
     template <class Visit>
     void all_of(std::size_t i, Visit visit) const {
         visit_neighbours(i, all_bits, visit);
     }
 
 private:
-    // Mask bits: all 26 neighbours, and the neighbours that come later in canonical order (odd bits).
+    // Mask bits: all 26 neighbours, and those 13 that come later in canonical order (odd bits).
     static constexpr std::uint32_t all_bits = 0x03FFFFFF, later_bits = 0x02AAAAAA;
 
     template <class Visit>
@@ -202,8 +211,8 @@ private:
     std::array<std::ptrdiff_t, neighbour_count> stride_{};
 };
 
-/// The moving part of a simulation, in float64 and canonical order. A backend that keeps displacements can
-/// return them without loss.
+/// The positions and velocities of a simulation, in float64 and canonical order, as differences. A backend
+/// that stores displacements can return them without loss.
 struct State {
     // One element per particle. An empty list stands for zeros and takes no memory.
     std::vector<glm::dvec3> displacement;  ///< x(t) - rest position
@@ -215,14 +224,15 @@ struct State {
     glm::dvec3 increment_of(std::size_t particle) const {
         return increment.empty() ? glm::dvec3(0) : increment[particle];
     }
-    /// This state without empty lists: both have one element for each of `particles` particles.
+    /// This state with both lists filled in: each has one element for each of `particles` particles.
     State in_full(std::size_t particles) const;
 };
 
-/// All particles at their rest position and at rest, with one element per particle in both lists.
+/// The state in which all particles are at their rest position and do not move. Both lists have one element
+/// per particle.
 State state_at_rest(const Problem& problem);
 
-/// The input of make_lattice_problem: labels of a voxel grid.
+/// The input of make_lattice_problem(): labels of a voxel grid.
 struct VoxelGrid {
     glm::ivec3 dims{0};
     glm::dvec3 spacing{1};
@@ -230,16 +240,16 @@ struct VoxelGrid {
     std::vector<std::uint8_t> label;
 };
 
-/// Makes particles at the centres of the active voxels and springs to the active neighbours of the chosen
-/// groups. The caller fills in materials, pins, loads, gravity, damping and time step; for pins it calls
-/// pin(), which keeps masks and list consistent.
+/// Makes particles at the centres of the active voxels, and springs between neighbours of the groups in
+/// `group_bits`. The caller fills in materials, pins, loads, gravity, damping and time step. For pins it
+/// calls pin(), which changes both Problem::pinned and the masks.
 Problem make_lattice_problem(const VoxelGrid& grid, std::uint32_t group_bits);
 
 /// Pins the particles for which `pinned` (one per particle) is not zero, and no others.
 void pin(Problem& problem, std::vector<std::uint8_t> pinned);
 
-/// Gives the problem a tool, and loads of zero if it has none. A step adds the tool's forces to the loads, so
-/// that a problem without a tool pays nothing for tools.
+/// Gives the problem a tool and, if it has no loads, loads of zero. A step adds the tool's forces to the
+/// loads, so a problem without a tool needs no extra work.
 void take_hold(Problem& problem, Tool tool);
 
 }  // namespace voxspring

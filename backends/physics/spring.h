@@ -1,6 +1,6 @@
-// The integrators, written once for every language and precision, and the spring force with an IEEE root, as
-// processors compute it. GPUs use the spring force of inverse_root.h. From Rasmusson, Mosegaard and Sorensen
-// (2008), section 2, in the formulations of formulation.h.
+// The integrators, for every language and precision, and the spring force with an IEEE square root, which
+// backends on the processor use. GPUs use the spring force of inverse_root.h. The formulas are those of
+// Rasmusson, Mosegaard and Sorensen (2008), section 2, in the variables of formulation.h.
 #ifndef VOXSPRING_SPRING_H
 #define VOXSPRING_SPRING_H
 
@@ -28,10 +28,10 @@ spring_force(Vec3 offset, Real rest_length, Real stiffness, Real shortest_square
     return force;
 }
 
-/// force_density() by a formula that is zero to the bit at rest. `relative` is u_i - u_j and `rest_offset`
-/// X_i - X_j, so d = rest_offset + relative. With `rest_deficit` = l^2 - |X_i - X_j|^2, which is zero if rest
-/// is free of stress, l^2 - |d|^2 = rest_deficit - relative.(2 rest_offset + relative) and l - |d| = (l^2 -
-/// |d|^2) / (l + |d|). So no difference of nearly equal lengths is left.
+/// force_density() by a formula that gives exactly zero at rest if rest is free of stress. `relative` is u_i
+/// - u_j and `rest_offset` X_i - X_j, so d = rest_offset + relative. `rest_deficit` = l^2 - |X_i - X_j|^2 is
+/// zero if rest is free of stress. Then l^2 - |d|^2 = rest_deficit - relative.(2 rest_offset + relative), and
+/// l - |d| = (l^2 - |d|^2) / (l + |d|). So the formula subtracts no two nearly equal lengths.
 SHARED(Real)
 strain_density(Vec3 relative, Vec3 rest_offset, Real rest_length, Real rest_deficit, Real stiffness,
                Real shortest_squared) {
@@ -42,7 +42,7 @@ strain_density(Vec3 relative, Vec3 rest_offset, Real rest_length, Real rest_defi
     return density;
 }
 
-/// The force of the spring of strain_density() on particle i.
+/// Force of one spring on particle i, from strain_density().
 SHARED(Vec3)
 strain_force(Vec3 relative, Vec3 rest_offset, Real rest_length, Real rest_deficit, Real stiffness,
              Real shortest_squared) {
@@ -51,22 +51,23 @@ strain_force(Vec3 relative, Vec3 rest_offset, Real rest_length, Real rest_defici
     return force;
 }
 
-/// Force of a tool (problem.h) on a particle that it holds. `here` + `here_low` is the particle's place,
-/// `anchor` is its place when the tool took hold, and `moved` is how far the tool has moved since then.
+/// Force of a tool (problem.h) on a particle that it holds. `here` + `here_low` is the particle's position or
+/// displacement, `anchor` is what it was when the tool took hold, and `moved` is how far the tool has moved
+/// since then.
 SHARED(Vec3)
 hold_force(Vec3 anchor, Vec3 here, Vec3 here_low, Vec3 moved, Real stiffness) {
     PRECISE Vec3 force = (((anchor - here) - here_low) + moved) * stiffness;
     return force;
 }
 
-/// Stiffness of a spring between two materials: half a spring of each in series, 2 / (1/k_a + 1/k_b). A
-/// compliance is 1 / k.
+/// Stiffness of a spring between two materials a and b: half a spring of each in series, 2 / (1/k_a + 1/k_b).
+/// A compliance is 1 / k.
 SHARED_SCALAR(Real)
 series_stiffness(Real compliance_a, Real compliance_b) { return Real(2) / (compliance_a + compliance_b); }
 
-/// Verlet with ad-hoc damping, x + (1 - lambda)(x - x_previous) + (f / m + g) dt^2. This is the paper's (2 -
-/// lambda) x - (1 - lambda) x_previous + f / m dt^2 without the bias that comes from rounding 2 - lambda and
-/// 1 - lambda separately. `retained` is 1 - lambda.
+/// Verlet with ad-hoc damping: x + (1 - lambda)(x - x_previous) + (f / m + g) dt^2. In exact arithmetic this
+/// equals the paper's (2 - lambda) x - (1 - lambda) x_previous + f / m dt^2, but it has no bias from rounding
+/// 2 - lambda and 1 - lambda separately. `retained` is 1 - lambda.
 SHARED(Vec3)
 next_position(Vec3 x, Vec3 previous, Vec3 force, Real inverse_mass, Vec3 gravity, Real retained,
               Real time_step_squared) {
@@ -95,7 +96,7 @@ increment_change(Vec3 increment, Vec3 force, Real inverse_mass, Vec3 gravity, Re
     return change;
 }
 
-/// What rounding removed from `sum` = a + b, exactly (Knuth's TwoSum).
+/// The exact rounding error of `sum` = a + b, that is, a + b minus the rounded sum (Knuth's TwoSum).
 SHARED_VECTOR(Vec3)
 sum_error(Vec3 a, Vec3 b, Vec3 sum) {
     PRECISE Vec3 b_taken = sum - a;
@@ -104,8 +105,8 @@ sum_error(Vec3 a, Vec3 b, Vec3 sum) {
     return error;
 }
 
-/// The low part of (high + low) + (added + added_low): what split_high() leaves of the sum. A compiler shares
-/// the common work of the two functions.
+/// The low part of the sum (high + low) + (added + added_low): the rest that split_high() does not represent.
+/// A compiler shares the common work of the two functions.
 SHARED_VECTOR(Vec3)
 split_low(Vec3 high, Vec3 low, Vec3 added, Vec3 added_low) {
     PRECISE Vec3 sum = high + added;
@@ -115,7 +116,7 @@ split_low(Vec3 high, Vec3 low, Vec3 added, Vec3 added_low) {
     return left;
 }
 
-/// The high part of the sum that split_low() describes: the number nearest to it.
+/// The high part of the sum (high + low) + (added + added_low): the sum rounded to one number.
 SHARED_VECTOR(Vec3)
 split_high(Vec3 high, Vec3 low, Vec3 added, Vec3 added_low) {
     PRECISE Vec3 sum = high + added;

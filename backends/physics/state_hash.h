@@ -1,8 +1,8 @@
-// The hash by which a device tells whether two of its states have the same bits, for C++, CUDA and GLSL.
+// The hash by which a device compares two of its states bit by bit, for C++, CUDA and GLSL.
 //
-// Each word of 32 bits is mixed with its place, and the results are added up. The sum does not depend on the
-// order in which threads add. Different words at one place always give different results, so a single wrong
-// word always shows. The hash consists of two sums, each with its seed.
+// Each word of 32 bits is mixed with its place in the state, and the results are added up. The sum does not
+// depend on the order in which threads add. Different words at one place always give different results, so a
+// single wrong word always changes the sum. The hash consists of two such sums with different seeds.
 #ifndef VOXSPRING_STATE_HASH_H
 #define VOXSPRING_STATE_HASH_H
 
@@ -20,8 +20,8 @@ using HashWord = unsigned;
 #define HASH_FUNCTION VOXSPRING_HOST_DEVICE inline HashWord
 #endif
 
-/// A bijection under which every bit of the argument changes about half of the bits of the result (Wellons,
-/// "lowbias32").
+/// A one-to-one mapping of words in which every bit of the argument changes about half of the bits of the
+/// result (Wellons, "lowbias32").
 HASH_FUNCTION mixed_word(HashWord word) {
     word = (word ^ (word >> 16)) * 0x7FEB352Du;
     word = (word ^ (word >> 15)) * 0x846CA68Bu;

@@ -1,15 +1,15 @@
-// Rounds numbers to a backend's precision, for code that goes on to use what the rounding lost.
+// Rounds numbers to a backend's precision, for code that needs the rounding error.
 //
-// At -O2 and -O3, the vectoriser of GCC 12 for straight-line code leaves out both conversions of
-// double(float(x)) if they are done for two neighbouring numbers. Then x - double(float(x)) is 0. A plain
-// conversion to float is safe if its result is not widened again.
+// At -O2 and -O3, GCC 12 vectorises straight-line code wrongly: it leaves out both conversions of
+// double(float(x)) if they are done for two neighbouring numbers, so that x - double(float(x)) is 0. A plain
+// conversion to float is safe if its result is not converted back to double.
 #pragma once
 
 #include <glm/vec3.hpp>
 
 namespace voxspring {
 
-/// `value` rounded to Real. The volatile object keeps an optimiser from leaving the rounding out.
+/// `value` rounded to Real. Because the object is volatile, the compiler cannot leave the rounding out.
 template <class Real>
 double stored_as(double value) {
     const volatile Real stored = Real(value);
