@@ -1,5 +1,6 @@
-// The arguments of the brick kernel (cuda/kernels/brick.h): how a block covers its brick of the lattice,
-// where a particle lies in shared memory, and the springs of a thread's tile in the order of its masks' bits.
+// The arguments of the brick kernel (cuda/kernels/brick.h), whose blocks each step one brick, a box of the
+// lattice: how a block covers its brick, where a particle lies in shared memory, and the springs that each
+// thread evaluates, in the order of the bits of its masks.
 #pragma once
 
 #include "backends/layout/records/march.h"
@@ -13,22 +14,23 @@ namespace voxspring::layout {
 struct BrickShape {
     int tx, ty, tz;
     int wx, wy, wz;
-    /// Whether bricks may have neighbours on both sides along x. If not, only where X ends.
+    /// Whether a brick may have neighbouring bricks on both sides along x. If not, it may have one only where
+    /// X ends.
     bool both;
     int row_pad, plane_pad;  ///< padding words that put lanes into different banks
 
     VOXSPRING_HOST_DEVICE constexpr int tile() const { return tx * ty * tz; }
     VOXSPRING_HOST_DEVICE constexpr int threads() const { return wx * wy * wz; }
-    /// The threads, rounded up to whole warps. The last lanes may have no tile.
+    /// The number of threads, rounded up to whole warps. The last lanes may have no tile.
     VOXSPRING_HOST_DEVICE constexpr int lanes() const { return (threads() + 31) / 32 * 32; }
     VOXSPRING_HOST_DEVICE constexpr int nx() const { return tx * wx; }
     VOXSPRING_HOST_DEVICE constexpr int ny() const { return ty * wy; }
     VOXSPRING_HOST_DEVICE constexpr int nz() const { return tz * wz; }
 
     // In shared memory a row of particles is ordered by i: the i-th particles of all tiles lie side by side,
-    // so that lanes whose tiles are in one row use different banks. The frame is the points around the brick.
-    // Its point at X = nx is stored after the particles with i = 0. Its point at X = -1, only where there are
-    // both, is stored before those with i = tx - 1.
+    // so that lanes whose tiles are in one row use different banks. The frame is the layer of points around
+    // the brick. The frame's point at X = nx is stored after the particles with i = 0. If `both` is true, the
+    // frame's point at X = -1 is stored before the particles with i = tx - 1.
     VOXSPRING_HOST_DEVICE constexpr int column(int i) const {
         const int of = i < 0     ? tx - 1
                        : i == tx ? 0
@@ -40,39 +42,41 @@ struct BrickShape {
     VOXSPRING_HOST_DEVICE constexpr int pitch() const { return row_length() + row_pad; }
     VOXSPRING_HOST_DEVICE constexpr int plane() const { return (ny() + 2) * pitch() + plane_pad; }
     VOXSPRING_HOST_DEVICE constexpr int axis() const { return (nz() + 2) * plane(); }
-    /// Number of words in each half of the memory for points. Steps alternate between the two halves.
+    /// The number of words in each half of the shared memory for points. Steps use the two halves in turn.
     VOXSPRING_HOST_DEVICE constexpr int half() const { return 3 * axis(); }
-    /// One word before the first row, since the point at X = -1 may be read there.
+    /// The number of words before the first row: the word before the row may be read in place of a point at X
+    /// = -1.
     static constexpr int guard = 1;
     VOXSPRING_HOST_DEVICE constexpr int shared_words() const { return guard + 2 * half(); }
     VOXSPRING_HOST_DEVICE constexpr int shared_bytes() const { return int(sizeof(float)) * shared_words(); }
 
-    /// The slot of a particle: the index in shared memory, in words, of its x in the first half (half()). The
-    /// particle has coordinate i along x in its tile, which is number `tile_x` along x. Y and Z are
-    /// coordinates in the brick.
+    /// The slot of a particle, which is the index in shared memory, in words, of its x in the first half
+    /// (half()). The particle has coordinate i along x in its tile, and the tile is number `tile_x` along x
+    /// in the brick. Y and Z are coordinates in the brick.
     VOXSPRING_HOST_DEVICE constexpr int slot(int tile_x, int i, int Y, int Z) const {
         return guard + (Z + 1) * plane() + (Y + 1) * pitch() + column(i) + tile_x;
     }
-    /// The slot of point (X, Y, Z), the frame included.
+    /// The slot of point (X, Y, Z), which may lie in the frame.
     VOXSPRING_HOST_DEVICE constexpr int slot_of(int X, int Y, int Z) const {
         if (X < 0) return slot(0, -1, Y, Z);
         if (X == nx()) return slot(wx - 1, tx, Y, Z);
         return slot(X / tx, X % tx, Y, Z);
     }
 
-    /// The sides of a tile, as bits, that the way from the tile to point (i, j, k) crosses. Only sides at
-    /// which the body may end count. At j = -1 and k = -1 it goes on, since tiles are mirrored (TilePlace).
+    /// The sides of a tile, as bits, that a spring from the tile to point (i, j, k) crosses. The sides at j =
+    /// -1 and k = -1 do not count: tiles are mirrored (TilePlace), so that the body goes on there unless the
+    /// brick is one tile thick.
     VOXSPRING_HOST_DEVICE constexpr std::uint32_t crossed(int i, int j, int k) const {
         return (i < 0 ? 1U : 0U) | (i == tx ? 2U : 0U) | (j == ty ? 4U : 0U) | (k == tz ? 8U : 0U);
     }
     static constexpr std::uint32_t sides = 4;  ///< number of bits of crossed()
 
-    /// The number of a particle in its tile.
+    /// The number of particle (i, j, k) in its tile.
     VOXSPRING_HOST_DEVICE constexpr int number(int i, int j, int k) const { return (k * ty + j) * tx + i; }
     bool operator==(const BrickShape&) const = default;
 };
 
-/// Sides of a brick that have another brick beside them, as bits.
+/// Bits for the sides of a brick. A bit is set if another brick lies beside that side.
 inline constexpr std::uint32_t brick_low_x = 1, brick_high_x = 2, brick_low_y = 4, brick_high_y = 8,
                                brick_low_z = 16, brick_high_z = 32;
 
@@ -83,18 +87,19 @@ struct BrickBlock {
     bool operator==(const BrickBlock&) const = default;
 };
 
-/// Where a thread's tile lies. A tile is mirrored along y or z if that puts the border of the brick at the
-/// tile's far end. Points of other blocks are then always needed at that end, and are used late in a step.
+/// Where a thread's tile lies. A tile is mirrored along y or z if that puts the surface of the brick at the
+/// tile's far end (j = ty - 1, k = tz - 1). So points of other blocks are always needed beyond the far end,
+/// and the springs to these points are added late in a step.
 struct TilePlace {
-    int slot;                 ///< slot of the tile's particle (0, 0, 0), in the first half and axis
+    int slot;                 ///< slot of the tile's particle (0, 0, 0) (BrickShape::slot())
     int sy, sz;               ///< slots from one j to the next, and from one k to the next
     int dx, dy, dz;           ///< 1, or -1 where i, j or k runs against the lattice
     int x, y, z;              ///< voxel of the tile's particle (0, 0, 0)
-    std::uint32_t published;  ///< bit number(i, j, k): the particle is at a border of the brick
+    std::uint32_t published;  ///< bit number(i, j, k): another brick lies beside the particle
 
     VOXSPRING_HOST_DEVICE TilePlace(BrickShape shape, const BrickBlock& block, int thread) {
-        // Rows of tiles that follow each other along z belong to successive threads. plane_pad separates
-        // their banks.
+        // Successive threads have a row of tiles along x, then the next row along z. plane_pad puts these
+        // rows into different banks.
         const int tile_x = thread % shape.wx, tile_z = thread / shape.wx % shape.wz,
                   tile_y = thread / (shape.wx * shape.wz);
         const bool turned_y = is_mirrored(tile_y, shape.wy, (block.sides & brick_low_y) != 0),
@@ -137,7 +142,7 @@ struct TilePlace {
 private:
     static VOXSPRING_HOST_DEVICE bool is_mirrored(int tile, int tiles, bool low) {
         if (tiles == 1) return low;
-        // If the number of tiles is even, every other one is mirrored, so that lanes beside each other in y
+        // If the number of tiles is even, every second one is mirrored, so that lanes beside each other in y
         // or z are in different banks.
         return tiles % 2 == 0 ? tile % 2 == 0 : tile == 0;
     }
@@ -146,32 +151,34 @@ private:
     }
 };
 
-/// A poller, a thread that waits for points of other blocks, looks up all its polls at once and keeps them in
-/// registers if it has fewer than kept_polls. Other pollers look up polls_in_turn at a time.
+/// A poller is a thread that only polls: it waits for points of other blocks. If it has fewer than kept_polls
+/// polls (BrickPoll), it looks them all up at once and keeps them in registers. Otherwise it looks up
+/// polls_in_turn at a time.
 inline constexpr int kept_polls = 10, polls_in_turn = 6;
 
 /// A point that a block needs from another block.
 struct alignas(8) BrickPoll {
-    std::uint32_t from;  ///< element of the lattice; resident_none: no poll
-    std::uint32_t slot;  ///< where the block stores the point, in the first half and axis
+    std::uint32_t from;  ///< index of the point's lattice element; resident_none: no poll
+    std::uint32_t slot;  ///< where the block stores the point (BrickShape::slot())
     bool operator==(const BrickPoll&) const = default;
 };
 
-/// The bits of a thread's masks, from the lowest on: one per spring of visit_brick_springs(), first the
-/// `early` ones, visited with `late` false; one per particle of the tile, set if it moves; and one per
-/// particle, set if it exists. After the words of bits comes one word, a TileSides.
+/// The bits of a thread's masks, from the lowest on: one per spring of visit_brick_springs(), set if the
+/// spring exists, first the `early` springs that need no point of another block (visited with `late` false);
+/// one per particle of the tile, set if it moves; and one per particle, set if it exists. After the words of
+/// bits comes one more word, a TileSides.
 struct BrickMask {
     int early, springs, particles;
     VOXSPRING_HOST_DEVICE constexpr int moves(int n) const { return springs + n; }
     VOXSPRING_HOST_DEVICE constexpr int exists(int n) const { return springs + particles + n; }
-    /// The number of words of bits, which is also the index of the word of TileSides.
+    /// The number of words of bits. The word after them, which has this index, is a TileSides.
     VOXSPRING_HOST_DEVICE constexpr int words() const { return (springs + 2 * particles + 31) / 32; }
     VOXSPRING_HOST_DEVICE constexpr int words_in_all() const { return words() + 1; }
 };
 
-/// Summarises the masks of a thread. Bit `plain`: the tile is full and has all springs, except those across
-/// some of its sides. Otherwise no bit is set. Bit n: the tile has the springs for which
-/// BrickShape::crossed() is n.
+/// Summarises the masks of a thread. Bit `plain` is set if the tile has all its particles and has all
+/// springs, except those across some of its sides. Then bit n is set if the tile has the springs for which
+/// BrickShape::crossed() is n. If the tile is not plain, no bit is set.
 struct TileSides {
     static constexpr std::uint32_t plain = 1U << 31U;
     std::uint32_t bits;
@@ -187,28 +194,29 @@ struct BrickStep : MarchStep<float> {
     const BrickBlock* blocks;
     const std::uint32_t* masks;  ///< BrickMask::words_in_all() per lane, `lane_count` apart
     std::uint32_t lane_count;    ///< number of lanes of all blocks together
-    const BrickPoll* polls;      ///< rounds x blocks x pollers
-    /// 2 x `axis` points: two halves, between which steps alternate, each indexed by lattice element.
+    const BrickPoll* polls;      ///< ordered by round, then by block, then by poller
+    /// Through these 2 x `axis` points blocks send each other points. Steps use two halves in turn; each half
+    /// is indexed by lattice element.
     TaggedPoint* exchange;
-    float* increments;  ///< if not in registers: BrickTile::increment_words per block
+    float* increments;  ///< BrickTile::increment_words per block; used if not in registers
     /// How many blocks have read the state with which their launch starts, counted over all launches.
     std::uint32_t* started_blocks;
     WaitLimit wait;
     bool operator==(const BrickStep&) const = default;
 };
 
-/// Whether a neighbour at offset (x, y, z), each -1, 0 or 1, shares a face or an edge. Bricks have no other
-/// springs.
+/// Whether a neighbour at offset (x, y, z), each -1, 0 or 1, shares a face or an edge with a voxel. Bricks
+/// have no other springs.
 VOXSPRING_HOST_DEVICE constexpr bool is_face_or_edge(int x, int y, int z) {
     const int squared = x * x + y * y + z * z;
     return squared == 1 || squared == 2;
 }
 
-/// Visits every spring that a thread evaluates, each with its bit; bits begin at `bit`. Springs to points
-/// beyond a side where another block may begin are visited only if `late` is true, all others only if it is
-/// false. visit.both(bit, i, j, k, i2, j2, k2) is a spring between two particles of the tile. visit.half(...)
-/// is a spring from a particle of the tile to a point of another tile, whose thread evaluates it too. Returns
-/// the bit after the last one.
+/// Visits the springs that a thread evaluates, each with its mask bit; bits begin at `bit`. If `late` is
+/// true, it visits the springs to points beyond a side where another block may begin; otherwise all others.
+/// visit.both(bit, i, j, k, i2, j2, k2) is a spring between two particles of the tile. visit.half(...) is a
+/// spring from a particle of the tile to a point of another tile, whose thread evaluates it too. Returns the
+/// bit after the last one.
 template <int tx, int ty, int tz, bool both_x, bool late, class Visit>
 VOXSPRING_HOST_DEVICE constexpr int visit_brick_springs(Visit& visit, int bit) {
     UNROLLED

@@ -6,10 +6,10 @@
 
 namespace voxspring::layout {
 
-/// Particles per slice: those that a warp steps.
+/// The number of particles in a slice. A slice is a run of successive particles that one warp steps.
 inline constexpr int slice_particles = 32;
 
-/// The eight rows of particles around a particle's own row, by (dy, dz). The four that share a face with it
+/// The eight rows of voxels along x around a particle's own row, by (dy, dz). The four rows beside its faces
 /// come first.
 inline constexpr int row_count = 8;
 // clang-format off
@@ -17,7 +17,7 @@ inline constexpr int row_count = 8;
     X(0, -1, 0) X(1, 1, 0) X(2, 0, -1) X(3, 0, 1) X(4, -1, -1) X(5, 1, 1) X(6, 1, -1) X(7, -1, 1)
 // clang-format on
 
-/// The number of row (dy, dz), or row_count for a particle's own row.
+/// The number of the row at (dy, dz), or row_count for the particle's own row.
 VOXSPRING_HOST_DEVICE constexpr int row_number(int dy, int dz) {
     int number = row_count;
 #define ROW(row, y, z) \
@@ -27,30 +27,32 @@ VOXSPRING_HOST_DEVICE constexpr int row_number(int dy, int dz) {
     return number;
 }
 
-/// What the particles of a slice share (cuda/kernels/delta.h).
+/// What the particles of a slice share. Successive particles share a list (RowDeltas) that says where their
+/// neighbours are (cuda/kernels/delta.h).
 struct alignas(16) Slice {
-    std::int32_t list;     ///< index of the list of the particle before the slice; -1: there is none
-    std::uint32_t starts;  ///< bit l: particle l begins the next list, which those after it share
-    /// Where the slice's springs beyond the lattice begin, counted in slots. A slot has slice_particles
-    /// elements.
+    std::int32_t list;     ///< index of the list of the particle before the slice; -1: no such particle
+    std::uint32_t starts;  ///< bit l: the next list serves particle l and those after it
+    /// Where the slice's springs beyond the lattice begin in their arrays, in units of slice_particles
+    /// elements: one slot of all particles of the slice.
     std::uint32_t off_lattice_begin;
     /// Slots per particle for springs beyond the lattice; 0: no particle of the slice has such a spring.
     std::uint32_t off_lattice_slots;
     bool operator==(const Slice&) const = default;
 };
 
-/// The deltas of four rows (RowDeltas).
+/// The deltas of four rows of a RowDeltas.
 struct alignas(16) FourDeltas {
     std::int32_t row[4];
     bool operator==(const FourDeltas&) const = default;
 };
 
-/// What to add to a particle's index to get the index of its neighbour at dx = 0 in each row. All particles
-/// of a run share these numbers. The neighbours at dx = -1 and dx = 1 have the indices before and after that.
+/// A list: for each row, what to add to a particle's index to get the index of its neighbour at dx = 0. All
+/// particles that share the list have the same deltas. The neighbours at dx = -1 and dx = 1 have the indices
+/// before and after that one.
 struct alignas(16) RowDeltas {
     FourDeltas rows[2];
-    /// Bit r: row r has neighbours at dx = -1 and dx = 1 but none at dx = 0. The neighbour at dx = 1 then has
-    /// the index that the one at dx = 0 would have.
+    /// Bit r is set if row r has neighbours at dx = -1 and dx = 1 but none at dx = 0. Then the neighbour at
+    /// dx = 1 has the index that a neighbour at dx = 0 would have.
     std::uint32_t gaps;
     std::uint32_t unused[3];
     bool operator==(const RowDeltas&) const = default;
@@ -62,8 +64,9 @@ struct DeltaStep : ImplicitStep<Real> {
     int particles;  ///< particle i is word first + i
     const Slice* slices;
     const RowDeltas* lists;
-    // Springs beyond the lattice. Null: there are none. Slot s of particle l of a slice is element
-    // (off_lattice_begin + s) slice_particles + l. An unused slot names its own particle, at stiffness 0.
+    // Springs beyond the lattice; null if there are none. Slot s of particle l of a slice is element
+    // (off_lattice_begin + s) slice_particles + l. In an unused slot the neighbour is the particle itself, at
+    // stiffness 0.
     const std::uint32_t* off_lattice_neighbour;
     const SpringConstants<Real>* off_lattice_constants;
     const SpringRest<Real>* off_lattice_rest;  ///< null in formulations on positions

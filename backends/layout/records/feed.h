@@ -8,8 +8,9 @@ namespace voxspring::layout {
 /// A particle of the picture. In GLSL: vec3, uint.
 template <class Real>
 struct alignas(4 * sizeof(Real)) FedWord {
-    Vector<Real>
-        rest;  ///< subtracted to get a displacement: the rest position, or 0 if displacements are stored
+    /// Subtracted from the stored vector to get a displacement: the rest position, or 0 if displacements are
+    /// stored.
+    Vector<Real> rest;
     std::uint32_t word;
     bool operator==(const FedWord&) const = default;
 };

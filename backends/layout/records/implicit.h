@@ -1,4 +1,5 @@
-// The argument of implicit addressing's kernels (cuda/kernels/implicit.h).
+// The argument of the kernels with implicit addressing, which find neighbours by their place in the lattice
+// (cuda/kernels/implicit.h).
 #pragma once
 
 #include "backends/layout/records/motion.h"
@@ -8,15 +9,16 @@ namespace voxspring::layout {
 /// Where a block of an implicit kernel starts, in voxels.
 struct alignas(16) BlockOrigin {
     int x, y, z;
-    /// Number of the block in the grid of blocks (BlockGrid of backends/layout/blocks.h).
+    /// Number of the block in the grid of blocks, which has a frame around the lattice (BlockGrid of
+    /// backends/layout/blocks.h).
     int place;
     bool operator==(const BlockOrigin&) const = default;
 };
 
-/// The blocks that are not at rest: this step takes the blocks in the list `now`, and fills the list `next`
-/// for the next step. A block's place is its number in the grid of blocks. The grid has a frame around the
-/// lattice, so that each block has 26 neighbouring places. A place without particles stays marked, so it is
-/// never listed.
+/// The blocks that are not at rest, if blocks at rest are skipped: a step takes the blocks in the list `now`,
+/// and fills the list `next` for the next step. The place of a block is its number in the grid of blocks.
+/// This grid has a frame of blocks around the lattice, so that each block has 26 neighbouring places. A place
+/// without particles stays marked, so it is never listed.
 struct ActiveBlocks {
     int row, slice;          ///< places from a block to the next one along y, and along z
     const BlockOrigin* now;  ///< origins of the blocks to step, in any order
@@ -28,14 +30,14 @@ struct ActiveBlocks {
     std::uint32_t* next_marks;
     /// How many thread blocks have read now_count; zero before and after a step.
     unsigned* readers;
-    unsigned* taken;   ///< how many blocks the latest step took
-    bool only_checks;  ///< the step fills `next` but stores no particle
+    unsigned* taken;   ///< how many blocks the latest step has stepped
+    bool only_checks;  ///< the launch fills `next` but moves no particle
     bool operator==(const ActiveBlocks&) const = default;
 };
 
-/// Everything a step needs besides positions. Grid arrays are x fastest, with guard words on either side:
-/// voxel (x, y, z) is element first + x + nx (y + ny z), and the neighbours of any voxel, inside the lattice
-/// or not, are elements that may be read.
+/// Everything a step needs besides positions. An array over the grid has guard words before and after it:
+/// voxel (x, y, z) is element first + x + nx (y + ny z), and each of its 26 neighbours is an element that may
+/// be read, even if it lies outside of the lattice.
 template <class Real>
 struct ImplicitStep {
     int nx, ny, nz;
@@ -44,10 +46,10 @@ struct ImplicitStep {
     const BlockOrigin* origins;
     std::uint32_t group_bits;
     Vector<Real> spacing;
-    Real rest_length[13];    ///< for each pair of mask bits 2 b and 2 b + 1, as unit_pull() takes it
-    Real deficit[13];        ///< RestSpring::deficit of each such pair
+    Real rest_length[13];    ///< element b: of mask bits 2 b and 2 b + 1 (SpringConstants)
+    Real deficit[13];        ///< element b: l^2 - |offset|^2 of mask bits 2 b and 2 b + 1 (RestSpring)
     Real stiffness[3];       ///< of each spring group, if there is one material
-    const Real* compliance;  ///< 1 / stiffness of each voxel's material, if there are several
+    const Real* compliance;  ///< if there are several materials: 1 / stiffness per voxel
     Motion<Real> motion;
     ActiveBlocks active;  ///< for kernels that skip blocks at rest
     bool operator==(const ImplicitStep&) const = default;

@@ -23,10 +23,12 @@ struct Motion {
 /// What a step writes.
 template <class Real>
 struct Output {
-    /// x or u at t + dt. Before the step, in `position` and `displacement`, x or u at t - dt.
+    /// The array that gets x or u at t + dt. In formulations without increments a step also reads what is in
+    /// it before: x or u at t - dt.
     ParticleRecord<Real>* next;
-    ParticleRecord<Real>* next_low;  ///< low parts of `next` (`compensated`)
-    /// In formulations by increments v: x of all words, then y, then z, `pitch` apart. A step overwrites it.
+    ParticleRecord<Real>* next_low;  ///< low parts of `next`, in `compensated`
+    /// The increments v, in formulations by increments: x of all words, then y, then z, `pitch` elements
+    /// apart. A step overwrites them.
     Real* increment;
     Real* increment_low;
     std::size_t pitch;

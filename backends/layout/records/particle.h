@@ -1,5 +1,5 @@
-// A particle in memory: a vector, and the word that holds a position and its bits. C++ and NVRTC read this
-// file, like all files of this folder.
+// Vectors, and the word of 16 or 32 bytes in which memory holds a particle's position and bits. C++ and
+// NVRTC, the run-time compiler of CUDA, read this file, like all files of this folder.
 #pragma once
 
 #include <cstddef>
@@ -39,12 +39,13 @@ VOXSPRING_HOST_DEVICE Vector<Real> fused(Vector<Real> a, Real s, Vector<Real> b)
 inline constexpr std::uint32_t upper_half_of_one = 0x3FF00000u;
 
 /// A position (or displacement; formulation.h) and the bits that go with it, in one word of 16 or 32 bytes.
-/// The bits are a neighbour mask (implicit) or the counters of the particle's lists (explicit), in either
-/// case with ACTIVE_BIT and PINNED_BIT of neighbours.h. A word of low parts has no bits.
+/// In backends with implicit addressing the bits are a neighbour mask; with explicit addressing they count
+/// the entries of the particle's list. In either case they include ACTIVE_BIT and PINNED_BIT of neighbours.h.
+/// In the word for a position's low part (`compensated`) the bits are 0.
 ///
-/// Shaders and kernels move words as vectors of numbers, and the fourth number has the bits. It is a normal
-/// number, which no hardware flushes to zero: in float32 by ACTIVE_BIT; in float64 because the upper half of
-/// `bits` is that of 1.0, and particle_bits() is the lower half.
+/// Shaders and kernels move words as vectors of numbers, and the fourth number has the bits. It must be a
+/// normal number, so that no hardware flushes it to zero. In float32 ACTIVE_BIT makes it one. In float64 the
+/// upper half of `bits` is the upper half of 1.0, and the lower half is particle_bits().
 template <class Real>
 struct alignas(16) ParticleRecord {
     using Bits = std::conditional_t<sizeof(Real) == 4, std::uint32_t, std::uint64_t>;

@@ -7,59 +7,66 @@
 
 namespace voxspring::layout {
 
-/// A point on its way from block to block (cuda/kernels/exchange.h).
+/// A particle's position or displacement on its way from one block to another. The tag tells the reader
+/// whether the point has arrived (cuda/kernels/exchange.h).
 struct alignas(16) TaggedPoint {
     Vector<float> point;
     std::uint32_t tag;
 };
 
-/// Kinds of border of a warp: which of its springs wait for points of other blocks. Kind 2 y + z, with y and
-/// z 0 or 1: those at dy = 1 if y is 1, and those at dz = 1 if z is 1 (Across<y, z>). mixed_border: all.
+/// The border of a warp is the set of its springs that wait for points which other blocks send; kinds of
+/// border are numbered. In kind 2 y + z, with y and z 0 or 1, the springs at dy = 1 wait if y is 1, and the
+/// springs at dz = 1 wait if z is 1 (Across<y, z>). In kind mixed_border all springs wait.
 inline constexpr int mixed_border = 4;
 inline constexpr int border_kinds = 5;
-/// Across has borders at dy = 1 and dz = 1 only. A warp with a border at dy = -1 is mirrored along y: in its
-/// tables dy has the opposite sign. A border at dz = -1 is mirrored along z in the same way. So the warps of
-/// a block share the code of few kinds, which the instruction cache holds. An element of ResidentStep::border
-/// has the kind in the bits `border_kind_bits`, plus mirrored_y and mirrored_z if the warp is mirrored along
-/// these axes.
+/// The kinds above have no border at dy = -1 or dz = -1. A warp with a border at dy = -1 is mirrored along y:
+/// in its tables dy has the opposite sign. A warp with a border at dz = -1 is mirrored along z. So the warps
+/// of a block share the code of a few kinds, which the instruction cache holds. An element of
+/// ResidentStep::border is the kind, in the bits `border_kind_bits`, plus mirrored_y and mirrored_z if the
+/// warp is mirrored along these axes.
 inline constexpr int border_kind_bits = 7;
 inline constexpr int mirrored_y = 8;
 inline constexpr int mirrored_z = 16;
 
-/// How many mask bits stand for neighbours.
+/// The number of mask bits that stand for neighbours.
 inline constexpr int neighbour_bits = 26;
 
-/// A thread with one particle keeps that particle's slots in registers. A thread with several reads them anew
-/// in each step, this many at a time.
+/// A slot is the index of a point in the block's shared memory. A thread with one particle keeps the slots of
+/// that particle's neighbours in registers. A thread with several particles reads the slots anew in each
+/// step, this many at a time.
 inline constexpr int slots_together = 4;
 struct alignas(slots_together * sizeof(std::uint16_t)) SlotsTogether {
     std::uint16_t of[slots_together];
 };
-/// The index in ResidentStep::slot for mask bit `bit` of lane `at`. `together`: threads have several
-/// particles, so slots_together successive bits of a lane lie side by side.
+/// The index in ResidentStep::slot for mask bit `bit` of lane `at`, where a lane is a thread's place for one
+/// particle. `together`: threads have several particles, so that slots_together successive bits of a lane lie
+/// side by side.
 VOXSPRING_HOST_DEVICE constexpr std::size_t slot_index(int bit, std::size_t at, std::size_t lane_count,
                                                        bool together) {
     if (!together) return std::size_t(bit) * lane_count + at;
     return (std::size_t(bit / slots_together) * lane_count + at) * slots_together +
            std::size_t(bit % slots_together);
 }
-/// Set in ResidentStep::own_slot of a pinned particle, if threads have several particles.
+/// The bit of an element of ResidentStep::own_slot that marks a pinned particle, if threads have several
+/// particles.
 inline constexpr std::uint16_t pinned_slot = 1U << 15;
 
-/// Marks a lane without a particle, or a poll without a point.
+/// Marks a lane without a particle, or a poll (a wait for one point of another block) that waits for nothing.
 inline constexpr std::uint32_t resident_none = 0xFFFFFFFFu;
 
-/// Set in ResidentStep::polled_word if the poller that polls this ghost also stores it in memory at the end
-/// of a launch. Of the polls of one ghost, one has this bit.
+/// The bit of an element of ResidentStep::polled_word that makes a thread store a ghost in memory at the end
+/// of a launch. A ghost is a particle that another part of the body steps. Of all polls of one ghost, one has
+/// this bit.
 inline constexpr std::uint32_t keeps_ghost = 1U << 31;
 inline constexpr std::uint32_t resident_word_bits = keeps_ghost - 1;
 
-/// Set in ResidentLinks::sent if the point goes to the second of the two neighbours.
+/// The bit of an element of ResidentLinks::sent that is set if the point goes to the second of two
+/// neighbouring parts.
 inline constexpr std::uint32_t second_neighbour = 1U << 31;
 
-/// The block that waited in vain, and the step that it waited for, counted from the latest upload. If it
-/// waited for another part of the body, `step` is the number of the message. Both are packed into one word of
-/// 64 bits, so that they are written together.
+/// The block that waited in vain for another block, and the step that it waited for, counted from the latest
+/// upload. If it waited for another part of the body, `step` is the number of the message instead. Both are
+/// packed into one word of 64 bits, so that they are written together.
 struct ResidentStall {
     std::uint32_t block, step;
     static constexpr std::uint64_t set = std::uint64_t(1) << 63;
@@ -69,32 +76,36 @@ struct ResidentStall {
     }
 };
 
-/// How long a wait in a launch may last (cuda/kernels/wait.h).
+/// How long one wait in a launch may last, and where it is reported that a wait took longer
+/// (cuda/kernels/wait.h).
 struct WaitLimit {
     std::uint64_t* stall;       ///< in the host's memory: a packed ResidentStall, or 0
     std::uint64_t nanoseconds;  ///< limit of one wait
     bool operator==(const WaitLimit&) const = default;
 };
-/// The limit is long: a step takes microseconds, but another process may have the card for some time slices.
+/// The limit of a wait. It is long because another process may have the card for some time slices, although a
+/// step takes only microseconds.
 inline constexpr std::uint64_t max_wait_nanoseconds = 10'000'000'000;
 
-/// Everything a resident launch needs. The lattice of the base class is not used.
+/// Everything that a launch of the resident kernel needs. The lattice of the base class is not used.
 struct ResidentStep : ImplicitStep<float> {
     // Arrays with one element per lane. A lane is a thread's place for one particle; all threads have the
     // same number of lanes.
     const std::uint32_t* particle;  ///< index of the particle's word
-    /// Index in `exchange`, if other blocks need the particle; otherwise resident_none.
+    /// The index in `exchange` of a particle that other blocks need; resident_none for other particles.
     const std::uint32_t* published;
     const std::uint16_t* own_slot;
-    /// Per mask bit (slot_index()): the slot of the neighbour, or the lane's own slot if there is none.
+    /// For each mask bit (slot_index()): the slot of the neighbour, or the lane's own slot if no spring leads
+    /// there.
     const std::uint16_t* slot;
-    const std::uint8_t* border;  ///< one per warp: its kind of border, and how the warp is mirrored
-    // Arrays with one element per poll, in all rounds x blocks x pollers:
+    const std::uint8_t* border;  ///< one per warp: kind of border, and how the warp is mirrored
+    // Arrays with one element per poll. A poller is a thread that waits for one point of another block in
+    // each round. The polls are ordered by round, then by block, then by poller.
     const std::uint32_t* polled;       ///< index in `exchange`
     const std::uint32_t* polled_word;  ///< index of the polled particle's word
     const std::uint16_t* polled_slot;
     std::uint32_t lane_count;  ///< number of lanes of all blocks together
-    /// The number of points in each half of `exchange`. Steps alternate between the halves.
+    /// The number of points in each half of `exchange`. Steps use the two halves in turn.
     std::uint32_t published_count;
     TaggedPoint* exchange;  ///< 2 x published_count points
     /// How many blocks have read the state with which their launch starts, counted over all launches.
@@ -116,15 +127,15 @@ struct HeldResidentStep : ResidentStep {
     TickLine line;             ///< used in ToolMode::ticks
 };
 
-/// The exchange array of a neighbouring part of the body. It may be in another device's memory.
+/// ResidentStep::exchange of a neighbouring part of the body. It may be in the memory of another device.
 struct ResidentNeighbour {
     TaggedPoint* exchange;
-    std::uint32_t words;  ///< points in each half of `exchange`; steps alternate between the halves
+    std::uint32_t words;  ///< points in each half of `exchange`; steps use the halves in turn
 };
-/// Where a part of a body sends its points to the parts beside it.
+/// Where a part of a body sends points that the parts beside it need.
 struct ResidentLinks {
-    /// One per lane: the index in a neighbour's exchange at which the lane's point is stored, with
-    /// second_neighbour set if it is the second neighbour's exchange; resident_none: the point is not sent.
+    /// One element per lane: the index in the exchange of a neighbouring part at which the lane's point is
+    /// stored, with second_neighbour set if it is the second part; resident_none: the point is not sent.
     const std::uint32_t* sent;
     ResidentNeighbour neighbour[2];
 };
@@ -135,7 +146,7 @@ struct PartStep : Step {
     ResidentLinks links;
 };
 
-/// The mask bit of an offset.
+/// The mask bit of the neighbour at offset (x, y, z).
 VOXSPRING_HOST_DEVICE constexpr int bit_of(int x, int y, int z) {
 #define BIT_IF(bit, dx, dy, dz) x == (dx) && y == (dy) && z == (dz) ? (bit):
     return FACE_NEIGHBOURS(BIT_IF) EDGE_NEIGHBOURS(BIT_IF) CORNER_NEIGHBOURS(BIT_IF) 0;

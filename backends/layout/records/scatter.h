@@ -1,4 +1,5 @@
-// The argument of the scatter kernels (cuda/kernels/scatter.h).
+// The argument of the scatter kernels (cuda/kernels/scatter.h), in which a thread adds the force of one
+// spring to both of its particles.
 #pragma once
 
 #include "backends/layout/records/motion.h"
@@ -13,14 +14,15 @@ struct ScatterStep {
     std::uint32_t group_bits;
     /// The number of slots in each array. A slot whose stiffness is 0 is empty.
     std::size_t springs;
-    /// In formulations on displacements `second` also has a direction code, seen from `first` (neighbours.h).
+    /// The ends of each spring. In formulations on displacements `second` also has a direction code, seen
+    /// from `first` (neighbours.h).
     const SpringEnds* ends;
     const SpringConstants<Real>* constants;
     SpringRest<Real> rest[direction_codes];  ///< how springs lie at rest, by direction code
-    /// How springs whose code is OWN_DIRECTION lie at rest, by slot; null: there are none.
+    /// How springs with direction code OWN_DIRECTION lie at rest, by slot; null: there are none.
     const SpringRest<Real>* off_lattice_rest;
-    /// The sum of the spring forces on each particle: x of all particles, then y, then z, `pitch` apart, so
-    /// that neighbouring threads add to neighbouring addresses. It is zero between steps.
+    /// The sum of the spring forces on each particle: x of all particles, then y, then z, `pitch` elements
+    /// apart, so that neighbouring threads add to neighbouring addresses. The sums are zero between steps.
     Real* force;
     std::size_t pitch;
     Motion<Real> motion;

@@ -9,12 +9,14 @@ namespace voxspring::layout {
 template <class Real>
 struct alignas(2 * sizeof(Real)) SpringConstants {
     Real stiffness;
-    /// The rest length as unit_pull() takes it. If the device has to measure it with measured_length(), the
-    /// square of the rest length is stored here until then (calibrate_rest_lengths).
+    /// The rest length: in formulations by increments the length itself, otherwise the length that the device
+    /// measures with measured_length(). Until it has done so (calibrate_rest_lengths), this is the square of
+    /// the length.
     Real rest_length;
 };
 
-/// How the ends i and j of a spring lie at rest: RestSpring (problem.h), but with the offset from i to j.
+/// How the ends i and j of a spring lie at rest. RestSpring (problem.h) says the same, but has the offset
+/// from j to i.
 template <class Real>
 struct alignas(4 * sizeof(Real)) SpringRest {
     Vector<Real> offset;  ///< X_j - X_i
@@ -22,7 +24,8 @@ struct alignas(4 * sizeof(Real)) SpringRest {
     bool operator==(const SpringRest&) const = default;
 };
 
-/// Direction codes of list entries (LISTED_INDEX_BITS of neighbours.h) are less than this.
+/// The number of direction codes. A code is the part of a list entry that says how the neighbour lies at rest
+/// (LISTED_INDEX_BITS of neighbours.h).
 inline constexpr int direction_codes = 32;
 
 /// The two particles of a spring.

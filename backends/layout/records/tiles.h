@@ -7,13 +7,14 @@
 namespace voxspring::layout {
 
 inline constexpr int tile_particles = 8;
-/// Memory holds tiles in groups. Each warp steps one group.
+/// Memory holds tiles in groups. Each group is stepped by one warp, or by two successive warps if a tile has
+/// two threads.
 inline constexpr std::uint32_t group_tiles = 32;
-/// Elements from a particle's x to its y, and from its y to its z. A group stores the x of all its particles,
-/// then all y, then all z.
+/// The distance in elements from a particle's x to its y, and from its y to its z. A group stores the x of
+/// all its particles, then all y, then all z.
 inline constexpr std::size_t tile_axis = std::size_t(tile_particles) * group_tiles;
-/// The element of x of particle `n` of a tile. The n-th particles of a group's tiles lie side by side, so
-/// that the lanes of a warp read consecutive elements.
+/// The index of the x of particle `n` of a tile. The n-th particles of all tiles of a group lie side by side,
+/// so that the lanes of a warp read consecutive elements.
 VOXSPRING_HOST_DEVICE constexpr std::size_t tile_element(std::uint32_t tile, int n) {
     return std::size_t(tile / group_tiles) * (3 * tile_axis) + std::size_t(n) * group_tiles +
            tile % group_tiles;
@@ -29,9 +30,9 @@ VOXSPRING_HOST_DEVICE constexpr std::uint32_t tile_row(int dy, int dz) {
     const int row = 3 * (dz + 1) + dy + 1;
     return std::uint32_t(row < 4 ? row : row - 1);
 }
-/// What a tile knows of one row of tiles beside it: the number of the row's first active tile at dx >= 0, and
-/// whether that tile is at dx = 0. The active tiles of a row have consecutive numbers, so the numbers of the
-/// three neighbours at dx = -1, 0 and 1 follow.
+/// What a tile T knows of one row of tiles beside it: the number of the first active tile (one with a
+/// particle) that is not to the left of T, and whether that tile is at the same x as T (dx = 0). The active
+/// tiles of a row have consecutive numbers, so this gives the numbers of the neighbours at dx = -1, 0 and 1.
 struct TileRow {
     std::uint32_t entry;
 
@@ -46,7 +47,8 @@ struct TileRow {
     bool operator==(const TileRow&) const = default;
 };
 
-/// One bit for each spring of visit_tile_springs(), then one for each particle that moves.
+/// One bit for each spring of visit_tile_springs(), set if the spring exists; then one bit for each particle
+/// of the tile, set if the particle moves.
 struct alignas(16) TileMask {
     static constexpr int springs = 120;
     static VOXSPRING_HOST_DEVICE constexpr int moves(int n) { return springs + n; }
@@ -63,16 +65,16 @@ struct alignas(16) TileMask {
 /// are not used.
 template <class Real>
 struct TileStep : MarchStep<Real> {
-    /// tile_rows per tile. The entries of one tile are `group_tiles` apart.
+    /// The tile_rows entries of each tile; those of one tile are `group_tiles` elements apart.
     const TileRow* rows;
     const TileMask* masks;
     bool operator==(const TileStep&) const = default;
 };
 
-/// Visits every spring that a thread evaluates, each with its bit. visit.both(bit, n, m) is a spring between
-/// particles n and m of the tile. visit.point(i, j, k) announces a point of another tile, at coordinates from
-/// -1 to 2 counted from this tile's first particle. Springs to that point follow: visit.half(bit, n, i, j, k)
-/// is its spring to particle n, which the other tile's thread evaluates too. Returns the number of springs.
+/// Visits every spring of a tile, each with its mask bit. visit.both(bit, n, m) is a spring between particles
+/// n and m of the tile. visit.point(i, j, k) announces a point of another tile, at coordinates from -1 to 2
+/// counted from this tile's first particle. Springs to that point follow: visit.half(bit, n, i, j, k) is its
+/// spring to particle n, which the other tile's thread evaluates too. Returns the number of springs.
 template <class Visit>
 VOXSPRING_HOST_DEVICE constexpr int visit_tile_springs(Visit& visit) {
     int bit = 0;
