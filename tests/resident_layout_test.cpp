@@ -300,7 +300,8 @@ TEST(ResidentLayout, PredictsWhatFewMultiprocessorsTook) {
     EXPECT_NEAR(bricks->seconds, 2.3e-6, 0.3e-6);
     EXPECT_EQ(
         outpaced_by_bricks(layout, bricks, few.hertz),
-        "threads would step 3 particles each, in a predicted 4.3 us; bricks are predicted to take 2.3 us");
+        "each thread would step 3 particles, so that a step is predicted to take 4.3 us, but cuda_bricks is "
+        "predicted to take 2.3 us");
     EXPECT_EQ(outpaced_by_bricks(layout, std::nullopt, few.hertz), "") << "no other backend to go on to";
     // One particle per thread has been measured beside bricks, which predict less than they took there.
     const ResidentLayout large = lay_out_resident(box, card_of(132), 256, Partition::automatic, true);

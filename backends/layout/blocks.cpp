@@ -13,7 +13,8 @@
 namespace voxspring::layout {
 namespace {
 
-/// Puts the blocks for which is_border(block) is true first. Within both parts blocks keep their order.
+/// Puts the blocks for which is_border(block) is true before the others. Within both parts blocks keep their
+/// order.
 template <class Block, class IsBorder>
 BlockParts<Block> parted(std::vector<Block> blocks, IsBorder is_border) {
     const auto interior = std::stable_partition(blocks.begin(), blocks.end(), is_border);

@@ -1,4 +1,5 @@
-// Blocks of a lattice, and the argument of the kernels that step them.
+// Blocks of a lattice (boxes of voxels, each stepped by one thread block), and the argument of the kernels
+// that step them.
 #pragma once
 
 #include <cstdint>
@@ -15,17 +16,18 @@ namespace voxspring::layout {
 /// Threads per block along x, y, z.
 struct BlockShape {
     int x = 1, y = 1, z = 1;
-    /// Parses "32x4x2". Missing extents are 1.
+    /// Parses text such as "32x4x2". Missing extents are 1.
     static BlockShape parse(const std::string& text);
     bool operator==(const BlockShape&) const = default;
 };
 
-/// Numbers the blocks of a lattice and a frame of one block around them (kernels/resting.h). A block's place
-/// is its number.
+/// Numbers the blocks of a lattice and a frame of one block around them (kernels/resting.h). The number of a
+/// block is called its place.
 class BlockGrid {
 public:
     BlockGrid(const Lattice& lattice, BlockShape shape);
-    /// row(), slice(): difference of places between neighbours along y, z. places(): the number of places.
+    /// row(), slice(): what to add to a block's place to get that of its neighbour along y, along z.
+    /// places(): the number of places.
     std::size_t row() const { return row_; }
     std::size_t slice() const { return slice_; }
     std::size_t places() const { return places_; }
@@ -45,17 +47,18 @@ private:
 
 /// Origins of the blocks that hold an active voxel, x fastest.
 std::vector<BlockOrigin> list_blocks(const Lattice& lattice, BlockShape shape);
-/// list_blocks(), or an empty list if a launch needs no list, since every block of the lattice holds an
-/// active voxel and fits_launch() is true. A block's coordinates in the launch then give its origin.
+/// The blocks of list_blocks(), or an empty list if every block of the lattice holds an active voxel and
+/// fits_launch() is true. Then a launch needs no list: a block's coordinates in the launch give its origin.
 std::vector<BlockOrigin> occupied_blocks(const Lattice& lattice, BlockShape shape);
 /// Whether one launch with one thread per voxel can cover all blocks of the lattice. CUDA limits the number
 /// of blocks along y and z.
 bool fits_launch(const Lattice& lattice, BlockShape shape);
 
-/// The two parts of a step whose border is stepped first.
+/// A step of a part of a body has two parts: first the blocks with particles that other parts need
+/// (`border`), then the others.
 enum class StepPart : std::uint8_t { border, interior };
 
-/// Blocks in two parts: first those with a particle of a border, then all others.
+/// Blocks in two parts: first the blocks with a particle of a border, then all others.
 template <class Block>
 struct BlockParts {
     std::vector<Block> blocks;
@@ -67,16 +70,16 @@ struct BlockParts {
     }
 };
 
-/// The blocks of list_blocks() in two parts. `border`: the border's particles.
+/// The blocks of list_blocks() in two parts. `border`: the particles of the border.
 BlockParts<BlockOrigin> part_blocks(const Lattice& lattice, BlockShape shape,
                                     const std::vector<std::uint32_t>& border);
-/// The numbers of blocks in two parts, if `particles` particles are divided in canonical order into blocks of
-/// `block` particles. `border`: the border's particles.
+/// The numbers of blocks in two parts, if particles are divided in canonical order into blocks of `block`
+/// particles. `border`: the particles of the border.
 BlockParts<std::uint32_t> part_blocks(std::size_t particles, unsigned block,
                                       const std::vector<std::uint32_t>& border);
 
-/// The argument of the implicit kernels, with rest lengths as listed_length() gives them. Pointers are null:
-/// the caller sets them to device memory.
+/// The argument of the kernels with implicit addressing, with rest lengths as listed_length() gives them. Its
+/// pointers are null: the caller sets them to arrays on the device.
 template <class Real>
 ImplicitStep<Real> make_implicit_step(const Problem& problem, const Placement& placement,
                                       Formulation formulation);

@@ -19,7 +19,8 @@ constexpr int warp = 32;
 
 constexpr std::array<BrickTileSize, 5> tile_sizes = {{{3, 1, 1}, {2, 1, 2}, {2, 2, 2}, {3, 2, 2}, {3, 2, 3}}};
 
-/// If the tiles of `shape` have size tile_sizes[n], visits a tile's springs, sets `mask`, returns true.
+/// If the tiles of `shape` have size tile_sizes[n], visits the springs of a tile, sets `mask` and returns
+/// true. Otherwise returns false.
 template <std::size_t n, class Visit>
 bool visit_size(const BrickShape& shape, Visit& visit, BrickMask& mask) {
     constexpr BrickTileSize size = tile_sizes[n];
@@ -51,7 +52,7 @@ struct NoVisit {
     void half(int, int, int, int, int, int, int) {}
 };
 
-/// The least and the greatest voxel coordinates that particles of a body have.
+/// The least and the greatest coordinates of voxels that have a particle.
 std::pair<glm::ivec3, glm::ivec3> bounds_of(const Lattice& lattice) {
     glm::ivec3 low = lattice.dims, high(-1);
     for (const std::uint32_t voxel : lattice.voxel) {
@@ -64,7 +65,8 @@ std::pair<glm::ivec3, glm::ivec3> bounds_of(const Lattice& lattice) {
 
 glm::ivec3 size_of(const BrickShape& shape) { return {shape.nx(), shape.ny(), shape.nz()}; }
 
-/// Counts particles in any box of voxels, from sums over all boxes that begin at the first voxel of the body.
+/// Counts the particles in any box of voxels. For this it stores the counts of all boxes that begin at the
+/// first voxel of the body.
 class ParticleCounts {
 public:
     ParticleCounts(const Lattice& lattice, const glm::ivec3& low, const glm::ivec3& high)
@@ -78,8 +80,8 @@ public:
             });
         }
     }
-    /// How many particles are in the box from `begin` to `end` (exclusive), as counted from the first voxel
-    /// of the body.
+    /// How many particles are in the box from `begin` to `end` (exclusive). Coordinates count from the first
+    /// voxel of the body.
     std::uint32_t in(const glm::ivec3& begin, const glm::ivec3& end) const {
         const glm::ivec3 to = glm::min(end, size_ - 1);
         std::uint32_t count = 0;
@@ -100,7 +102,8 @@ private:
     std::vector<std::uint32_t> sum_;
 };
 
-/// The tiles of the first two warps of a brick. The other warps have nearly the same bank conflicts.
+/// Where the tiles of the first two warps of a brick lie. The other warps have nearly the same bank
+/// conflicts.
 std::vector<TilePlace> first_places(const BrickShape& shape) {
     constexpr int warps = 2;
     const BrickBlock inner{0, 0, 0, 1, brick_low_y | brick_high_y | brick_low_z | brick_high_z};
@@ -110,7 +113,8 @@ std::vector<TilePlace> first_places(const BrickShape& shape) {
     return places;
 }
 
-/// The average number of bank conflicts per load. Lanes conflict if they want different words of one bank.
+/// The average number of bank conflicts per load from shared memory. Lanes conflict if they want different
+/// words of one bank.
 double bank_conflicts(const BrickShape& shape, const std::vector<TilePlace>& places) {
     int conflicts = 0, loads = 0;
     for (std::size_t first = 0; first < places.size(); first += warp) {
@@ -130,8 +134,8 @@ double bank_conflicts(const BrickShape& shape, const std::vector<TilePlace>& pla
     return double(conflicts) / loads;
 }
 
-/// Gives `shape` those pads with which it has the fewest bank_conflicts() and fits into `bytes` of shared
-/// memory. Returns bank_conflicts().
+/// Gives `shape` the pads (row_pad and plane_pad) with which it has the fewest bank_conflicts() among those
+/// with which it fits into `bytes` of shared memory. Returns bank_conflicts().
 double pad(BrickShape& shape, std::size_t bytes) {
     const std::vector<TilePlace> places = first_places(shape);
     BrickShape best = shape;
@@ -152,7 +156,8 @@ double pad(BrickShape& shape, std::size_t bytes) {
     return fewest;
 }
 
-/// Registers of a thread with a tile, with which NVRTC 13.0 spills none, or only few for the largest tile.
+/// The registers per thread with a tile at which the compiler NVRTC 13.0 spills none, or only few for the
+/// largest tile.
 int registers_of(const BrickShape& shape, bool with_increments) {
     const int particles = shape.tile();
     const int points = particles <= 3    ? 88
@@ -164,27 +169,27 @@ int registers_of(const BrickShape& shape, bool with_increments) {
 }
 constexpr int registers_of_multiprocessor = 65536;
 constexpr int warps_that_move_registers = 4;
-/// Registers of a poller that keeps all its polls in registers, and of one that takes them in turns and
-/// fetches the next turn's polls meanwhile.
+/// The registers of a poller, a thread that only waits for points of other blocks: of one that keeps all its
+/// polls in registers, and of one that takes them in turns and fetches the polls of the next turn meanwhile.
 constexpr int registers_of_keeper = 56, registers_of_fetcher = 80;
 constexpr int max_threads = 1024;
 
-/// The most registers per thread if a block of `threads` threads has a multiprocessor to itself. Each quarter
-/// of a multiprocessor takes every fourth warp.
+/// The most registers per thread for a block of `threads` threads that is alone on its multiprocessor. Each
+/// quarter of a multiprocessor takes every fourth warp.
 int registers_at_launch(int threads) {
     return registers_of_multiprocessor / rounded_up(threads, 4 * warp) / 8 * 8;
 }
 
-/// Chooses how many threads of a block only poll, that is, wait for the points of neighbouring blocks, and
-/// how many registers each thread has. `polls`: the points that the block waits for. `needed`: registers of a
-/// thread with a tile. `moves_registers`: pollers may give registers to threads with tiles. Returns false if
-/// threads or registers do not suffice.
+/// Chooses how many threads of a block are pollers, which only wait for the points of neighbouring blocks,
+/// and how many registers each thread has. `polls`: the number of points that the block waits for. `needed`:
+/// registers of a thread with a tile. `moves_registers`: pollers may give registers to threads with tiles.
+/// Returns false if threads or registers do not suffice.
 bool assign_threads_and_registers(BrickPlan& plan, std::size_t polls, int needed, bool moves_registers) {
     const int lanes = plan.shape.lanes();
     constexpr int alike = warps_that_move_registers * warp;
     for (const int pollers : {256, 128}) {
-        // 256 pollers pay only if each of 128 would poll more than five points: the time of a round trip
-        // hides five.
+        // 256 pollers are faster than 128 only if each of the 128 would wait for more than five points. Up to
+        // five, a poller fetches its points within the time of one round trip to L2.
         if (pollers == 256 && polls <= std::size_t(5) * 128) continue;
         if (lanes + pollers > max_threads) continue;
         plan.pollers = pollers;
@@ -194,7 +199,8 @@ bool assign_threads_and_registers(BrickPlan& plan, std::size_t polls, int needed
         const int at_launch = registers_at_launch(lanes + pollers);
         if (at_launch >= needed) return true;
         if (!moves_registers || lanes % alike != 0 || pollers % alike != 0) continue;
-        // The launch gives a block its registers. A thread that asks for more than are left waits for ever.
+        // The launch sets the total of a block's registers. A thread that asks for more than are left waits
+        // for ever.
         const int left = (at_launch * (lanes + pollers) - poller_registers * pollers) / lanes / 8 * 8;
         if (left < needed) continue;
         plan.lane_registers = std::min(left, 240);
@@ -204,7 +210,8 @@ bool assign_threads_and_registers(BrickPlan& plan, std::size_t polls, int needed
     return false;
 }
 
-/// Calls the function above. If it returns false, calls it again for a plan with the increments in memory.
+/// Calls the function above. If that returns false, calls it again for a plan that keeps the increments in
+/// memory instead of registers.
 bool assign_threads_and_registers(BrickPlan& plan, std::size_t polls, Formulation formulation,
                                   bool moves_registers) {
     if (assign_threads_and_registers(plan, polls, registers_of(plan.shape, by_increments(formulation)),
@@ -215,17 +222,17 @@ bool assign_threads_and_registers(BrickPlan& plan, std::size_t polls, Formulatio
            assign_threads_and_registers(plan, polls, registers_of(plan.shape, false), moves_registers);
 }
 
-/// An upper bound of the number of points in the frame of a brick. They belong to the bricks around it.
+/// An upper bound of the number of points in the frame of a brick. These points belong to the bricks around
+/// it.
 std::size_t frame_of(const BrickShape& shape) {
     const std::size_t with = std::size_t(shape.nx() + (shape.both ? 2 : 1)) * std::size_t(shape.ny() + 2) *
                              std::size_t(shape.nz() + 2);
     return with - std::size_t(shape.nx()) * std::size_t(shape.ny()) * std::size_t(shape.nz());
 }
 
-/// The predicted seconds of a step. They follow from instructions counted in the machine code of compute
-/// capability 9.0, and from the share of its issue slots that a quarter of a multiprocessor fills. This share
-/// depends on how many warps the quarter has, because warps also wait. `conflicts`: bank conflicts per load,
-/// on average.
+/// The predicted seconds of a step, from instructions counted in the machine code of compute capability 9.0,
+/// and from the share of its issue slots that a quarter of a multiprocessor uses. This share depends on how
+/// many warps the quarter has, because warps also wait. `conflicts`: bank conflicts per load, on average.
 double seconds_of(const BrickPlan& plan, double conflicts, const MarchDevice& device) {
     const BrickShape& shape = plan.shape;
     NoVisit none;
@@ -236,10 +243,10 @@ double seconds_of(const BrickPlan& plan, double conflicts, const MarchDevice& de
     // Fetching and publishing 32 points takes 40 cycles of issue, spread over the multiprocessor's quarters.
     const double exchange = double(frame_of(shape)) / warp * 40 / 4;
     const double work = (warps * instructions / issued * (1 + 0.2 * conflicts) + exchange) / device.hertz;
-    // While the values of neighbouring bricks travel, threads add the springs that do not need them (early
+    // While points of neighbouring bricks travel, threads add the springs that do not need them (early
     // springs). A poller whose polls do not fit into its registers takes them in turns. Latencies were
-    // measured on an H200 at 1.98 GHz. They are taken as cycles, so that on other cards they scale with the
-    // clock.
+    // measured on an H200 at 1.98 GHz. They are converted to cycles, so that on other cards they scale with
+    // the clock.
     constexpr double measured_at = 1.98e9;
     const double slower = measured_at / device.hertz;
     const double barriers = 0.15e-6 * slower, trip = 0.75e-6 * slower;
@@ -267,9 +274,9 @@ std::string registers_refusal(const BrickPlan& plan, int compiled) {
     if (enough) return {};
     return "the compiler gave each of " + std::to_string(lanes + plan.pollers) + " threads " +
            std::to_string(compiled) + " registers, which setmaxnreg cannot redistribute to " +
-           std::to_string(lanes) + " threads with " + std::to_string(plan.lane_registers) + " and " +
+           std::to_string(lanes) + " threads with " + std::to_string(plan.lane_registers) + " each and " +
            std::to_string(plan.pollers) + " with " + std::to_string(plan.poller_registers) +
-           ": try another tile, such as tile=2x2x2";
+           " each: try another tile, such as tile=2x2x2";
 }
 
 std::optional<BrickPlan> plan_bricks(const Problem& problem, Formulation formulation,
@@ -278,7 +285,7 @@ std::optional<BrickPlan> plan_bricks(const Problem& problem, Formulation formula
     const auto [low, high] = bounds_of(problem.lattice);
     const glm::ivec3 body = high - low + 1;
     const auto most = std::size_t(device.multiprocessors);
-    // Bricks without a particle are left out, so there may be more bricks than blocks.
+    // Bricks without a particle get no block, so there may be more bricks than blocks.
     const std::size_t max_bricks = 4 * most;
     const std::size_t max_brick = device.block_shared_bytes / (2 * sizeof(Vector<float>));  // particles
     if (problem.particle_count() > most * max_brick || volume(body) > max_bricks * max_brick)
@@ -296,16 +303,18 @@ std::optional<BrickPlan> plan_bricks(const Problem& problem, Formulation formula
                     const glm::ivec3 wanted(gx, gy, gz);
                     const glm::ivec3 threads = ((body + wanted - 1) / wanted + of - 1) / of;
                     const glm::ivec3 brick = threads * of, bricks = (body + brick - 1) / brick;
-                    // Whole tiles left fewer bricks than `wanted`. The loops try that number too.
+                    // A brick is rounded up to whole tiles. If this leaves fewer bricks than `wanted`, skip:
+                    // the loops try the smaller number too.
                     if (bricks != wanted) continue;
                     BrickPlan plan{.shape = {tile.x, tile.y, tile.z, threads.x, threads.y, threads.z,
                                              bricks.x > 2, 0, 0}};
-                    // No spring of a tile with neighbouring bricks on both sides could be added early.
+                    // Along y and z a tile waits for points of other bricks only at its far end. So a brick
+                    // of one tile cannot have neighbours on both sides.
                     if ((threads.y == 1 && bricks.y > 2) || (threads.z == 1 && bricks.z > 2)) continue;
                     if (volume(threads) > max_threads ||
                         std::size_t(plan.shape.shared_bytes()) > device.block_shared_bytes)
                         continue;
-                    // Predict the time without bank conflicts first, since finding the pads takes longer.
+                    // First predict the time without bank conflicts, because finding the pads takes longer.
                     if (!assign_threads_and_registers(plan, frame_of(plan.shape), formulation,
                                                       moves_registers))
                         continue;
@@ -380,7 +389,7 @@ void BrickLayout::find_blocks() {
         visit_box(begin, begin + size, [&](const glm::ivec3& voxel) { any = any || mask_at(voxel) != 0; });
         if (!any) return;
         block_at_[index_in(bricks_, brick)] = std::uint32_t(blocks_.size());
-        // If there are two bricks along x, the second is mirrored, so that both meet where their X ends.
+        // If there are two bricks along x, the second is mirrored. Then each has the other where its X ends.
         const bool mirrored = !plan_.shape.both && brick.x == 1;
         std::uint32_t sides = 0;
         const auto side = [&](bool here, std::uint32_t bit) { sides |= here ? bit : 0; };
@@ -423,7 +432,8 @@ void BrickLayout::write_masks(std::size_t block, int lane) {
         masks_[std::size_t(n) * lane_count() + at] = words[std::size_t(n)];
 }
 
-/// Computes the masks of plain threads (plain_words_, across_, moves_) for the springs in `group_bits`.
+/// Computes plain_words_, across_ and moves_: the masks that a thread with a full tile and all springs has.
+/// `group_bits`: the springs in use.
 void BrickLayout::find_plain_words(std::uint32_t group_bits) {
     const auto set = [](TileWords& words, int bit) { words[std::size_t(bit) / 32] |= 1U << bit % 32; };
     for (const TileSpring& s : springs_) {
@@ -472,15 +482,16 @@ bool BrickLayout::all_plain() const {
 
 std::vector<BrickPoll> BrickLayout::polls_of(const BrickBlock& block) const {
     const BrickShape& shape = plan_.shape;
-    // `at` counts from the block's origin, along x in the block's direction.
+    // The voxel at `at`, which counts from the block's origin and, along x, in the block's direction.
     const auto voxel = [&](const glm::ivec3& at) {
         return glm::ivec3(block.x + block.direction * at.x, block.y + at.y, block.z + at.z);
     };
     const auto inside = [size = size_of(shape)](const glm::ivec3& at) {
         return glm::all(glm::greaterThanEqual(at, glm::ivec3(0))) && glm::all(glm::lessThan(at, size));
     };
-    // Whether a particle at `at` shares a face or an edge with one of the block. Springs do not matter: each
-    // block waits for all blocks that wait for it, and so is never two steps ahead.
+    // Whether the voxel at `at` shares a face or an edge with a particle of the block. It does not matter
+    // whether a spring joins them: each block has to wait for all blocks that wait for it, so that no block
+    // gets two steps ahead.
     const auto reached = [&](const glm::ivec3& at) {
         return std::any_of(directions().begin(), directions().end(), [&](const Direction& direction) {
             const glm::ivec3 o = direction.offset;

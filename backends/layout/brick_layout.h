@@ -1,6 +1,6 @@
-// Which block of the brick kernel (cuda/kernels/brick.h) holds which part of the lattice: the shape of
-// bricks, chosen by the predicted time of a step, masks, and the points that blocks send each other. Built on
-// the host, without a device.
+// Which block of the brick kernel (cuda/kernels/brick.h) holds which part of the lattice: the shape of bricks
+// (boxes of voxels, one per block), chosen by the predicted time of a step; masks; and the points that blocks
+// send each other. All this is computed on the host, without a device.
 #pragma once
 
 #include <array>
@@ -29,26 +29,26 @@ struct BrickTileSize {
 /// The tile sizes for which the brick kernel can be compiled.
 std::span<const BrickTileSize> brick_tile_sizes();
 
-/// How a launch covers a body.
+/// How a launch of the brick kernel covers a body.
 struct BrickPlan {
     BrickShape shape{};
-    int pollers = 0;
-    /// Registers of a thread with a tile and of a thread that polls, if the kernel moves registers between
-    /// them. 0: all threads have equally many.
+    int pollers = 0;  ///< threads per block that only wait for points of other blocks
+    /// Registers of a thread with a tile, and of a poller, if the kernel moves registers between them. 0: all
+    /// threads have equally many.
     int lane_registers = 0, poller_registers = 0;
-    bool increments_in_memory = false;  ///< since registers have no room for them
+    bool increments_in_memory = false;  ///< true if registers have no room for them
     double seconds = 0;                 ///< predicted time of a step
     bool operator==(const BrickPlan&) const = default;
 };
-/// The plan with the shortest predicted step, with tiles of `size` or, if that is not given, of any size.
-/// There is no plan if the body is too large for the blocks of the device. `moves_registers`: some threads of
-/// a block may have more registers than others.
+/// The plan with the shortest predicted step, with tiles of `size` or, if no size is given, of any size. No
+/// plan if the body is too large for the blocks of the device. `moves_registers`: some threads of a block may
+/// have more registers than others.
 std::optional<BrickPlan> plan_bricks(const Problem& problem, Formulation formulation,
                                      const MarchDevice& device, bool moves_registers,
                                      std::optional<BrickTileSize> size = std::nullopt);
 
-/// Empty, or why a kernel cannot move registers as `plan` asks, if its threads begin with `compiled`
-/// registers each. A thread would then wait for ever for registers that no other thread gives up.
+/// Empty, or why a kernel whose threads begin with `compiled` registers each cannot move registers as `plan`
+/// asks. If it tried, a thread would wait for ever for registers that no other thread gives up.
 std::string registers_refusal(const BrickPlan& plan, int compiled);
 
 /// The tables of BrickStep, and how edits change them.
@@ -59,16 +59,16 @@ public:
 
     const std::vector<BrickBlock>& blocks() const { return blocks_; }
     const std::vector<std::uint32_t>& masks() const { return masks_; }
-    /// The polls in the order of the kernel: by round, then by block, then by poller.
+    /// The polls, that is, the points for which pollers wait: by round, then by block, then by poller.
     const std::vector<BrickPoll>& polls() const { return polls_; }
     int rounds() const { return rounds_; }
-    /// Whether all threads are plain (TileSides).
+    /// Whether all threads are plain: their tiles are full and have all springs (TileSides).
     bool all_plain() const;
     std::uint32_t lane_count() const {
         return std::uint32_t(blocks_.size()) * std::uint32_t(plan_.shape.lanes());
     }
 
-    /// Updates the masks for an edit. Returns the mask words that it changes.
+    /// Updates the masks for an edit. Returns the mask words that change.
     std::vector<EditedWord> edit(const SpringEdit& edit);
 
 private:
@@ -97,11 +97,12 @@ private:
     std::vector<std::uint32_t> block_at_;   ///< per brick: its block; resident_none: it has no particle
     std::vector<TileSpring> springs_;
     BrickMask bits_{};
-    /// The mask words of a plain thread. The index has a bit per side of the tile that its springs cross.
+    /// The mask words of a plain thread (TileSides). The index has a bit for each side of the tile that
+    /// springs cross.
     std::array<TileWords, 1U << BrickShape::sides> plain_words_{};
-    /// Per side: the bits of the springs that cross this side and no other.
+    /// For each side of a tile: the bits of the springs that cross this side and no other.
     std::array<TileWords, BrickShape::sides> across_{};
-    TileWords moves_{};  ///< BrickMask::moves() of all particles
+    TileWords moves_{};  ///< mask words with only the bits BrickMask::moves() of all particles
     std::vector<BrickBlock> blocks_;
     std::vector<std::uint32_t> masks_;
     std::vector<BrickPoll> polls_;

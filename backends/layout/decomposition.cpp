@@ -23,7 +23,8 @@ std::array<int, 3> axes_by_length(glm::ivec3 dims) {
     return axes;
 }
 
-/// How many components of a lattice spring's offset may differ from 0: 1 for face springs, 3 for corner ones.
+/// How many components of a lattice spring's offset may differ from 0: 1 if there are only face springs, 2
+/// with edge springs, 3 with corner springs.
 int reach_of(const Problem& problem) {
     int reach = 0;
     for (const Direction& direction : directions()) {
@@ -79,8 +80,8 @@ std::vector<int> equal_parts(const std::vector<std::size_t>& particles_of_layer,
         if (at == std::ptrdiff_t(before.size()) || (at > 0 && wanted - double(before[std::size_t(at - 1)]) <
                                                                   double(before[std::size_t(at)]) - wanted))
             --at;
-        // The part before this one gets at least one layer with particles. At least one is left for this part
-        // and for each part after it.
+        // Leave at least one layer with particles for the part before this one, for this part and for each
+        // part after it.
         at = std::clamp(at, previous + 1, std::ptrdiff_t(layer.size()) - (parts - part));
         begins.push_back(layer[std::size_t(at)]);
         previous = at;
@@ -101,14 +102,14 @@ public:
     }
     const std::string& refusal() const { return refusal_; }
     const std::vector<Brick>& bricks() const { return bricks_; }
-    /// Whether there is a particle in each voxel of the lattice.
+    /// Whether each voxel of the lattice has a particle.
     bool is_full() const { return is_full_; }
-    /// Voxels of the particles of each brick; empty for a full lattice.
+    /// The voxels with particles in each brick; empty for a full lattice.
     const std::vector<std::vector<std::uint32_t>>& voxels() const { return voxels_; }
 
 private:
-    /// Cuts `brick` across axes_[n] and the axes after it. `voxels`: those of the brick's particles; empty
-    /// for a full lattice.
+    /// Cuts `brick` across axes_[n] and the axes after it. `voxels`: the voxels of the brick that have
+    /// particles; empty for a full lattice.
     void cut(const Brick& brick, std::vector<std::uint32_t> voxels, std::size_t n) {
         while (n < axes_.size() && subdomains_[axes_[n]] == 1) ++n;
         if (n == axes_.size()) {
@@ -157,7 +158,7 @@ std::optional<std::uint32_t> index_in(const std::vector<std::uint32_t>& ascendin
     return std::uint32_t(found - ascending.begin());
 }
 
-/// A brick beside that of the subdomain, and the border between them.
+/// A brick beside the brick of a subdomain, and the border between the two subdomains.
 struct Beside {
     Brick brick;
     Subdomain::Border border;
@@ -182,7 +183,7 @@ public:
         problem.tool.stiffness = whole.tool.stiffness;
         problem.lattice.spacing = whole.lattice.spacing;
         problem.lattice.dims = with_ghosts_.end - with_ghosts_.begin;
-        // Allocate at once: a vector that grows would hold its elements twice meanwhile.
+        // Allocate enough at once: while a vector grows, it holds its elements twice.
         const std::size_t most = std::min(whole.particle_count(), problem.lattice.voxel_count());
         subdomain_.particle.reserve(most);
         subdomain_.own.reserve(most);
@@ -230,8 +231,8 @@ private:
         if (own) take_hold_of(i, here);
     }
 
-    /// Adds particle `here` to borders: an own particle to `sent` for each subdomain that has it as a ghost,
-    /// a ghost to `received` for the subdomain that steps it.
+    /// Adds particle `here` to borders: one of this subdomain's own particles to `sent` for each subdomain
+    /// that has it as a ghost; a ghost to `received` for the subdomain that steps it.
     void share(std::uint32_t here, glm::ivec3 at, bool own) {
         if (own && contains(without_its_surface(brick_), at)) return;
         for (auto& [brick, border] : beside_) {
@@ -248,8 +249,8 @@ private:
         return bits;
     }
 
-    /// Makes the tool of this part hold particle `here` if the tool of the whole body holds it. In the whole
-    /// body the particle has number `i`.
+    /// Lets the tool of this subdomain hold particle `here` if the tool of the whole problem holds it. In the
+    /// whole problem the particle has number `i`.
     void take_hold_of(std::uint32_t i, std::uint32_t here) {
         const auto held = index_in(whole_.tool.particles, i);
         if (!held) return;
@@ -265,7 +266,7 @@ private:
     Subdomain subdomain_;
 };
 
-/// A changed spring with its ends as numbered in `subdomain`; empty if the subdomain steps neither end.
+/// The changed spring with its ends as numbered in `subdomain`; empty if the subdomain steps neither end.
 std::optional<ChangedSpring> changed_in(const Subdomain& subdomain, ChangedSpring changed) {
     const auto first = index_in(subdomain.particle, changed.spring.first);
     const auto second = index_in(subdomain.particle, changed.spring.second);
@@ -367,10 +368,10 @@ glm::ivec3 Decomposition::bricks(const Problem& problem, int subdomains) {
 
 std::string Decomposition::refusal(const Problem& problem, glm::ivec3 subdomains) {
     if (problem.lattice.voxel_count() == 0)
-        return "only a lattice can be cut into parts, and the particles lie on none";
+        return "only a lattice can be cut into parts, but the particles of this scene lie on none";
     if (!problem.springs.empty())
-        return "the ghosts of a part are one layer of voxels, but springs beyond the lattice reach "
-               "farther, so the body cannot be cut into parts";
+        return "a body with springs between particles that are not grid neighbours cannot be cut into parts, "
+               "because a part knows only one layer of voxels around it";
     if (glm::any(glm::lessThan(subdomains, glm::ivec3(1))))
         return "a lattice must be cut into at least one part along each axis";
     return Bricks(problem.lattice, subdomains).refusal();

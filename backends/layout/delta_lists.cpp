@@ -11,37 +11,38 @@
 namespace voxspring::layout {
 namespace {
 
-// Words of guard at either end: a cache line in float32.
+// The number of unused words at either end of an array: in float32 they fill a cache line.
 constexpr std::size_t guard_words = 8;
 
-// Whether `middle` is the index of a particle, or one beyond either end. Then the indices beside it are at
-// most two beyond, which is inside the guard.
+// Whether `middle` is the index of a particle, or one beyond either end. In that case the indices beside it
+// are at most two beyond an end, where there are guard words.
 bool within(std::int64_t middle, std::int64_t particles) { return middle >= -1 && middle <= particles; }
 
-// Threads build lists in chunks of whole slices. No list goes on from one chunk to the next.
+// Host threads build lists in chunks of this many particles, a multiple of a slice. No list goes on from one
+// chunk to the next.
 constexpr std::size_t chunk_particles = std::size_t(1) << 16;
 
-/// (dy, dz) of each row.
+/// The offset (dy, dz) of each row.
 constexpr std::array<std::array<int, 2>, row_count> row_offsets = {{
 #define OFFSET(row, dy, dz) {dy, dz},
     NEIGHBOUR_ROWS(OFFSET)
 #undef OFFSET
 }};
 
-/// The list of a run of particles, while particles join the run (RowDeltas).
+/// The list (RowDeltas) that a run of successive particles shares, while more particles join the run.
 class GrowingList {
 public:
     explicit GrowingList(std::int64_t begin) : begin_(begin) {}
 
-    /// What a particle needs a list to say about one row.
+    /// What a list must say about one row, to serve a particle.
     struct Wanted {
         bool any = false;          ///< whether the particle has a neighbour in the row
-        std::int64_t middle = 0;   ///< the index that a particle at dx = 0 has or would have
+        std::int64_t middle = 0;   ///< the index that a neighbour at dx = 0 has or would have
         bool gap_matters = false;  ///< whether the particle has a neighbour at dx = 1
-        bool gap = false;          ///< RowDeltas::gaps
+        bool gap = false;          ///< the bit of RowDeltas::gaps for this row
     };
 
-    /// If this list can serve particle i of `particles` too, adds it to the run and returns true.
+    /// If this list can serve particle i too (of `particles` particles), adds it to the run and returns true.
     bool join(std::int64_t i, const std::array<Wanted, row_count>& wanted, std::int64_t particles) {
         GrowingList grown = *this;
         for (std::size_t r = 0; r < row_count; ++r) {
@@ -49,8 +50,8 @@ public:
             std::int32_t& delta = grown.list_.rows[r / 4].row[r % 4];
             const Wanted& row = wanted[r];
             if (!row.any) {
-                // The kernel reads from this row all the same, and the mask drops it. So the index must be
-                // valid.
+                // The kernel reads from this row even though the particle has no neighbour in it, and drops
+                // what it read by the mask. So the index must be valid.
                 if (!within(i + delta, particles)) return false;
                 continue;
             }
@@ -71,8 +72,9 @@ public:
         *this = grown;
         return true;
     }
-    /// A faster join() for particle i, at place x of the rows `row` (null: none). It looks only at the middle
-    /// of each row. If it returns false, join() may still succeed.
+    /// A faster join() for particle i, which is at place x of its rows. `row`: the particles of each row of
+    /// voxels; null: no row. This function looks only at the middle of each row. If it returns false, join()
+    /// may still succeed.
     bool join_quickly(std::int64_t i, const std::array<const std::uint32_t*, row_count>& row, int x,
                       std::int64_t particles) {
         if (list_.gaps != 0) return false;
@@ -93,7 +95,7 @@ private:
     RowDeltas list_{};
 };
 
-/// Finds the rows around the particles of a lattice, and what is in them.
+/// Finds the rows of voxels around a particle, and which particles are in them.
 class RowReader {
 public:
     RowReader(const Problem& problem, const std::vector<std::uint32_t>& particle)
@@ -130,8 +132,8 @@ public:
                        : nullptr;
         }
     }
-    /// rows(): the particles in the voxels of each row around the particle; null if the row is outside or not
-    /// needed. x(): the particle's place along the rows.
+    /// rows(): the particles in the voxels of each row around the particle; null if the row is outside of the
+    /// lattice or not needed. x(): the particle's place along the rows.
     const std::array<const std::uint32_t*, row_count>& rows() const { return row_; }
     int x() const { return x_; }
     std::array<GrowingList::Wanted, row_count> wanted() const {
@@ -160,8 +162,9 @@ public:
 private:
     const Lattice& lattice_;
     const std::vector<std::uint32_t>& particle_;
-    std::array<bool, row_count> middle_{}, sides_{};  ///< per row: springs lead to dx = 0; to dx = -1, 1
-    /// The voxel of the latest particle. At first, no voxel is next to it.
+    std::array<bool, row_count> middle_{}, sides_{};  ///< per row: springs lead to dx = 0; to dx = -1 and 1
+    /// The voxel of the latest particle. The initial value makes go_to() treat every first voxel as a new
+    /// row.
     std::int64_t voxel_ = -2;
     int x_ = 0;
     std::array<const std::uint32_t*, row_count> row_{};
@@ -272,8 +275,8 @@ void OffLatticeLists<Real>::put(std::size_t element, const Problem& problem, std
 
 template <class Real>
 void OffLatticeLists<Real>::clear(std::size_t element, std::uint32_t particle) {
-    // An unused slot names its own particle. In the last slice, which may not be full, a slot without one
-    // names the first particle.
+    // In an unused slot the neighbour is the particle itself. The last slice may have fewer particles than
+    // lanes; in the slots of lanes without a particle the neighbour is the first particle.
     neighbour_[element] = std::uint32_t(first_ + (particle < particles_ ? particle : 0));
     constants_[element] = {0, 0};
     if (!off_lattice_rest_.empty()) off_lattice_rest_[element] = {};
@@ -286,7 +289,7 @@ typename OffLatticeLists<Real>::Changes OffLatticeLists<Real>::change(const Prob
     std::set<std::uint32_t> changed;
     for (const SpringEdit::Touched& touched : edit.touched) {
         const auto listed = edit.springs_of(touched);
-        // Springs beyond the lattice come last.
+        // In `listed` the springs beyond the lattice come last.
         const auto own = std::find_if(listed.begin(), listed.end(),
                                       [](const ListedSpring& spring) { return spring.bit < 0; });
         const auto count = std::uint32_t(listed.end() - own);
@@ -341,7 +344,7 @@ StepWork delta_work(const Problem& problem, Formulation formulation) {
     work.read_once(units_of(problem.particle_count(), std::size_t(slice_particles)) * sizeof(Slice) +
                    off_lattice_ends * (sizeof(std::uint32_t) + sizeof(SpringConstants<Real>) +
                                        (on_positions(formulation) ? 0 : sizeof(SpringRest<Real>))));
-    work.operations += off_lattice_ends;  // multiplied by the stiffness
+    work.operations += off_lattice_ends;  // each density times its stiffness
     return work;
 }
 

@@ -1,4 +1,4 @@
-// The delta-compressed lists of kernels/delta.h, built on the host, without a device.
+// Makes the delta-compressed lists of kernels/delta.h on the host, without a device.
 #pragma once
 
 #include <cstdint>
@@ -14,30 +14,33 @@
 
 namespace voxspring::layout {
 
-/// One word per particle, with guard words for the neighbours of the first and the last particle.
+/// One word per particle, with guard words before and after, which may be read as neighbours of the first and
+/// the last particle.
 Placement place_guarded(const Problem& problem);
 
 /// Says where lattice neighbours are: a particle's index plus a delta is the index of a neighbour
 /// (RowDeltas).
 struct DeltaLists {
-    std::vector<Slice> slices;  ///< without springs beyond the lattice (OffLatticeLists)
+    std::vector<Slice> slices;  ///< as for no springs beyond the lattice (OffLatticeLists)
     std::vector<RowDeltas> lists;
 };
-/// Makes the lists from the voxels and the spring groups in use. Springs do not matter: cuts and sutures of
-/// lattice springs change only masks.
+/// Makes the lists from the voxels and the spring groups in use. It does not matter which springs exist: cuts
+/// and sutures of lattice springs change only masks.
 DeltaLists compress_lists(const Problem& problem);
 
-/// Springs beyond the lattice, slice by slice, while edits change them. A slice whose slots do not suffice
-/// gets more, at the end of the arrays.
+/// The lists of springs beyond the lattice, slice by slice (delta.h), while edits change them. If the slots
+/// of a slice do not suffice, the slice gets a larger range at the end of the arrays.
 template <class Real>
 class OffLatticeLists {
 public:
     OffLatticeLists() = default;
-    /// Sets off_lattice_begin and off_lattice_slots of `slices`. Rest lengths are those of listed_length().
+    /// Makes the lists, and sets off_lattice_begin and off_lattice_slots of `slices`. Rest lengths are those
+    /// of listed_length().
     OffLatticeLists(const Problem& problem, const Placement& placement, Formulation formulation,
                     std::span<Slice> slices);
 
-    /// The springs in columns. A column is one slot of a slice: slice_particles elements per array.
+    /// The arrays of the springs, in columns. A column is one slot of all particles of a slice:
+    /// slice_particles elements per array.
     std::span<const std::uint32_t> neighbour() const { return neighbour_; }
     std::span<const SpringConstants<Real>> constants() const { return constants_; }
     std::span<const SpringRest<Real>> off_lattice_rest() const { return off_lattice_rest_; }
@@ -47,7 +50,7 @@ public:
     /// What an edit changed.
     struct Changes {
         std::vector<EditedSlice> slices;
-        EditedLists<Real> columns;  ///< each is the list of a "particle" with slice_particles slots
+        EditedLists<Real> columns;  ///< each column is stored as the list of one particle would be
     };
     Changes change(const Problem& edited, const SpringEdit& edit, std::span<Slice> slices);
 
@@ -61,18 +64,19 @@ private:
     }
 
     Formulation formulation_{};
-    std::size_t first_ = 0;  ///< word of the first particle
+    std::size_t first_ = 0;  ///< index of the first particle's word
     std::size_t particles_ = 0;
     std::vector<std::uint32_t> neighbour_;
     std::vector<SpringConstants<Real>> constants_;
     std::vector<SpringRest<Real>> off_lattice_rest_;  ///< empty in formulations on positions
 };
 
-/// The kernel's first argument, with null pointers as from make_implicit_step().
+/// The kernel's first argument. Its pointers are null, as those of make_implicit_step().
 template <class Real>
 DeltaStep<Real> make_delta_step(const Problem& problem, const Placement& placement, Formulation formulation);
 
-/// The least work of a step. The lists of runs, which are few, do not count.
+/// The least work of a step (bytes and operations). The lists that runs of particles share are few and do not
+/// count.
 template <class Real>
 StepWork delta_work(const Problem& problem, Formulation formulation);
 

@@ -7,7 +7,7 @@
 namespace voxspring::layout {
 namespace {
 
-/// Mask bits of the directions whose offset `chosen` accepts.
+/// The mask bits of the directions for whose offset chosen(offset) is true.
 template <class Chosen>
 std::uint32_t bits_where(Chosen chosen) {
     std::uint32_t bits = 0;

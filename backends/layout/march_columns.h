@@ -1,4 +1,5 @@
-// Describes a body for a plan of the march: not voxel by voxel but by the runs of voxels that a warp takes.
+// Describes a body for the planning of cuda_march (march_plan.h). It does not describe each voxel but each
+// run of voxels along x, as long as a warp or a part of one is wide.
 #pragma once
 
 #include <cstddef>
@@ -10,14 +11,15 @@
 
 namespace voxspring::layout {
 
-/// Divides every row of a lattice into cells of `width` voxels. The width is a power of two and at most 128.
+/// Divides every row of a lattice into cells of `width` voxels, a power of two of at most 128, and stores
+/// flags for each cell.
 class MarchCells {
 public:
     MarchCells(const Problem& problem, int width);
 
     static constexpr std::uint8_t active = 1;  ///< flag: the cell has a particle
-    /// Every voxel of the cell has a particle that moves and has every spring, except springs that would
-    /// leave the lattice across its first or last x or its first or last plane.
+    /// Flag: every voxel of the cell has a particle that moves and has every spring. Only springs that would
+    /// leave the lattice across its first or last x, or its first or last plane, may be missing.
     static constexpr std::uint8_t full = 2;
 
     const Lattice& lattice() const { return *lattice_; }
@@ -25,8 +27,8 @@ public:
     int count() const { return count_; }  ///< cells per row
     /// The flags of the count() cells in row (y, z) of the lattice.
     const std::uint8_t* row(int y, int z) const { return &cells_[row_number(y, z) * std::size_t(count_)]; }
-    /// The index of the first particle in row (y, z) or, if that is empty, of the first one after it.
-    /// end_particle(): the index after the row's last particle.
+    /// first_particle(): the index of the first particle in row (y, z) or, if the row has none, of the first
+    /// particle after it. end_particle(): the index after the row's last particle.
     std::size_t first_particle(int y, int z) const { return begin_[row_number(y, z)]; }
     std::size_t end_particle(int y, int z) const { return begin_[row_number(y, z) + 1]; }
 
@@ -45,13 +47,14 @@ private:
 /// One bit for each warp of a block, in one plane of its tile.
 struct MarchWarps {
     std::uint32_t active = 0;  ///< bit w: warp w has a particle
-    std::uint32_t full = 0;  ///< bit w: all particles of warp w have full stencils (MarchItem::full_stencils)
+    std::uint32_t full = 0;    ///< bit w: all cells of warp w are MarchCells::full
 };
 
-/// Divides a lattice into columns along z, whose cross-section is one tile.
+/// Divides a lattice into columns along z, whose cross-section is one tile, the particles that a block steps
+/// per plane.
 class MarchColumns {
 public:
-    /// The width of `cells` must divide that of a warp.
+    /// The width of `cells` must divide the width of a warp in voxels, 2 * shape.lanes.
     MarchColumns(const MarchCells& cells, const MarchShape& shape);
 
     const MarchShape& shape() const { return shape_; }

@@ -13,16 +13,17 @@
 namespace voxspring::layout {
 namespace {
 
-constexpr int quarters = 4;  // of a multiprocessor, each with one scheduler
+constexpr int quarters = 4;  // each multiprocessor has four quarters with one scheduler each
 
 // The constants of the model are fitted to measured times of one NVIDIA H200; march_cost_test.cpp lists them
 // beside the predictions. Times other than a launch's are in cycles, so they also hold at other clocks.
 
-/// A launch in a CUDA graph, measured with an empty kernel. It is the same for all plans.
+/// The time of a launch in a CUDA graph, measured with an empty kernel. It is the same for all plans.
 constexpr double launch_seconds = 0.66e-6;
 /// Cycles from the start of a block to its first window: barriers, and a copy's way to memory and back.
 constexpr double start_latency = 1200;
-/// Bytes per cycle that a multiprocessor gets while all multiprocessors fill their first windows.
+/// Bytes per cycle that a multiprocessor gets from memory while all multiprocessors fill their first windows
+/// (planes of a tile in shared memory).
 constexpr double start_bytes_per_cycle = 20;
 /// The share of the memory's peak rate that a pass over arrays larger than any cache reaches (4.28 of 4.8
 /// TB/s).
@@ -32,14 +33,14 @@ constexpr double copy_share = 0.89;
 /// step took 1.30 ms.
 constexpr double overlap_exponent = 5;
 
-/// Cycles that the warp which asks for a plane's copies takes to do so, on its quarter.
+/// Cycles that one warp of a block takes to start the copy engine's copies of a plane.
 constexpr double copy_cycles = 100;
-/// Cycles that a thread takes to ask for a copy of 16 bytes: one per instruction, estimated from the source.
+/// Cycles that a thread takes to start a copy of 16 bytes: one per instruction, estimated from the source.
 constexpr double async_copy_cycles = 16;
 
-/// Cycles per warp and plane. In float32 `full` is the number of instructions without masks, counted in the
-/// machine code of sm_90. In float64, whose pipe takes two cycles per instruction, `full` is the time for
-/// which the profiler shows this pipe busy. `masked` and `wait` are fitted to the rest of the measured times.
+/// Cycles per warp and plane. In float32 `full` is the number of instructions of a warp without masks,
+/// counted in the machine code of sm_90. In float64, whose pipe takes two cycles per instruction, `full` is
+/// the time for which the profiler shows this pipe busy. `masked` and `wait` are fitted to measured times.
 MarchRates rates_of(Precision precision, Formulation formulation) {
     const bool increments = by_increments(formulation);
     constexpr double idle = 100;
@@ -49,7 +50,7 @@ MarchRates rates_of(Precision precision, Formulation formulation) {
     } else {
         rates = increments ? MarchRates{3700, 1680, 1840, idle} : MarchRates{2300, 1066, 1170, idle};
     }
-    // On displacements, 92 components of rest offsets are subtracted as well.
+    // In the formulation `displacement`, 92 components of rest offsets are subtracted as well.
     if (formulation == Formulation::displacement) {
         rates.full += 92;
         rates.masked += 92;
@@ -57,7 +58,8 @@ MarchRates rates_of(Precision precision, Formulation formulation) {
     return rates;
 }
 
-/// By how much rows of 16 lanes cost more: the two halves of a warp then read rows that share banks.
+/// The factor by which a tile with 16 lanes per row costs more: the two halves of a warp then read rows that
+/// share banks of shared memory.
 constexpr double narrow_share = 1.1;
 
 }  // namespace
@@ -86,8 +88,9 @@ int resident_blocks(const MarchTile& tile, Precision precision, const MarchDevic
     const auto bytes = std::size_t(tile.shape.shared_bytes(int(scalar_bytes(precision))));
     if (bytes > device.block_shared_bytes) return 0;
     const auto fit = int(device.shared_bytes / (bytes + device.reserved_bytes));
-    // Threads that copy windows need 128 registers or spill. Other threads get what `tile.blocks` blocks per
-    // multiprocessor leave to each.
+    // If threads copy the windows, they need 128 registers each, or some registers are spilled. If the copy
+    // engine does, the number of registers per thread only has to let `tile.blocks` blocks share a
+    // multiprocessor.
     constexpr int registers = 65536, registers_to_copy = 128;
     const int most = device.tensor_copies
                          ? tile.blocks
@@ -135,7 +138,7 @@ double MarchCost::plane_seconds(double cycles, int count) const {
     return (rates_.wait + count * asking + uneven * cycles / quarters) / device_.hertz;
 }
 
-/// A multiprocessor with the items that share it.
+/// A multiprocessor and the items that share it.
 class MarchCost::Shared {
 public:
     explicit Shared(const MarchCost& cost, double start) : cost_(&cost), start_(start) {}

@@ -11,7 +11,7 @@
 namespace voxspring::layout {
 namespace {
 
-/// A lattice direction of each spring class.
+/// One lattice direction of each spring class (spring_class()).
 constexpr std::array<glm::ivec3, spring_classes> class_offsets = {glm::ivec3{1, 0, 0}, {0, 1, 0}, {0, 0, 1},
                                                                   {1, 1, 0},           {1, 0, 1}, {0, 1, 1}};
 
@@ -20,8 +20,8 @@ const Direction& direction_to(const glm::ivec3& offset) {
                          [&](const Direction& direction) { return direction.offset == offset; });
 }
 
-/// The factor of the density that the kernel computes for a spring of class k. In formulations by increments
-/// this density is (l - |d|) / |d|, otherwise (l - |d|) / (l |d|).
+/// The factor that turns the density which the kernel computes for a spring of class k into force per length.
+/// This density is (l - |d|) / |d| in formulations by increments, otherwise (l - |d|) / (l |d|).
 double pull_of_class(const Problem& problem, std::size_t k, Formulation formulation) {
     const Direction& direction = direction_to(class_offsets[k]);
     const double stiffness = problem.group_stiffness[std::size_t(direction.group)];
@@ -45,7 +45,8 @@ SoaPlaces march_places(const Lattice& lattice, std::size_t real_bytes) {
 
 namespace {
 
-/// Calls visit(particle, element) for each particle; element is its index in the arrays of the layout.
+/// Calls visit(particle, element) for each particle; `element` is the index of the particle's x in an array
+/// with `places`.
 template <class Visit>
 void visit_particles(const Problem& problem, const SoaPlaces& places, Visit visit) {
     const auto particles = std::ptrdiff_t(problem.particle_count());

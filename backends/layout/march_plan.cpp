@@ -19,12 +19,12 @@ namespace voxspring::layout {
 namespace {
 
 constexpr int max_rows = 2;
-/// When runs are cut, the longest part of the longest run keeps at least this many planes, since an item
-/// costs the time of three planes besides its planes.
+/// When runs of planes are cut into items, the longest part of the longest run keeps at least this many
+/// planes, because an item takes as long as three planes more than it has.
 constexpr int shortest_part = 3;
 
-/// Finds the bits of a thread's word (PlaneMask) for one of its particles, from plane (1: the one that
-/// arrived, 0: the one before), row and column of the particle and its neighbour mask.
+/// Finds the bits in a thread's mask word (PlaneMask) that one of its particles sets. The particle is given
+/// by its plane (1: the one that arrived, 0: the one before), row, column and neighbour mask.
 class PlaneMaskTable {
 public:
     explicit PlaneMaskTable(int rows) : rows_(rows) {
@@ -53,7 +53,8 @@ public:
         }
     }
 
-    /// own(): the bits of a particle with this mask in the word for its plane. next(): for the next plane.
+    /// own(): the bits that a particle with `mask` sets in the word for its own plane. next(): the bits that
+    /// it sets in the word for the next plane.
     std::uint64_t own(int r, int c, std::uint32_t mask) const { return of(1, r, c, mask); }
     std::uint64_t next(int r, int c, std::uint32_t mask) const {
         std::uint64_t word = of(0, r, c, mask) | std::uint64_t(1) << stored(r);
@@ -62,7 +63,7 @@ public:
     }
 
 private:
-    // The 18 bits of faces and edges are looked up in two halves.
+    // A mask has 18 bits of face and edge springs. They are looked up in two halves.
     static constexpr int half_bits = 9;
     static constexpr std::uint32_t half_size = 1U << half_bits;
     static_assert((FACE_BITS | EDGE_BITS) == (1U << 2 * half_bits) - 1);
@@ -91,13 +92,13 @@ private:
     std::array<std::array<std::array<std::uint64_t, half_size>, places>, 2> words_{};
 };
 
-/// Planes `begin` to `end` (exclusive) of a column.
+/// A run: successive planes `begin` to `end` (exclusive) of a column.
 struct Run {
     int column, begin, end;
     int length() const { return end - begin; }
 };
 
-/// The runs of successive planes that hold a particle.
+/// The runs of planes with particles, in all columns.
 std::vector<Run> runs_of(const MarchColumns& columns) {
     std::vector<Run> runs;
     for (int column = 0; column < columns.count(); ++column) {
@@ -113,9 +114,10 @@ std::vector<Run> runs_of(const MarchColumns& columns) {
 }
 
 /// Cuts runs where the set of warps with full stencils changes, unless both stretches beside the cut are
-/// short. Otherwise one plane of pinned particles would force masks on the whole run.
+/// short. Without such cuts one plane of pinned particles would force masks on the whole run.
 std::vector<Run> cut_by_full_stencils(const MarchColumns& columns, const std::vector<Run>& runs) {
-    // An item costs the time of three planes besides its planes. Masks add an eighth to the time of a plane.
+    // A cut makes one more item, which costs the time of three planes. Masks add an eighth to the time of a
+    // plane.
     constexpr int long_enough = 32;
     std::vector<Run> cut;
     for (const Run& run : runs) {
@@ -138,7 +140,7 @@ std::vector<Run> cut_by_full_stencils(const MarchColumns& columns, const std::ve
     return cut;
 }
 
-/// Cuts runs where the interior begins and ends.
+/// Cuts runs where the interior (MarchInterior) begins and ends.
 std::vector<Run> cut_by_interior(const MarchInterior& interior, const std::vector<Run>& runs) {
     std::vector<Run> cut;
     for (const Run& run : runs) {
@@ -155,10 +157,10 @@ std::vector<Run> cut_by_interior(const MarchInterior& interior, const std::vecto
 /// Element n: the number of items that are n planes long.
 using LengthCounts = std::vector<int>;
 
-/// The time until all items are done, in units of the time that a plane takes. `slots` blocks run at once,
-/// and each always takes the longest item that is left. An item of n planes takes the time of n + 3 planes:
-/// it also fetches the plane below and the plane above, and the wait for its first plane is as long as one
-/// more.
+/// The time until all items are done, in units of the time that a plane takes. `slots` blocks run at once. A
+/// slot that becomes free takes the longest item that is left. An item of n planes takes the time of n + 3
+/// planes: it also fetches the plane below and the plane above, and waits for its first plane as long as one
+/// more plane takes.
 int finished_at(const LengthCounts& counts, int slots) {
     constexpr int extra = 3;
     std::priority_queue<int, std::vector<int>, std::greater<>> ends;
@@ -175,7 +177,8 @@ int finished_at(const LengthCounts& counts, int slots) {
     return last;
 }
 
-/// Calls visit(part) for parts of `run` whose lengths differ by at most one plane and are at most `most`.
+/// Cuts `run` into parts, and calls visit(part) for each. Their lengths are at most `most` and differ by at
+/// most one plane.
 template <class Visit>
 void visit_parts(const Run& run, int most, Visit visit) {
     const int count = units_of(run.length(), most);
@@ -184,7 +187,7 @@ void visit_parts(const Run& run, int most, Visit visit) {
                   run.begin + run.length() * (part + 1) / count});
 }
 
-/// The greatest length of an item, in planes, with which all items are done the soonest.
+/// The limit of the length of items, in planes, with which all items are done the soonest.
 int best_length(const std::vector<Run>& runs, int slots) {
     int longest = 1;
     for (const Run& run : runs) longest = std::max(longest, run.length());
@@ -223,10 +226,10 @@ public:
     const MarchTile& tile() const { return tile_; }
     const MarchColumns& columns() const { return columns_; }
     double seconds() const { return seconds_; }
-    /// MarchPlan::kept_planes. If the state is somewhat larger than L2, every step evicts from L2 what the
-    /// next step reads first. Then telling L2 what to keep makes a step up to a tenth faster. With a smaller
-    /// or larger state, or if items march in several rounds, it makes a step slower. Both bounds, `least` and
-    /// `most`, lie between states that were measured on an H100.
+    /// Computes MarchPlan::kept_planes. If the state is somewhat larger than L2, every step evicts from L2
+    /// what the next step reads first. Then telling L2 what to keep makes a step up to a tenth faster. If the
+    /// state is smaller or larger, or items march in several rounds, it makes a step slower. The bounds
+    /// `least` and `most` lie between states that were measured on an H100.
     int kept_planes(const MarchDevice& device) const {
         constexpr double least = 0.9, most = 1.75;
         const double state = state_bytes() / device.cache_bytes;
@@ -241,16 +244,16 @@ public:
     std::size_t border_items() const { return border_items_; }
 
 private:
-    /// Cuts runs into parts of about equal length. Parts of neighbouring columns then march at the same
-    /// height, and find the points of their frames in the cache.
+    /// Cuts runs into items of about equal length. Then items of neighbouring columns march at the same
+    /// height, and find in the cache the points around their tiles.
     void cut(const MarchInterior& interior) {
         const std::vector<Run> runs =
             cut_by_interior(interior, cut_by_full_stencils(columns_, runs_of(columns_)));
         const int length = best_length(runs, cost_.slots());
         for (const Run& run : runs)
             visit_parts(run, length, [&](const Run& part) { items_.push_back(part); });
-        // The longest items come first, so that little is left at the end. Equally long items go from the
-        // lowest to the highest, and at one height column by column.
+        // The longest items come first, so that little work is left at the end. Equally long items are
+        // ordered from the lowest to the highest, and at one height column by column.
         std::stable_sort(items_.begin(), items_.end(), [](const Run& a, const Run& b) {
             return a.length() != b.length() ? a.length() > b.length() : a.begin < b.begin;
         });
@@ -271,8 +274,8 @@ private:
     }
     double state_bytes() const { return double(lattice_->voxel_count()) * 3 * real_ * (increments_ ? 3 : 2); }
 
-    /// The springs that are added when plane z arrives, as a share of those of an inner plane. The first
-    /// plane of the lattice has no springs to a plane below.
+    /// The springs that are added when plane z arrives, as a share of those for an inner plane. At the first
+    /// plane of the lattice there are no springs to a plane below.
     static double springs_of(int z) { return z == 0 ? 0.5 : 1; }
     /// Cycles of all warps when plane z arrives. Warps whose bit is set in `full` use no masks.
     double count_cycles(int column, int z, std::uint32_t full) const {
@@ -287,7 +290,7 @@ private:
         std::uint32_t full = ~0U;
         for (int z = item.begin; z < item.end; ++z) full &= columns_.at(item.column, z).full;
         MarchLoad load;
-        // The plane above the item arrives as well.
+        // The plane above the item is fetched as well.
         for (int z = item.begin; z <= std::min(item.end, columns_.planes() - 1); ++z) {
             load.planes += springs_of(z);
             load.cycles += springs_of(z) * count_cycles(item.column, z, full);
@@ -295,7 +298,8 @@ private:
         return load;
     }
 
-    /// How many of the columns on the four sides have an item that begins at the same plane as this one.
+    /// How many of the columns on the four sides of the item have an item that begins at the same plane as
+    /// this one.
     int neighbours_in_step(const Run& item) const {
         const int across = units_of(lattice_->dims.x, columns_.shape().width());
         const int x = item.column % across;
@@ -307,10 +311,10 @@ private:
         }
         return found;
     }
-    /// Bytes that plane z moves: its window, and what the step overwrites. `fetched_frame`: the share of the
-    /// window's frame that comes from memory.
+    /// The bytes that plane z moves: those of its window (the plane of the tile and a frame around it), and
+    /// those that the step overwrites. `fetched_frame`: the share of the frame that comes from memory.
     double bytes_at(int column, int z, double fetched_frame) const {
-        // HBM, the memory of the card, delivers no fewer bytes per access.
+        // The fewest bytes that an access to the card's memory (HBM) delivers.
         constexpr int fetched_bytes = 64;
         const MarchShape& shape = columns_.shape();
         const int margin = fetched_bytes / real_;
@@ -326,16 +330,18 @@ private:
         return 3 * real_ *
                (own + fetched_frame * (window - own) + own * (1 + stored * (increments_ ? 2 : 1)));
     }
-    /// Half of a frame counts as cached if the tiles on all sides march at the same height, and nothing of it
-    /// if none does. On an H200 at commit 46c228e the heart of 480x408x368, whose runs begin at all heights,
-    /// took 410 us in 64x8 and 482 us in 32x20. If half of all frames counted as cached, 32x20 would be
-    /// chosen. The predicted time is a fifth too short.
+    /// The bytes of an item. Half of a window's frame counts as cached if the tiles on all sides march at the
+    /// same height, and nothing of it if none does. On an H200 at commit 46c228e the heart of 480x408x368,
+    /// whose runs begin at all heights, took 410 us with tile 64x8 and 482 us with 32x20. If half of all
+    /// frames counted as cached, 32x20 would be chosen. The time predicted for this heart is a fifth too
+    /// short.
     double bytes_of(const Run& item) const {
         constexpr int sides = 4;
         const double fetched_frame = 1 - 0.5 * neighbours_in_step(item) / sides;
         double bytes = 0;
         for (int z = item.begin; z < item.end; ++z) bytes += bytes_at(item.column, z, fetched_frame);
-        // The planes below and above, of which only windows are fetched: a third or a quarter of the bytes.
+        // The planes below and above the item: only their windows are fetched, a third or a quarter of the
+        // bytes.
         const double window = bytes_at(item.column, item.begin, fetched_frame) / (increments_ ? 4 : 3);
         return bytes + window * ((item.begin > 0 ? 1 : 0) + (item.end < columns_.planes() ? 1 : 0));
     }
@@ -352,7 +358,7 @@ private:
     double seconds_ = 0;
 };
 
-/// Writes the items and words of a plan.
+/// Writes the items and mask words of a plan.
 class Writer {
 public:
     Writer(const MarchCells& cells, const MarchShape& shape)
@@ -419,7 +425,7 @@ private:
     const MarchCells& cells_;
     const MarchShape shape_;
     const PlaneMaskTable table_;
-    std::vector<int> thread_of_;  ///< the thread of each pair of columns in each group of rows
+    std::vector<int> thread_of_;  ///< the thread of each pair of columns in each `rows` rows
 };
 
 }  // namespace
@@ -466,11 +472,11 @@ std::uint64_t max_plan_bytes(const Lattice& lattice, const MarchShape& shape) {
     const std::uint64_t tiles = std::uint64_t(units_of(lattice.dims.x, shape.width())) *
                                 std::uint64_t(units_of(lattice.dims.y, shape.height()));
     const std::uint64_t planes = tiles * std::uint64_t(lattice.dims.z);
-    // Each item takes at least two planes of a column: a run of one plane has an empty plane behind it, and
-    // the parts of a longer run have two or more.
+    // An item takes at least two planes of a column on average: the parts of longer runs have two or more,
+    // and a run of one plane is followed by an empty plane or lies beside a much longer run.
     static_assert(shortest_part == 3);
     const std::uint64_t items = tiles * std::uint64_t(units_of(lattice.dims.z, 2));
-    // An item has at most one word per thread for each of its planes and for the plane after them.
+    // An item has at most one mask word per thread for each of its planes and for the plane after them.
     return items * sizeof(MarchItem) +
            (planes + items) * std::uint64_t(shape.threads()) * sizeof(std::uint64_t);
 }

@@ -1,5 +1,6 @@
-// The plan of the march along z: the tile (chosen by the predicted time of a step, march_cost.h), the items
-// of work of all blocks, and the mask words of items that need masks. Built on the host, without a device.
+// The plan of a launch of cuda_march: the tile (chosen by the predicted time of a step, march_cost.h), the
+// items (the work of each block), and the mask words of items that need masks. Made on the host, without a
+// device.
 #pragma once
 
 #include <cstddef>
@@ -15,39 +16,39 @@
 
 namespace voxspring::layout {
 
-/// Planes `begin` to `end` (exclusive) of a part of a body, which are stepped while the particles of its
+/// The planes `begin` to `end` (exclusive) of a part of a body that are stepped while the particles of its
 /// borders travel to and from neighbouring parts.
 struct MarchInterior {
     int begin = 0, end = std::numeric_limits<int>::max();
     bool operator==(const MarchInterior&) const = default;
 };
-/// The longest run of planes that contain none of the particles in `border`; may be empty.
+/// The longest run of planes without a particle in `border`. It may be empty.
 MarchInterior interior_of(const Lattice& lattice, const std::vector<std::uint32_t>& border);
 
 /// The work of all blocks.
 struct MarchPlan {
     MarchTile tile;
-    /// One item per block, in the order of blocks: first the items outside of the interior, then those
-    /// inside. Within each of these two groups the longest items come first.
+    /// One item per block, in the order of blocks: first the items outside of the interior (MarchInterior),
+    /// then those inside. Within each of these two groups the longest items come first.
     std::vector<MarchItem> items;
-    std::size_t border_items = 0;  ///< how many items are outside of the interior
-    std::vector<std::uint64_t> words;
-    /// How many of every `kept_of` planes L2 is told to keep; 0: it is told nothing.
+    std::size_t border_items = 0;      ///< how many items are outside of the interior
+    std::vector<std::uint64_t> words;  ///< mask words of all items (MarchItem::words)
+    /// How many of every `kept_of` planes the L2 cache is told to keep; 0: it is told nothing.
     int kept_planes = 0;
     double seconds = 0;  ///< predicted time of a step
     bool operator==(const MarchPlan&) const = default;
 };
 
-/// Predicted times that differ by less than this factor count as alike, as predictions are no better
-/// (march_cost_test).
+/// Predicted times that differ by less than this factor count as equal, because predictions are no more
+/// accurate (march_cost_test).
 constexpr double max_alike = 1.03;
-/// Plans items for all particles. Of those `tiles` that fit the device, takes the first whose predicted step
+/// Plans items for all particles. Takes, of the `tiles` that fit the device, the first whose predicted step
 /// is at most max_alike times the shortest. If none fits, takes the first of `tiles`, which must not be
-/// empty. Neither the tile nor the cutting of runs into items changes the bits of a result. No item has
-/// planes both inside and outside of the interior.
+/// empty. Neither the tile nor the cutting into items changes the bits of a result. No item has planes both
+/// inside and outside of `interior`.
 MarchPlan plan_march(const Problem& problem, const std::vector<MarchTile>& tiles, Precision precision,
                      Formulation formulation, const MarchDevice& device, MarchInterior interior = {});
-/// An upper bound of the bytes of the items and words of a plan without borders.
+/// An upper bound of the bytes of the items and mask words of a plan for a body that is not cut into parts.
 std::uint64_t max_plan_bytes(const Lattice& lattice, const MarchShape& shape);
 
 }  // namespace voxspring::layout

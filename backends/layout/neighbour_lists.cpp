@@ -17,7 +17,7 @@ ListShape make_shape(std::size_t particles, std::uint32_t slots, ListLayout layo
     if (layout == ListLayout::concatenated)
         return {.particle_stride = slots, .slot_stride = 1, .slots = slots};
     return {.particle_stride = 1,
-            // The entries of one slot, for all particles, begin on a cache line.
+            // The entries of one slot, for all particles together, begin on a cache line.
             .slot_stride = ListRows::stride(std::uint32_t(particles)),
             .slots = slots};
 }
@@ -30,7 +30,8 @@ void start_lists(NeighbourLists<Real>& lists, const Problem& problem, std::uint3
     lists.bits = state_bits(problem);
 }
 
-// Fills the unused slots `begin` to `end` (exclusive) of a list: each names the particle itself.
+// Fills the unused slots `begin` to `end` (exclusive) of a list: in each the neighbour is the particle
+// itself.
 template <class Real>
 void fill_unused(NeighbourLists<Real>& lists, std::uint32_t row, std::uint32_t particle, std::uint32_t begin,
                  std::uint32_t end, Formulation formulation) {
@@ -67,7 +68,7 @@ std::uint32_t slots_by_springs(const Problem& problem) {
 
 namespace {
 
-// Fills list `row` with a particle's springs: visit(add) calls add(bit, neighbour) for each.
+// Fills list `row` with the springs of `particle`, which visit(add) lists by calling add(bit, neighbour).
 template <class Real, class Visit>
 void fill_by_groups(NeighbourLists<Real>& lists, std::uint32_t row, std::uint32_t particle,
                     const std::array<std::uint32_t, 4>& first, Formulation formulation, Visit visit) {
@@ -82,7 +83,8 @@ void fill_by_groups(NeighbourLists<Real>& lists, std::uint32_t row, std::uint32_
     }
 }
 
-// Appends a spring to list `row`, and counts it in the bits of the row. Returns the index of its element.
+// Appends a spring to list `row`, and counts it in the list's bits. Returns the index of the spring's
+// element.
 template <class Real>
 std::size_t append(NeighbourLists<Real>& lists, std::uint32_t row, std::uint32_t entry, double stiffness,
                    Real rest_length) {
@@ -113,7 +115,7 @@ std::array<Real, neighbour_count> listed_lengths(const Problem& problem, Formula
     return lengths;
 }
 
-// Makes room for what list_by_springs() stores besides neighbours.
+// Makes room for the arrays that list_by_springs() fills besides `neighbour`.
 template <class Real>
 void start_constants(NeighbourLists<Real>& lists, const Problem& problem, Formulation formulation) {
     lists.constants.resize(lists.neighbour.size(), {0, 0});
@@ -248,8 +250,8 @@ ExplicitStep<Real> make_explicit_step(const Problem& problem, const NeighbourLis
         step.first_slot[g] = lists.first_slot[g];
         step.stiffness[g] = Real(problem.group_stiffness[g]);
     }
-    // Any direction of a group will do. Only lists without a secondary list use these lengths, and
-    // grouped_list_refusal() has checked that all directions of a group have the same one.
+    // Any direction of a group gives the group's rest length. Only lists without constants per spring use
+    // these lengths, and grouped_list_refusal() has checked that all directions of a group have the same one.
     for (const Direction& direction : directions())
         step.rest_length[std::size_t(direction.group)] = listed_length<Real>(problem, direction, formulation);
     std::ranges::copy(rest_by_code<Real>(problem), step.rest);

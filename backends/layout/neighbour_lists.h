@@ -1,4 +1,4 @@
-// Neighbour lists in the layout of records/explicit.h, and what an edit changes in them.
+// Makes neighbour lists in the layout of records/explicit.h, and the new lists that an edit needs.
 #pragma once
 
 #include <array>
@@ -12,39 +12,41 @@
 
 namespace voxspring::layout {
 
+/// Figure 6 of the paper: all particles' entries of one slot together (b), or all entries of a particle (a).
 enum class ListLayout : std::uint8_t { vertical, concatenated };
 
-/// Neighbour lists in the layout of records/explicit.h.
+/// The neighbour lists of all particles (records/explicit.h).
 template <class Real>
 struct NeighbourLists {
     ListShape shape;
     std::vector<std::uint32_t> neighbour;
-    /// The secondary list: stiffness and rest length for each entry of `neighbour`. Empty if those of the
-    /// spring groups suffice.
+    /// The stiffness and rest length of each entry of `neighbour` (the secondary list). Empty if all springs
+    /// of a group have the same ones.
     std::vector<SpringConstants<Real>> constants;
     /// How springs beyond the lattice lie at rest, by element of `neighbour`. Empty in formulations on
-    /// positions, or if there are none.
+    /// positions, or if there are no such springs.
     std::vector<SpringRest<Real>> off_lattice_rest;
     std::vector<std::uint32_t> bits;            ///< one per particle: spring counters, active and pinned bits
-    std::array<std::uint32_t, 3> first_slot{};  ///< per group, if there is no secondary list
+    std::array<std::uint32_t, 3> first_slot{};  ///< per group, if `constants` is empty: where it begins
 };
 
-/// The number of elements of the lists of `particles` particles, with `slots` slots each.
+/// The number of elements of the lists of `particles` particles with `slots` slots per particle.
 std::size_t list_size(std::size_t particles, std::uint32_t slots, ListLayout layout);
-/// Slots per particle in the lists that list_by_groups() and list_by_springs() make.
+/// The numbers of slots per particle in the lists that list_by_groups() and list_by_springs() make.
 std::uint32_t slots_by_groups(const Problem& problem);
 std::uint32_t slots_by_springs(const Problem& problem);
 
-/// Lists with one counter per spring group and no secondary list. grouped_list_refusal() must be empty.
+/// Makes lists with a counter per particle and spring group, and with constants per group.
+/// grouped_list_refusal() must be empty.
 template <class Real>
 NeighbourLists<Real> list_by_groups(const Problem& problem, ListLayout layout, Formulation formulation);
-/// Lists with one counter per particle, and one stiffness and rest length per spring, for any problem. A
+/// Makes lists with one counter per particle, and a stiffness and rest length per spring, for any problem. A
 /// particle's lattice springs come first, in the order of directions(), then its springs beyond the lattice
-/// in their order.
+/// in the order of Problem::springs.
 template <class Real>
 NeighbourLists<Real> list_by_springs(const Problem& problem, ListLayout layout, Formulation formulation);
 
-/// Puts the rows of ListRows before the entries of `lists`. All entries must have been filled in.
+/// Puts the rows that ListRows describes before the entries of `lists`, which must all have been filled in.
 template <class Real>
 void put_rows_ahead(NeighbourLists<Real>& lists);
 
@@ -65,8 +67,8 @@ template <class Real>
 EditedLists<Real> edited_by_springs(const Problem& edited, const SpringEdit& edit, std::uint32_t slots,
                                     Formulation formulation);
 
-/// The kernel's argument, with rest lengths as listed_length() gives them. Its pointers are null: the caller
-/// sets them to arrays on the device.
+/// Makes the kernel's argument, with rest lengths as listed_length() gives them. Its pointers are null: the
+/// caller sets them to arrays on the device.
 template <class Real>
 ExplicitStep<Real> make_explicit_step(const Problem& problem, const NeighbourLists<Real>& lists,
                                       Formulation formulation);

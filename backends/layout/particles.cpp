@@ -12,7 +12,8 @@ namespace {
 // The number of particles, signed because OpenMP's loops prefer that.
 std::ptrdiff_t count_of(const Problem& problem) { return std::ptrdiff_t(problem.particle_count()); }
 
-// Each axis of the increments begins at a multiple of this: 32 elements of float32 fill a cache line.
+// The number of elements of an axis (x, y or z) of the increments is a multiple of this: 32 elements of
+// float32 fill a cache line.
 constexpr std::size_t pitch_multiple = 32;
 
 }  // namespace

@@ -1,5 +1,5 @@
-// How particles lie in memory: words, state, loads, masses, and those that a tool holds or a feed shows.
-// Built on the host, without a device.
+// How particles lie in memory: words, state, loads, masses, and the particles that a tool holds or a picture
+// shows. Made on the host, without a device.
 #pragma once
 
 #include <cstdint>
@@ -16,38 +16,41 @@
 
 namespace voxspring::layout {
 
-/// The largest number of words in an array. Threads index words by int, the up to 1023 surplus threads of the
-/// last block included.
+/// The largest number of words in an array. Threads index words by int; the last block may have 1023 threads
+/// too many, whose index must not overflow either.
 inline constexpr std::size_t max_words = 0x7FFFFFFF - 1023;
 
 /// Maps each particle to its word in an array.
 struct Placement {
     std::size_t words = 0;
     std::size_t first = 0;
-    const std::vector<std::uint32_t>* voxel = nullptr;  ///< word of i: first + (*voxel)[i]; null: first + i
+    const std::vector<std::uint32_t>* voxel =
+        nullptr;  ///< particle i has word first + (*voxel)[i]; null: first + i
     std::size_t at(std::size_t particle) const {
         return first + (voxel == nullptr ? particle : (*voxel)[particle]);
     }
 };
 
-/// One word per voxel, with enough guard words on either side for all 26 neighbours of every voxel.
+/// Places particles on the grid: one word per voxel, and before and after these so many guard words that all
+/// 26 neighbours of every voxel have a word.
 Placement place_on_grid(const Lattice& lattice);
 /// Particle i has word i, without guard words.
 Placement place_compact(const Problem& problem);
 
-/// The state of every particle in its word, in a formulation (formulation.h). Words without a particle are
-/// zero, and arrays that the formulation does not use are empty.
+/// The state of every particle in the variables of a formulation (formulation.h). Words without a particle
+/// are zero, and arrays that the formulation does not use are empty.
 template <class Real>
 struct PackedState {
     std::vector<ParticleRecord<Real>> current;      ///< position x or displacement u, at t
     std::vector<ParticleRecord<Real>> previous;     ///< x or u at t - dt
     std::vector<ParticleRecord<Real>> current_low;  ///< low parts of u
-    /// v and its low parts: x of all words, then y, then z, increment_pitch() apart.
+    /// The increments v and their low parts: x of all words, then y, then z, increment_pitch() elements
+    /// apart.
     std::vector<Real> increment, increment_low;
 };
-/// Elements from one axis of the increments to the next. Each axis begins on a cache line.
+/// The number of elements from one axis of the increments to the next. Each axis begins on a cache line.
 std::size_t increment_pitch(const Placement& placement);
-/// The state as words. `bits`: the bits of each particle's word (ParticleRecord).
+/// Packs the state into words. `bits`: for each particle the bits of its word (ParticleRecord).
 template <class Real>
 PackedState<Real> pack(const Problem& problem, const State& state, const Placement& placement,
                        std::span<const std::uint32_t> bits, Formulation formulation);
@@ -71,27 +74,29 @@ template <class Real>
 std::uint64_t particle_bytes(const Problem& problem, const Placement& placement, Formulation formulation,
                              bool every_term = false);
 
-/// All of Motion but the pointers `load` and `inverse_masses`, which the caller sets to device memory.
+/// Makes a Motion. Its pointers `load` and `inverse_masses` are null: the caller sets them to arrays on the
+/// device.
 template <class Real>
 Motion<Real> make_motion(const Problem& problem);
 
-/// Active and pinned bits of every particle.
+/// For each particle the active bit and, if it is pinned, the pinned bit.
 std::vector<std::uint32_t> state_bits(const Problem& problem);
 
-/// The terms (records/terms.h) that `problem` has: materials, damping, gravity, pins and loads. Bits for
+/// Which terms (records/terms.h) `problem` has: materials, damping, gravity, pins and loads. The bits for
 /// other choices of a kernel are not set.
 std::uint32_t terms_of(const Problem& problem);
 
-/// Every particle that the tool holds, in the order of Tool::particles; empty without a tool.
+/// Packs the particles that the tool holds, in the order of Tool::particles. Empty without a tool.
 template <class Real>
 std::vector<HeldWord<Real>> pack_held(const Problem& problem, const Placement& placement,
                                       Formulation formulation);
 
-/// The force on the tool (ToolFacet::tool_force()) from its forces on the held particles.
+/// The force on the tool (ToolFacet::tool_force()): minus the sum of the tool's forces on the held particles.
 template <class Real>
 glm::dvec3 force_on_tool(const std::vector<HeldForce<Real>>& forces);
 
-/// The words of `particles`, in their order. word_of(i): the index of particle i's word.
+/// Packs `particles`, whose displacements a picture shows, in their order. word_of(i): the index of particle
+/// i's word.
 template <class Real, class WordOf>
 std::vector<FedWord<Real>> pack_fed(const Problem& problem, const std::vector<std::uint32_t>& particles,
                                     Formulation formulation, WordOf word_of) {

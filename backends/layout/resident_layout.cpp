@@ -19,13 +19,13 @@ namespace {
 
 constexpr std::size_t warp = 32;
 
-// The unit in which particles are dealt out: a particle, or a row of up to 32 of them.
+// The unit in which particles are dealt out to blocks: one particle, or a row of up to 32 of them.
 struct Item {
     glm::ivec3 at;
     std::uint32_t begin = 0, end = 0;  // range of particles
 };
 
-// Visits the particles that a block may step. Ghosts are stepped elsewhere.
+// Visits the particles that some block steps. Ghosts are left out: another part of the body steps them.
 template <class Visit>
 void visit_own(const Problem& problem, Visit visit) {
     auto ghost = problem.ghosts.begin();
@@ -63,7 +63,8 @@ std::vector<Item> items_of(const Problem& problem, bool rows) {
     return items;
 }
 
-// Cuts items[begin, end) into `parts` parts that differ by one item at most, always across the longest side.
+// Cuts items[begin, end) into `parts` parts whose numbers of items differ by one at most. Each cut is across
+// the longest side.
 void bisect(std::vector<Item>& items, std::size_t begin, std::size_t end, std::size_t parts,
             std::vector<std::vector<Item>>& out) {
     const auto first = items.begin() + std::ptrdiff_t(begin), last = items.begin() + std::ptrdiff_t(end);
@@ -89,14 +90,15 @@ void bisect(std::vector<Item>& items, std::size_t begin, std::size_t end, std::s
     bisect(items, middle, end, parts - parts / 2, out);
 }
 
-// The particles of each block, by lane. If `rows` is set, resident_none stands for a lane without a particle.
+// The particles of each block in the order of its lanes. If `rows` is set, resident_none stands for a lane
+// without a particle.
 std::vector<std::vector<std::uint32_t>> deal_out(const Problem& problem, int max_blocks, bool rows) {
     std::vector<Item> items = items_of(problem, rows);
     const std::size_t most = std::min(std::size_t(max_blocks), items.size());
     std::size_t parts = most;
     if (rows) {
-        // The busiest block needs this many rows anyway. If every block takes this many, the fewest blocks
-        // hold them all.
+        // Some block must have at least `rows_per_block` rows. If every block takes this many, the fewest
+        // blocks hold all rows.
         const std::size_t rows_per_block = units_of(items.size(), most);
         parts = units_of(items.size(), rows_per_block);
     }
@@ -129,8 +131,8 @@ bool rows_are_full(const Problem& problem) {
            9 * warp * items_of(problem, true).size();
 }
 
-// A linear function of the coordinates that says in which bank of shared memory a point is. A warp whose
-// points are in different banks then finds their neighbours in any one direction in different banks too.
+// Assigns points to the banks of shared memory by a linear function of their coordinates. If the points of a
+// warp are in different banks, then their neighbours in any one direction are in different banks too.
 struct Banks {
     int y = 0, z = 0;
     std::size_t of(const glm::ivec3& at) const {
@@ -138,8 +140,8 @@ struct Banks {
     }
 };
 
-// The mask bit of each direction as a mirrored warp sees it. The first index says how the warp is mirrored: 0
-// not at all, 1 along y, 2 along z, 3 along both.
+// The mask bit of each direction as a mirrored warp sees it (mirrored_y, mirrored_z). The first index says
+// how the warp is mirrored: 0 not at all, 1 along y, 2 along z, 3 along both.
 constexpr auto mirrored_bits = [] {
     std::array<std::array<int, neighbour_bits>, 4> bits{};
     for (unsigned how = 0; how < bits.size(); ++how) {
@@ -151,13 +153,14 @@ constexpr auto mirrored_bits = [] {
     return bits;
 }();
 
-// The bit that a warp with this element of ResidentStep::border uses for the direction of mask bit `bit`.
+// The mask bit that a warp uses in place of `bit`, if it is mirrored. `border`: its element of
+// ResidentStep::border.
 int mirrored(int bit, int border) {
     static_assert(mirrored_y == border_kind_bits + 1 && mirrored_z == 2 * mirrored_y);
     return mirrored_bits[std::size_t(border) / mirrored_y][std::size_t(bit)];
 }
 
-// The slots of one block's points.
+// Hands out slots, the indices of one block's points in shared memory.
 class Slots {
 public:
     explicit Slots(Banks banks) : banks_(banks) {}
@@ -177,7 +180,7 @@ private:
 
 class Layout {
 public:
-    // `threads`: threads per block if each of them has several particles; otherwise 0.
+    // `threads`: the number of threads per block if each has several particles; 0 if each has one.
     Layout(const Problem& problem, int pollers, bool overlap, int threads, bool rows,
            std::vector<std::vector<std::uint32_t>> blocks)
         : problem_(problem),
@@ -221,8 +224,8 @@ public:
     }
 
 private:
-    // Orders the particles of each block in units of `unit` particles: units whose neighbours are all in the
-    // block come first. Threads step these while points of other blocks are on their way.
+    // Orders the particles of each block in units of `unit` particles. Units whose neighbours are all in the
+    // block come first: threads step these while points of other blocks are on their way.
     void put_inner_first(std::size_t unit) {
         for (std::size_t b = 0; b < blocks_.size(); ++b) {
             std::vector<std::uint32_t> inner, outer;
@@ -253,8 +256,8 @@ private:
 
     glm::ivec3 at(std::uint32_t i) const { return problem_.lattice.coordinates(problem_.lattice.voxel[i]); }
 
-    // Calls visit(j, direction) for each neighbour j of particle i that a lattice spring joins to it, or that
-    // an edit may join to it.
+    // Calls visit(j, direction) for each neighbour j of particle i that a lattice spring joins to i, or that
+    // an edit may join to i.
     template <class Visit>
     void visit_neighbours(std::uint32_t i, Visit visit) const {
         const Lattice& lattice = problem_.lattice;
@@ -291,7 +294,8 @@ private:
         out_.rounds = std::max(1, int(units_of(most, std::size_t(out_.pollers))));
     }
 
-    // Chooses the block that keeps each ghost, that is, stores it in memory: the first one that reaches it.
+    // For each ghost, chooses the block that keeps it, which means that the block stores the ghost in memory:
+    // the first block with a particle to which the ghost may have a spring.
     void find_keepers() {
         for (std::size_t b = 0; b < reached_.size(); ++b) {
             for (const std::uint32_t j : reached_[b]) {
@@ -300,8 +304,8 @@ private:
         }
     }
 
-    // Gives each particle that another block reaches an index in the exchange. The particles of one block
-    // have consecutive indices, in the order of its lanes.
+    // Gives each particle that another block needs an index in the exchange, through which blocks send
+    // points. The particles of one block have consecutive indices, in the order of its lanes.
     void publish() {
         std::vector<std::uint8_t> is_reached(problem_.particle_count());
         for (const auto& reached : reached_) {
@@ -317,7 +321,7 @@ private:
                 out_.published[b * std::size_t(out_.lanes) + lane] = published_[i];
             }
         }
-        // A ghost that no block reaches gets no index, since the part that steps it will not send it.
+        // A ghost that no block needs gets no index, since the part that steps it will not send it.
         for (const std::uint32_t ghost : problem_.ghosts) {
             if (is_reached[ghost] != 0) published_[ghost] = out_.published_count++;
             out_.ghost_word.push_back(published_[ghost]);
@@ -329,7 +333,7 @@ private:
         out_.polled_slot.assign(polls, 0);
     }
 
-    // Chooses the banks of points with which the block's warps have the fewest bank conflicts.
+    // Chooses the assignment of points to banks with which the block's warps have the fewest bank conflicts.
     Banks choose_banks(const std::vector<std::uint32_t>& lanes) const {
         std::vector<glm::ivec3> points;
         for (const std::uint32_t i : lanes) points.push_back(i == resident_none ? glm::ivec3(-1) : at(i));
@@ -355,7 +359,7 @@ private:
         return best;
     }
 
-    // Fills in the tables of block b. Returns how many slots it takes.
+    // Fills in the tables of block b. Returns how many slots the block takes.
     std::size_t place(std::size_t b) {
         const std::vector<std::uint32_t>& lanes = blocks_[b];
         const std::size_t first = b * std::size_t(out_.lanes);
@@ -413,9 +417,9 @@ private:
             beyond |= elsewhere;
         }
         if (out_.turns > 1) return beyond == 0 ? 0 : mixed_border;
-        // A border is the set of directions whose springs wait for points of other blocks. A direction in
-        // which the warp has no neighbours may be in it or not. The largest kind that fits is taken, so that
-        // more warps of a block have the same kind and share its code.
+        // A border is the set of directions whose springs wait for points of other blocks. If the warp has no
+        // neighbours in a direction, its border may include that direction or not. The largest kind of border
+        // that fits is taken, so that more warps of a block have the same kind and share its code.
         int best = mixed_border;
         for (int y = -1; y <= 1; ++y) {
             for (int z = -1; z <= 1; ++z) {
@@ -439,7 +443,7 @@ private:
     std::vector<std::uint32_t> block_of_;  // per particle: its block; resident_none: a ghost
     bool overlap_;
     std::vector<std::vector<std::uint32_t>> reached_;
-    std::unordered_map<std::uint32_t, std::size_t> keeper_;  // block that keeps a ghost, by ghost
+    std::unordered_map<std::uint32_t, std::size_t> keeper_;  // for each ghost the block that stores it
     std::vector<std::uint32_t> published_;
     ResidentLayout out_;
 };
@@ -453,8 +457,8 @@ ResidentLayout lay_out_resident(const Problem& problem, const ResidentCard& card
                       deal_out(problem, card.blocks, rows))
             .make();
     };
-    // Rows are dealt out whole. On a card with few blocks, the rows of a block can take more lanes than a
-    // block may have, although single particles, dealt out evenly, would fit. So the bisection is tried next.
+    // Blocks get whole rows. On a card with few blocks, the rows of a block can take more lanes than a block
+    // may have, although single particles, dealt out evenly, would fit. So bisection is tried after rows.
     std::vector<bool> in_rows = {partition == Partition::rows};
     if (partition == Partition::automatic && rows_are_full(problem)) in_rows = {true, false};
     const std::size_t own = problem.particle_count() - problem.ghosts.size();
@@ -523,8 +527,9 @@ ResidentEdit resident_edit(const ResidentLayout& layout, const SpringEdit& edit)
 double seconds_in_turns(const ResidentLayout& layout, double hertz) {
     // A thread reads 26 slots and 26 points for each of its particles, and springs within a block are
     // computed from both ends. So the time grows with the number of warps of particles that a quarter of a
-    // multiprocessor steps. Measured on 24 multiprocessors of an H100 at 1.98 GHz, the box of the paper took
-    // 4.3 us. Points cross borders meanwhile. Barriers take as long as those of bricks.
+    // multiprocessor steps. On 24 multiprocessors of an H100 at 1.98 GHz, with 12 such warps per quarter, a
+    // step of the box of the paper was measured to take 4.3 us; points travelled between blocks during this
+    // time. Barriers are taken to last as long as those of cuda_bricks.
     constexpr double measured_at = 1.98e9, measured = 4.3e-6, barriers = 0.15e-6;
     constexpr int warps_then = 12;
     const double cycles = (measured - barriers) * measured_at / warps_then;
@@ -542,17 +547,20 @@ std::string outpaced_by_bricks(const ResidentLayout& layout, const std::optional
         text << std::setprecision(2) << 1e6 * seconds << " us";
         return text.str();
     };
-    return "threads would step " + std::to_string(layout.turns) + " particles each, in a predicted " +
-           microseconds(own) + "; bricks are predicted to take " + microseconds(bricks->seconds);
+    return "each thread would step " + std::to_string(layout.turns) +
+           " particles, so that a step is predicted to take " + microseconds(own) +
+           ", but cuda_bricks is predicted to take " + microseconds(bricks->seconds);
 }
 
 std::string resident_refusal(const Problem& problem, int multiprocessors, bool launches_together) {
-    // This is checked first: blocks that do not all run at once would wait for each other for ever.
+    // Checked first, because without it blocks that do not all run at once would wait for each other for
+    // ever.
     if (!launches_together) return "the device has no cooperative launches";
     if (problem.particle_count() == 0) return "the scene has no particle";
     if (std::string why = implicit_refusal(problem); !why.empty()) return why;
     if (problem.has_materials())
-        return "resident blocks have one stiffness per spring group, and the scene has several materials";
+        return "the resident kernel takes one stiffness per spring group, but the scene has several "
+               "materials";
     const auto max_particles = std::size_t(multiprocessors) * max_resident_threads * max_resident_turns;
     const std::size_t own = problem.particle_count() - problem.ghosts.size();
     if (own > max_particles)
@@ -581,8 +589,8 @@ std::string block_refusal(const ResidentLayout& layout, const ResidentCard& card
 std::string sent_refusal(const std::vector<ResidentSending>& neighbours) {
     if (neighbours.size() < 2) return {};
     if (neighbours.size() > 2)
-        return "a part can send to at most two other parts, and this part borders on " +
-               std::to_string(neighbours.size()) + " of them";
+        return "a part of a body can send points to at most two other parts, but this one borders on " +
+               std::to_string(neighbours.size()) + " others";
     const std::vector<std::uint32_t>&a = neighbours[0].particles, &b = neighbours[1].particles;
     std::vector<std::uint32_t> both;
     std::set_intersection(a.begin(), a.end(), b.begin(), b.end(), std::back_inserter(both));

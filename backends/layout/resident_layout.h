@@ -1,6 +1,6 @@
 // Which block of the resident kernel (kernels/resident.cu) steps which particles, and in which slots of
-// shared memory it keeps the points of these particles and of their neighbours. Built on the host, without a
-// device.
+// shared memory it keeps the points of these particles and of their neighbours. A resident kernel takes many
+// steps per launch and keeps particles on the chip. All this is computed on the host, without a device.
 #pragma once
 
 #include <cstdint>
@@ -16,32 +16,33 @@
 
 namespace voxspring::layout {
 
-/// How particles are dealt out to blocks: in equal numbers, by halving the body along its longest side again
-/// and again; or in whole rows of 32 voxels, one warp per row, which keeps every neighbour along x within the
-/// warp.
+/// How particles are dealt out to blocks. `bisection`: in equal numbers, by halving the body along its
+/// longest side again and again. `rows`: in whole rows of 32 voxels, one warp per row, which keeps neighbours
+/// along x within a warp, except at the ends of a row.
 enum class Partition : std::uint8_t { automatic, bisection, rows };
 
-/// The kernel's limit of threads per block that have particles.
+/// The most threads with particles that a block may have. Pollers, threads that only wait for points of other
+/// blocks, come on top.
 inline constexpr int max_resident_threads = 512;
 inline constexpr int max_resident_turns = 4;  ///< the most particles per thread
 inline constexpr int max_resident_rounds = 4;
-/// Slots per block; their points take 48 KiB of shared memory.
+/// The most slots (points in shared memory) per block. They take 48 KiB.
 inline constexpr int max_resident_slots = 2048;
-/// The most slots that leave room for a TickOrder in 48 KiB, in whole warps.
+/// The most slots that leave room for a TickOrder in 48 KiB of shared memory, as a multiple of 32.
 inline constexpr int max_slots_in_ticks = 2016;
-/// Replaces max_resident_rounds if threads have several particles. Then only the card's shared memory limits
-/// the number of slots.
+/// Replaces max_resident_rounds if threads have several particles. In that case only the card's shared memory
+/// limits the number of slots.
 inline constexpr int max_rounds_in_turns = 8;
 
-/// The tables of ResidentStep. They follow from where particles are, and have room for every spring that the
-/// lattice may have. So an edit changes none of them.
+/// The tables of ResidentStep. They depend only on where particles are, and have an entry for every spring
+/// that the lattice may have. So cuts and sutures change none of them.
 struct ResidentLayout {
     bool in_rows = false;  ///< whether the partition is `rows`; otherwise it is `bisection`
     int blocks = 0;
-    int lanes = 0;  ///< per block: `turns` per thread, and threads make whole warps
+    int lanes = 0;  ///< per block: places for particles, `turns` per thread, in whole warps
     int turns = 1;  ///< particles per thread, which steps them one after the other
     int pollers = 0;
-    int rounds = 0;  ///< polls per poller
+    int rounds = 0;  ///< polls per poller, one after the other
     int slots = 0;   ///< per block: points in shared memory
     std::uint32_t border_kinds = 0;
     std::uint32_t published_count = 0;
@@ -50,9 +51,9 @@ struct ResidentLayout {
     std::vector<std::uint16_t> neighbour_slot;  ///< ResidentStep::slot if no spring were missing
     std::vector<std::uint8_t> border;
     std::vector<std::uint32_t> lane;  ///< per particle: its lane; resident_none: a ghost
-    /// For each of Problem::ghosts: the index in the exchange at which the part that steps the ghost stores
-    /// the ghost's point; resident_none: no block reaches it. These indices come after those of points that
-    /// blocks of this part publish.
+    /// For each of Problem::ghosts, the particles that another part of the body steps: the index in the
+    /// exchange at which that part stores the ghost's point; resident_none: no block needs it. These indices
+    /// come after those of the points that blocks of this part publish.
     std::vector<std::uint32_t> ghost_word;
 
     int threads() const { return lanes / turns; }  ///< per block, without pollers
@@ -60,7 +61,7 @@ struct ResidentLayout {
     std::size_t slot_index(int bit, std::size_t at) const {
         return layout::slot_index(bit, at, lane_count(), turns > 1);
     }
-    /// Bytes of shared memory per block of a kernel that is compiled for `tool`.
+    /// The shared memory in bytes that a block takes if the kernel is compiled for `tool`.
     std::size_t shared_bytes(ToolMode tool) const {
         return 2 * sizeof(Vector<float>) * std::size_t(slots) +
                (tool == ToolMode::ticks ? sizeof(TickOrder) : 0);
@@ -68,34 +69,34 @@ struct ResidentLayout {
     bool operator==(const ResidentLayout&) const = default;
 };
 
-/// What a launch may have on a card.
+/// The most that a launch may have on a card.
 struct ResidentCard {
-    int blocks;                          ///< number of multiprocessors
+    int blocks;                          ///< one per multiprocessor
     std::size_t shared_bytes;            ///< per block
     int threads = max_resident_threads;  ///< per block, without pollers
 };
 
-/// `problem` has a lattice, at least one particle that is no ghost, and no springs beyond the lattice; masks
-/// do not matter. Ghosts have no lane: blocks poll their points as they do those of other blocks. There are
-/// at most `card.blocks` blocks. They may exceed other limits of the card or the kernel (block_refusal()).
-/// `automatic` takes rows if they waste at most a tenth of their lanes and the rows of every block fit into
-/// it.
+/// Makes the tables for a problem with a lattice, at least one particle that is no ghost, and no springs
+/// beyond the lattice; masks do not matter. Ghosts have no lane: blocks poll their points as they poll those
+/// of other blocks. There are at most `card.blocks` blocks. The result may exceed other limits of the card or
+/// the kernel (block_refusal()). Partition `automatic` takes rows if they waste at most a tenth of their
+/// lanes and the rows of every block fit into the block.
 ///
 /// If there are enough threads, each has one particle. With `overlap` a warp then adds springs within its
-/// block while points from beyond the border are still on their way, if the border of the whole warp allows
-/// it. Otherwise threads have several particles, and particles without neighbours in other blocks come first,
-/// whatever `overlap` is.
+/// block while points of other blocks are still on their way, if all its particles have their border on the
+/// same sides (ResidentStep::border). Without enough threads each thread has several particles. Then
+/// particles without neighbours in other blocks come first, whatever `overlap` is.
 ResidentLayout lay_out_resident(const Problem& problem, const ResidentCard& card, int pollers,
                                 Partition partition, bool overlap);
 
-/// ResidentStep::slot for the springs that `mask`, a Lattice::mask, has.
+/// Makes ResidentStep::slot. `mask`, a Lattice::mask, says which springs exist.
 std::vector<std::uint16_t> slots_with(const ResidentLayout& layout, const std::vector<std::uint32_t>& mask);
-/// ResidentStep::own_slot for the particles that `mask`, a Lattice::mask, marks as pinned.
+/// Makes ResidentStep::own_slot. `mask`, a Lattice::mask, says which particles are pinned.
 std::vector<std::uint16_t> own_slots_with(const ResidentLayout& layout,
                                           const std::vector<std::uint32_t>& mask);
 
-/// The words that an edit writes: first words of ResidentStep::slot, of which a word may occur twice, then
-/// bits of particles.
+/// The words that an edit writes to the device: first words of ResidentStep::slot, some of them perhaps
+/// twice, then the bits of particles.
 struct ResidentEdit {
     std::vector<EditedWord> words;
     std::size_t slots = 0;  ///< how many of `words` belong to ResidentStep::slot
@@ -103,21 +104,21 @@ struct ResidentEdit {
 /// `edit` must change only springs of the lattice.
 ResidentEdit resident_edit(const ResidentLayout& layout, const SpringEdit& edit);
 
-/// What a part of a body sends to a part beside it: which of its particles and, for each, the word of that
-/// part's exchange, or resident_none if no block there reads it.
+/// What a part of a body sends to one part beside it: which of its particles and, for each, the index in that
+/// part's exchange, or resident_none if no block there reads the particle.
 struct ResidentSending {
     std::vector<std::uint32_t> particles, words;
 };
-/// Empty, or why lanes cannot send to all of these neighbours.
+/// Empty, or why this part cannot send to all of `neighbours`.
 std::string sent_refusal(const std::vector<ResidentSending>& neighbours);
-/// Makes ResidentLinks::sent.
+/// Makes ResidentLinks::sent: where each lane's point goes.
 std::vector<std::uint32_t> sent_by_lanes(const ResidentLayout& layout,
                                          const std::vector<ResidentSending>& neighbours);
-/// ResidentLayout::ghost_word of some of the ghosts of `problem`, whose layout is `layout`.
+/// Selects the elements of ResidentLayout::ghost_word for `ghosts`, some of the ghosts of `problem`.
 std::vector<std::uint32_t> words_of_ghosts(const ResidentLayout& layout, const Problem& problem,
                                            const std::vector<std::uint32_t>& ghosts);
 
-/// Empty, or why no layout of `problem` suits a card with `multiprocessors` multiprocessors.
+/// Empty, or why the resident kernel cannot step `problem` on a card with `multiprocessors` multiprocessors.
 /// `launches_together`: the device can run all blocks of a launch at once.
 std::string resident_refusal(const Problem& problem, int multiprocessors, bool launches_together);
 
@@ -125,16 +126,16 @@ std::string resident_refusal(const Problem& problem, int multiprocessors, bool l
 std::string block_refusal(const ResidentLayout& layout, const ResidentCard& card,
                           ToolMode tool = ToolMode::none);
 
-/// The predicted time of a step in which threads have several particles. `hertz`: clock of the
+/// The predicted seconds of a step in which threads have several particles. `hertz`: clock of the
 /// multiprocessors.
 double seconds_in_turns(const ResidentLayout& layout, double hertz);
-/// Empty, or how much faster bricks are predicted to step the same body. Also empty if every thread has one
-/// particle: such layouts have been measured against bricks, and the rules of `auto` rank them already.
-/// `bricks`: the plan of bricks for the body, if there is one.
+/// Empty, or a note that cuda_bricks is predicted to step the same body faster, with both times. Also empty
+/// if every thread has one particle: such layouts have been measured, and the rules of the backend `auto`
+/// already rank them against cuda_bricks. `bricks`: the plan of cuda_bricks for the body, if there is one.
 std::string outpaced_by_bricks(const ResidentLayout& layout, const std::optional<BrickPlan>& bricks,
                                double hertz);
 
-/// Per lane: the index of its particle in `held`, which is ascending; resident_none: it is not held.
+/// For each lane the index of its particle in `held`, which ascends; resident_none: the particle is not held.
 std::vector<std::uint32_t> held_by_lanes(const ResidentLayout& layout,
                                          const std::vector<std::uint32_t>& held);
 

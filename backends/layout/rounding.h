@@ -3,12 +3,12 @@
 
 namespace voxspring::layout {
 
-/// How many units it takes to hold `count`.
+/// How many units of size `unit` it takes to hold `count`.
 template <class T>
 constexpr T units_of(T count, T unit) {
     return (count + unit - 1) / unit;
 }
-/// `count`, or the next multiple of `unit`.
+/// `count` rounded up to a multiple of `unit`.
 template <class T>
 constexpr T rounded_up(T count, T unit) {
     return units_of(count, unit) * unit;

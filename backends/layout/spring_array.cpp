@@ -18,7 +18,7 @@ SpringArrays<Real> list_every_spring(const Problem& problem, Formulation formula
     if (!problem.springs.empty() && !on_positions(formulation)) springs.off_lattice_rest.resize(total);
     auto& begin = springs.begin;
     for (const std::uint32_t mask : problem.lattice.mask) {
-        // Counts each spring once: the odd bits point to a higher voxel.
+        // The odd bits point to a higher voxel, so this counts each spring once.
         for (std::size_t bit = 1; bit < neighbour_count; bit += 2) begin[bit + 1] += mask >> bit & 1U;
     }
     for (std::size_t bit = 0; bit < neighbour_count; ++bit) begin[bit + 1] += begin[bit];
@@ -105,7 +105,8 @@ std::vector<EditedSpring<Real>> SpringSlots::slots_of(const SpringEdit& edit) {
                           rest,
                           !by_increments(formulation_)});
     };
-    // A listed spring that the edit both removes and adds is written only as an added one.
+    // If the edit both removes and adds a lattice spring that was listed at first, only the addition is
+    // written.
     std::set<std::pair<std::uint32_t, int>> back;
     for (const ChangedSpring& changed : edit.added) {
         if (!edit.removed.empty() && was_listed(changed)) back.emplace(changed.spring.first, changed.bit);
@@ -137,7 +138,7 @@ StepWork scatter_work(const Problem& problem, Formulation formulation) {
     const std::uint64_t springs = count_springs(problem).total();
     const std::uint64_t particles = problem.particle_count();
     const std::uint64_t force = particles * sizeof(Vector<Real>);
-    // Each of the two launches reads and writes the force on every particle.
+    // Each launch (one for springs, one for particles) reads and writes the force on every particle.
     const auto add_force = [&] {
         work.bytes += 2 * force;
         work.written_bytes += force;
@@ -149,7 +150,8 @@ StepWork scatter_work(const Problem& problem, Formulation formulation) {
     add_force();
     work.bytes += particles * sizeof(ParticleRecord<Real>);
     work.read_once(springs * (sizeof(SpringEnds) + sizeof(SpringConstants<Real>)));
-    // Counts the stiffness, the force, and adding the force to both ends.
+    // Per spring: 1 operation to multiply by the stiffness, 3 vector operations to compute the force and to
+    // add it to both ends.
     work.operations += pull_operations<Real>(problem, formulation) + springs * (1 + 3 * vector_operations);
     return work;
 }

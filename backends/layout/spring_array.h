@@ -1,4 +1,5 @@
-// Every spring once, for the scatter kernels, and where each one is while edits remove and add springs.
+// An array of all springs, each once, for the scatter kernels; and in which slot each spring is while edits
+// remove and add springs.
 #pragma once
 
 #include <array>
@@ -16,40 +17,42 @@
 
 namespace voxspring::layout {
 
-/// Every spring once. Springs of the lattice are ordered by direction, then by particle, so that the threads
-/// of a warp touch particles that lie together.
+/// All springs, each once. Lattice springs are ordered by direction, then by particle, so that the threads of
+/// a warp touch particles that lie together. An index in these arrays is a slot.
 template <class Real>
 struct SpringArrays {
     std::vector<SpringEnds> ends;
     std::vector<SpringConstants<Real>> constants;
     /// How springs beyond the lattice lie at rest, by slot. Empty in formulations on positions, or if there
-    /// are none.
+    /// are no such springs.
     std::vector<SpringRest<Real>> off_lattice_rest;
-    /// The slots at which the springs of each odd mask bit begin and, as the last, those beyond the lattice.
+    /// The slot at which the springs of each odd mask bit begin and, as the last element, the slot at which
+    /// those beyond the lattice begin.
     std::array<std::size_t, neighbour_count + 1> begin{};
 };
 template <class Real>
 SpringArrays<Real> list_every_spring(const Problem& problem, Formulation formulation);
 
-/// Where each spring is in the spring array, while edits remove and add springs. A lattice spring that was
-/// listed at first keeps its slot, which is empty (stiffness 0) while the spring is cut. All other springs
-/// get slots at the end, and free them when they are removed.
+/// In which slot each spring is, while edits remove and add springs. A lattice spring that was listed at
+/// first keeps its slot, which is empty (stiffness 0) while the spring is cut. All other springs get slots at
+/// the end, and free them when they are removed.
 class SpringSlots {
 public:
     SpringSlots() = default;
-    /// `problem`: as it was when its springs were listed; it must outlive this object. `begin`:
-    /// SpringArrays::begin.
+    /// `problem`: the problem whose springs were listed. It must stay as it was then, and must outlive this
+    /// object. `begin`: SpringArrays::begin.
     SpringSlots(const Problem& problem, const std::array<std::size_t, neighbour_count + 1>& begin,
                 Formulation formulation);
 
-    /// The slots that `edit` writes, each once. They may be written in any order.
+    /// What `edit` writes: each slot at most once, so that the slots may be written in any order.
     template <class Real>
     std::vector<EditedSpring<Real>> slots_of(const SpringEdit& edit);
-    /// How many slots have ever been in use.
+    /// The number of slots from the first to the last that has ever been in use.
     std::size_t used() const { return used_; }
 
 private:
-    /// A range of slots to search. An empty range stands for one slot.
+    /// A range of slots in which a kernel searches for the spring's slot. An empty range stands for the one
+    /// slot at which it begins.
     using Range = std::pair<std::size_t, std::size_t>;
     /// Removes a spring, and adds to `freed` the slot that becomes free. Only later edits may use that slot,
     /// because one edit writes a slot only once.
@@ -62,15 +65,17 @@ private:
     std::array<std::size_t, neighbour_count + 1> begin_{};
     std::size_t used_ = 0;
     std::vector<std::size_t> free_;
-    /// Slots of the springs that were not lattice springs when listed, by the particles that they join.
+    /// The slots of all springs but the lattice springs that were listed at first, by the particles that they
+    /// join.
     std::multimap<std::pair<std::uint32_t, std::uint32_t>, std::size_t> others_;
 };
 
-/// The kernels' argument for a problem and its springs. A backend sets the pointers and `pitch`.
+/// Makes the kernels' argument for a problem and its springs. The caller sets the pointers and `pitch`.
 template <class Real>
 ScatterStep<Real> make_scatter_step(const Problem& problem, const SpringArrays<Real>& springs);
 
-/// The least work of a step: of one launch for springs and of one for particles.
+/// The least work (bytes, operations, launches) of a step, which is one launch for springs and one for
+/// particles.
 template <class Real>
 StepWork scatter_work(const Problem& problem, Formulation formulation);
 

@@ -10,7 +10,7 @@ namespace voxspring::layout {
 
 namespace {
 
-// SpringRest has the offset to the neighbour, RestSpring that from the neighbour.
+// SpringRest has the offset from the particle to the neighbour, RestSpring the opposite offset.
 template <class Real>
 SpringRest<Real> packed_rest(const RestSpring& rest) {
     return {vector_of<Real>(-rest.offset), Real(rest.deficit)};
@@ -73,7 +73,7 @@ std::vector<std::uint32_t> degrees(const Problem& problem) {
 std::string list_entry_refusal(const Problem& problem, Formulation formulation) {
     if (on_positions(formulation) || problem.particle_count() <= LISTED_INDEX) return {};
     return std::to_string(problem.particle_count()) + " particles exceed the " +
-           std::to_string(LISTED_INDEX) + " that a list entry with a direction can name";
+           std::to_string(LISTED_INDEX) + " that an entry of a neighbour list can number beside a direction";
 }
 
 std::string grouped_list_refusal(const Problem& problem) {

@@ -1,4 +1,4 @@
-// How springs lie at rest, how lists name their ends, and which layouts can hold them.
+// How springs lie at rest, how list entries name neighbours, and which problems list layouts can hold.
 #pragma once
 
 #include <array>
@@ -14,33 +14,34 @@
 
 namespace voxspring::layout {
 
-/// The square of a lattice direction's rest length. If the lattice is stress-free, it is the squared length
-/// of the direction's offset, which a kernel computes at rest. The square of the rounded length could differ.
+/// The square of a lattice direction's rest length. If the lattice is free of stress, this is the squared
+/// length of the direction's offset, which a kernel computes at rest too. The square of the rounded length
+/// could differ.
 double squared_rest_length(const Problem& problem, const Direction& direction);
 
 /// The rest length of a spring as the host gives it to the device. In formulations by increments it is the
-/// length itself. Otherwise it is the squared length, from which the device measures the length: a kernel
-/// finds the same square at rest, so the force there is zero to the bit.
+/// length itself. Otherwise it is the squared length, from which the device measures the length. At rest a
+/// kernel computes the same square from the positions, so the force is zero to the bit.
 template <class Real>
 Real listed_length(const Problem& problem, const Direction& direction, Formulation formulation);
 template <class Real>
 Real listed_length(const Spring& spring, Formulation formulation);
 
-/// How springs of each direction code lie at rest.
+/// How the springs of each direction code lie at rest.
 template <class Real>
 std::array<SpringRest<Real>, direction_codes> rest_by_code(const Problem& problem);
 
-/// How a spring beyond the lattice lies at rest, from `particle` to `neighbour`.
+/// How a spring beyond the lattice, from `particle` to `neighbour`, lies at rest.
 template <class Real>
 SpringRest<Real> off_lattice_rest_of(const Problem& problem, std::uint32_t particle, std::uint32_t neighbour,
                                      double rest_length);
 
-/// The list entry for neighbour `index`, which lies in the direction of mask bit `bit`; -1: in no lattice
-/// direction. In formulations on positions the entry is the index alone.
+/// The list entry for neighbour `index`. `bit`: the mask bit of its direction; -1 if the spring lies beyond
+/// the lattice. In formulations on positions the entry is the index alone.
 std::uint32_t entry_of(std::uint32_t index, int bit, Formulation formulation);
 
-/// Empty, or why the index of a particle and a direction code do not fit into one list entry. Formulations on
-/// displacements need both.
+/// Empty, or why a list entry has no room for the index of every particle beside a direction code. Only
+/// formulations on displacements need both.
 std::string list_entry_refusal(const Problem& problem, Formulation formulation);
 
 /// Empty, or why lists cannot have one stiffness and one rest length for all springs of a group.

@@ -1,4 +1,4 @@
-// The sums of a device's hash of its state, on the host.
+// The hash of a device's state (physics/state_hash.h) on the host: several sums.
 #pragma once
 
 #include <array>
@@ -11,7 +11,7 @@ namespace voxspring::layout {
 
 using HashSums = std::array<std::uint32_t, STATE_HASH_SUMS>;
 
-/// The sums in one text.
+/// The sums as decimal numbers, each followed by a space.
 inline std::string text_of(const HashSums& sums) {
     std::string text;
     for (const std::uint32_t sum : sums) text += std::to_string(sum) + " ";

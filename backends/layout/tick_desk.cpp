@@ -10,8 +10,8 @@ void TickDesk::open(OrderWords* asked, std::span<AnswerWords> answers) {
     answers_ = answers;
     forces_.assign(answers.size(), {});
     arrived_ = answers.size();
-    // New memory may hold any numbers. Its words get the number of the latest tick, which is over, so that
-    // none is taken for an order or an answer to come.
+    // New memory may hold any numbers. All words get the number of the latest tick, which is over, so that
+    // none is taken for a future order or answer.
     const std::uint64_t old = tick_word(0U, order_.tick);
     std::fill(std::begin(asked_->word), std::end(asked_->word), old);
     for (AnswerWords& answer : answers_) std::fill(std::begin(answer.word), std::end(answer.word), old);

@@ -11,8 +11,8 @@
 namespace voxspring::layout {
 namespace {
 
-/// The coordinates of voxel (0, 0, 0) in its tile, each 0 or 1. In a part of a body they depend on where that
-/// voxel is in the whole body, which follows from the first particle's position at rest.
+/// The coordinates of voxel (0, 0, 0) in its tile of 2 x 2 x 2 voxels, each 0 or 1. In a part of a body they
+/// depend on where that voxel is in the whole body, which follows from the first particle's position at rest.
 glm::ivec3 begin_in_tile(const Problem& problem) {
     const Lattice& lattice = problem.lattice;
     if (lattice.voxel.empty()) return glm::ivec3(0);
@@ -24,12 +24,13 @@ glm::ivec3 tiles_along(const Lattice& lattice, const glm::ivec3& begin) {
     return (begin + lattice.dims + 1) / 2;
 }
 
-/// Length of the list for `active` active tiles, padding included.
+/// The length of the list for `active` tiles with particles, including tiles of padding.
 std::uint32_t listed_tiles(std::size_t active, std::uint32_t block_tiles) {
     return std::uint32_t(rounded_up(active, std::size_t(block_tiles))) + 2 * group_tiles;
 }
 
-/// Counts the evaluations of springs by a tile that has all springs: of face springs, then of edge springs.
+/// Counts the springs that are evaluated for a tile that has all springs: face springs, then edge springs. A
+/// spring between two tiles is evaluated for both.
 struct Evaluations {
     std::array<std::uint64_t, 2> of_group{};
     constexpr void count(int dx, int dy, int dz) {
@@ -50,7 +51,8 @@ constexpr std::array<std::uint64_t, 2> evaluations_of_full_tile = [] {
 }();
 static_assert(evaluations_of_full_tile[0] + evaluations_of_full_tile[1] == TileMask::springs);
 
-/// Sets the bits of the springs that the particles of a tile have.
+/// Sets the bits of `mask` for the springs that the particles of a tile have. `bits`: the particles'
+/// neighbour masks.
 struct SetBits {
     const std::array<std::uint32_t, tile_particles>& bits;
     TileMask& mask;
@@ -114,9 +116,10 @@ std::size_t TileLists::element(const glm::ivec3& voxel) const {
 }
 
 void TileLists::find_rows() {
-    // Rows of padding tiles point at the first group, itself padding, which may be read.
+    // Rows of padding tiles, and rows outside of the lattice, point at a tile of the first group, which is
+    // padding and may be read.
     rows_.assign(tile_rows * masks_.size(), TileRow::make(group_tiles - 1, false));
-    // For each tile of the lattice: the list number of the first active tile from that tile on.
+    // For each tile of the lattice: the list number of the first tile with a particle, from that tile on.
     std::vector<std::uint32_t> from(number_.size());
     std::uint32_t following =
         group_tiles + std::uint32_t(std::count_if(number_.begin(), number_.end(), [](std::uint32_t number) {
@@ -196,7 +199,7 @@ std::uint64_t tile_bytes(const Problem& problem, std::uint32_t block_tiles, int 
 
 template <class Real>
 StepWork tile_work(const Problem& problem, Formulation formulation) {
-    // In a full lattice, eight particles have 24 face springs and 48 edge springs.
+    // A full lattice has 24 face springs and 48 edge springs per eight particles, that is, per tile.
     StepWork work = shared_springs_work<Real>(
         problem, formulation, {{{evaluations_of_full_tile[0], 24}, {evaluations_of_full_tile[1], 48}}});
     const std::uint64_t tiles = units_of(problem.particle_count(), std::size_t(tile_particles));

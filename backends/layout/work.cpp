@@ -8,10 +8,11 @@
 namespace voxspring::layout {
 namespace {
 
-/// Operations of unit_pull() for one end of a spring. Two numbers are those of float32 and of float64. The
-/// relative position or displacement takes 3; squared_length() 3 or 4; inverse_root() 1 or 6; the density 3.
-/// On displacements, adding the offset takes 1 more per axis along which the neighbour lies. In formulations
-/// by increments the deficit takes 3, plus 1 per such axis, and fast_reciprocal() 1 or 5. Low parts take 6.
+/// The operations of unit_pull() for one end of a spring. Where two numbers are given, the first is for
+/// float32 and the second for float64. The relative position or displacement takes 3; squared_length() 3 or
+/// 4; inverse_root() 1 or 6; the density 3. In formulations on displacements, adding the rest offset takes 1
+/// more per axis along which the neighbour lies. In formulations by increments the deficit takes 3, plus 1
+/// per such axis, and fast_reciprocal() 1 or 5. Low parts take 6.
 template <class Real>
 std::uint64_t pull_operations(const Direction& direction, Formulation formulation) {
     const std::uint64_t axes = axes_of(direction);
@@ -22,29 +23,32 @@ std::uint64_t pull_operations(const Direction& direction, Formulation formulatio
     return operations;
 }
 
-/// A spring beyond the lattice may have any direction. It is counted as one that lies along all three axes.
+/// Stands for a spring beyond the lattice, which may have any direction. It is counted like one that lies
+/// along all three axes.
 const Direction oblique{.bit = 0, .offset = {1, 1, 1}, .group = SpringGroup::corner};
 
-/// Operations of fast_series_stiffness(), of the sum of its arguments, and of multiplying the density by it.
+/// The operations for a spring between materials: the sum of the arguments of fast_series_stiffness(), that
+/// function itself, and multiplying the density by its result. In float32, then in float64.
 template <class Real>
 constexpr std::uint64_t material_operations = is_single<Real> ? 1 + 1 + 1 : 1 + 5 + 1;
 
-/// Operations that combine the sums of spring groups into the force.
+/// The operations per particle that combine the sums of its spring groups into the force.
 std::uint64_t group_operations(const Problem& problem) {
     std::uint64_t groups = 0;
     for (const std::uint32_t bits : {FACE_BITS, EDGE_BITS, CORNER_BITS})
         groups += (problem.group_bits & bits) != 0 ? 1 : 0;
-    // With materials each spring includes its stiffness. The first group's sum starts the force, others add.
+    // Without materials each group's sum is multiplied by the group's stiffness. With materials each spring's
+    // force already has its stiffness: the first group's sum is taken as it is, and the others are added.
     if (problem.has_materials() && groups > 0) --groups;
     return groups * vector_operations;
 }
 
-/// Evaluations of springs: each spring is evaluated from both of its ends.
+/// The number of evaluations of springs if each spring is evaluated from both of its ends.
 std::uint64_t spring_ends(const Problem& problem) { return 2 * count_springs(problem).total(); }
 
-/// Operations of one spring of the march. They are counted as in pull_operations(), with three differences.
-/// The formulations `position` and `displacement` take 1 operation after the root. Increments in float32 take
-/// 4 for root, reciprocal and density together. Face springs take 1 more, to scale them.
+/// The operations of one spring of cuda_march. They are counted as in pull_operations(), with three
+/// differences. The formulations `position` and `displacement` take 1 operation after the root. In float32,
+/// increments take 4 for root, reciprocal and density together. Face springs take 1 more, to scale them.
 template <class Real>
 std::uint64_t march_pull_operations(const Direction& direction, Formulation formulation) {
     const std::uint64_t axes = axes_of(direction);
@@ -115,7 +119,7 @@ StepWork explicit_work(const Problem& problem, bool secondary, Formulation formu
     const std::uint64_t ends = spring_ends(problem);
     work.read_once(ends * (sizeof(std::uint32_t) + (secondary ? sizeof(SpringConstants<Real>) : 0)));
     work.operations += 2 * pull_operations<Real>(problem, formulation) + ends * vector_operations;
-    // Operations for the stiffness: once per spring end, or once per group.
+    // Operations for the stiffness: one per spring end, or some per particle and spring group.
     work.operations += secondary ? ends : problem.particle_count() * group_operations(problem);
     return work;
 }
@@ -126,8 +130,8 @@ StepWork shared_springs_work(const Problem& problem, Formulation formulation,
     const std::uint64_t particles = problem.particle_count();
     const bool increments = by_increments(formulation);
     const std::uint64_t array = particles * sizeof(Vector<Real>);
-    // The array that neighbours read has two copies: a step reads one and writes the other. The third array,
-    // of increments, is overwritten in place.
+    // The array that neighbours read exists twice: a step reads one copy and writes the other. With
+    // increments there is a third array, which is overwritten in place.
     StepWork work{.bytes = (increments ? 4 : 3) * array,
                   .written_bytes = (increments ? 2 : 1) * array,
                   .footprint_bytes = (increments ? 3 : 2) * array};
@@ -146,7 +150,8 @@ StepWork shared_springs_work(const Problem& problem, Formulation formulation,
 
 template <class Real>
 StepWork march_work(const Problem& problem, Formulation formulation) {
-    // A thread has two rows of two particles in float32, one row in float64.
+    // Evaluations and springs per thread and plane. A thread has two rows of two particles in float32, and
+    // one row in float64.
     return shared_springs_work<Real>(problem, formulation,
                                      is_single<Real> ? std::array<SharedSprings, 2>{{{16, 12}, {38, 24}}}
                                                      : std::array<SharedSprings, 2>{{{9, 6}, {22, 12}}});
