@@ -21,7 +21,7 @@ Placement place_guarded(const Problem& problem);
 /// Says where lattice neighbours are: a particle's index plus a delta is the index of a neighbour
 /// (RowDeltas).
 struct DeltaLists {
-    std::vector<Slice> slices;  ///< as for no springs beyond the lattice (OffLatticeLists)
+    std::vector<Slice> slices;  ///< OffLatticeLists sets the fields for springs beyond the lattice
     std::vector<RowDeltas> lists;
 };
 /// Makes the lists from the voxels and the spring groups in use. It does not matter which springs exist: cuts

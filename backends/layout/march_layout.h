@@ -18,8 +18,8 @@ namespace voxspring::layout {
 /// Where elements are in an array of vectors (a structure of arrays) that has every x of the lattice, then
 /// every y, then every z.
 struct SoaStrides {
-    std::size_t row = 0, plane = 0,
-                axis = 0;  ///< elements from one to the next; a row fills whole cache lines
+    /// Elements from one row, plane or axis to the next. A row fills whole cache lines.
+    std::size_t row = 0, plane = 0, axis = 0;
     std::size_t size() const { return 3 * axis; }
     /// The index of a voxel's x.
     std::size_t element(glm::ivec3 at) const {

@@ -20,7 +20,7 @@ namespace {
 
 constexpr int max_rows = 2;
 /// When runs of planes are cut into items, the longest part of the longest run keeps at least this many
-/// planes, because an item takes as long as three planes more than it has.
+/// planes, because every item costs the time of three planes more than it has.
 constexpr int shortest_part = 3;
 
 /// Finds the bits in a thread's mask word (PlaneMask) that one of its particles sets. The particle is given
@@ -425,7 +425,7 @@ private:
     const MarchCells& cells_;
     const MarchShape shape_;
     const PlaneMaskTable table_;
-    std::vector<int> thread_of_;  ///< the thread of each pair of columns in each `rows` rows
+    std::vector<int> thread_of_;  ///< by group of rows and pair of columns: the thread that has them
 };
 
 }  // namespace

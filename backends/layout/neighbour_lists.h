@@ -27,7 +27,7 @@ struct NeighbourLists {
     /// positions, or if there are no such springs.
     std::vector<SpringRest<Real>> off_lattice_rest;
     std::vector<std::uint32_t> bits;            ///< one per particle: spring counters, active and pinned bits
-    std::array<std::uint32_t, 3> first_slot{};  ///< per group, if `constants` is empty: where it begins
+    std::array<std::uint32_t, 3> first_slot{};  ///< slot at which each group begins, if `constants` is empty
 };
 
 /// The number of elements of the lists of `particles` particles with `slots` slots per particle.

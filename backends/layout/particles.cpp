@@ -20,7 +20,7 @@ constexpr std::size_t pitch_multiple = 32;
 
 Placement place_on_grid(const Lattice& lattice) {
     const std::size_t slice = std::size_t(lattice.dims.x) * std::size_t(lattice.dims.y);
-    // Voxel 0 begins on a cache line.
+    // The word of voxel 0 begins on a cache line.
     const std::size_t guard = rounded_up(slice + std::size_t(lattice.dims.x) + 1, std::size_t(8));
     return {.words = lattice.voxel_count() + 2 * guard, .first = guard, .voxel = &lattice.voxel};
 }

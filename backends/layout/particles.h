@@ -24,8 +24,8 @@ inline constexpr std::size_t max_words = 0x7FFFFFFF - 1023;
 struct Placement {
     std::size_t words = 0;
     std::size_t first = 0;
-    const std::vector<std::uint32_t>* voxel =
-        nullptr;  ///< particle i has word first + (*voxel)[i]; null: first + i
+    /// Particle i has word first + (*voxel)[i] or, if this is null, word first + i.
+    const std::vector<std::uint32_t>* voxel = nullptr;
     std::size_t at(std::size_t particle) const {
         return first + (voxel == nullptr ? particle : (*voxel)[particle]);
     }

@@ -26,7 +26,7 @@ enum class Partition : std::uint8_t { automatic, bisection, rows };
 inline constexpr int max_resident_threads = 512;
 inline constexpr int max_resident_turns = 4;  ///< the most particles per thread
 inline constexpr int max_resident_rounds = 4;
-/// The most slots (points in shared memory) per block. They take 48 KiB.
+/// The most slots per block. A slot holds one point in shared memory; this many take 48 KiB.
 inline constexpr int max_resident_slots = 2048;
 /// The most slots that leave room for a TickOrder in 48 KiB of shared memory, as a multiple of 32.
 inline constexpr int max_slots_in_ticks = 2016;

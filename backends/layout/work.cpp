@@ -119,7 +119,7 @@ StepWork explicit_work(const Problem& problem, bool secondary, Formulation formu
     const std::uint64_t ends = spring_ends(problem);
     work.read_once(ends * (sizeof(std::uint32_t) + (secondary ? sizeof(SpringConstants<Real>) : 0)));
     work.operations += 2 * pull_operations<Real>(problem, formulation) + ends * vector_operations;
-    // Operations for the stiffness: one per spring end, or some per particle and spring group.
+    // Operations for the stiffness: 1 per spring end, or group_operations() per particle.
     work.operations += secondary ? ends : problem.particle_count() * group_operations(problem);
     return work;
 }

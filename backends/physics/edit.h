@@ -41,8 +41,7 @@ bool cuts(const Shape& shape, const glm::dvec3& a, const glm::dvec3& b);
 /// A spring that an edit removes or adds, between particles `first` < `second`.
 struct ChangedSpring {
     Spring spring;
-    /// Mask bit of the direction from `first` to `second`, which is always odd; -1 for a spring beyond the
-    /// lattice.
+    /// Mask bit of the direction from `first` to `second`, which is always odd; -1: not a lattice spring.
     int bit;
 
     friend bool operator==(const ChangedSpring&, const ChangedSpring&) = default;
@@ -51,7 +50,7 @@ struct ChangedSpring {
 /// A spring as seen from one of its two particles.
 struct ListedSpring {
     std::uint32_t neighbour;
-    int bit;  ///< mask bit of the direction to the neighbour; -1: a spring beyond the lattice
+    int bit;  ///< mask bit of the direction to the neighbour; -1: not a lattice spring
     double stiffness;
     double rest_length;
 
@@ -82,7 +81,7 @@ struct SpringEdit {
     std::span<const ListedSpring> springs_of(const Touched& particle) const {
         return std::span(listed).subspan(particle.begin, particle.end - particle.begin);
     }
-    /// Whether the edit adds a spring beyond the lattice.
+    /// Whether the edit adds a spring that is not a lattice spring (Problem::springs).
     bool leaves_lattice() const { return !added.empty() && added.back().bit < 0; }
 
     friend bool operator==(const SpringEdit&, const SpringEdit&) = default;
@@ -110,7 +109,7 @@ struct SpringDifference {
     /// An implicit conversion, so that an edit can be passed to a function that takes a difference.
     SpringDifference(const SpringEdit& edit);  // NOLINT(google-explicit-constructor)
 
-    /// Whether the edit adds a spring beyond the lattice.
+    /// Whether the edit adds a spring that is not a lattice spring (Problem::springs).
     bool leaves_lattice() const { return !added.beyond.empty(); }
 };
 
@@ -172,7 +171,7 @@ private:
     /// Removes from `pairs` the pairs that a spring joins already. `pairs` must be in ascending order, with
     /// the smaller particle first in each pair.
     void leave_out_joined(std::vector<std::pair<std::uint32_t, std::uint32_t>>& pairs) const;
-    /// Applies the edit to the problem, and fills in `touched` and `listed`.
+    /// Applies `edit` to the problem, and fills in its lists `touched` and `listed`.
     void finish(SpringEdit& edit);
 
     Problem& problem_;

@@ -102,9 +102,9 @@ struct Problem {
     /// The mask bits of all directions of the spring groups in use. No mask has other neighbour bits.
     std::uint32_t group_bits = 0;
 
-    /// Springs beyond the lattice: sutures between particles that are no grid neighbours, sutures with a
-    /// stiffness that no lattice spring has, or all springs of a network without a lattice. Backends with
-    /// implicit addressing refuse a problem that has any.
+    /// Springs beyond the lattice: sutures between particles that are no grid neighbours, sutures whose
+    /// stiffness is not that of a lattice spring, or all springs of a network without a lattice. Backends
+    /// with implicit addressing refuse a problem that has any.
     std::vector<Spring> springs;
 
     glm::dvec3 gravity{0};  ///< acceleration
@@ -211,8 +211,8 @@ private:
     std::array<std::ptrdiff_t, neighbour_count> stride_{};
 };
 
-/// The positions and velocities of a simulation, in float64 and canonical order, as differences. A backend
-/// that stores displacements can return them without loss.
+/// What steps change: the displacements and increments of all particles, in float64 and canonical order. A
+/// backend that stores displacements can return them without loss.
 struct State {
     // One element per particle. An empty list stands for zeros and takes no memory.
     std::vector<glm::dvec3> displacement;  ///< x(t) - rest position

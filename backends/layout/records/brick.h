@@ -95,7 +95,7 @@ struct TilePlace {
     int sy, sz;               ///< slots from one j to the next, and from one k to the next
     int dx, dy, dz;           ///< 1, or -1 where i, j or k runs against the lattice
     int x, y, z;              ///< voxel of the tile's particle (0, 0, 0)
-    std::uint32_t published;  ///< bit number(i, j, k): another brick lies beside the particle
+    std::uint32_t published;  ///< bit number(i, j, k): set if another brick is beside the particle
 
     VOXSPRING_HOST_DEVICE TilePlace(BrickShape shape, const BrickBlock& block, int thread) {
         // Successive threads have a row of tiles along x, then the next row along z. plane_pad puts these
@@ -195,7 +195,7 @@ struct BrickStep : MarchStep<float> {
     const std::uint32_t* masks;  ///< BrickMask::words_in_all() per lane, `lane_count` apart
     std::uint32_t lane_count;    ///< number of lanes of all blocks together
     const BrickPoll* polls;      ///< ordered by round, then by block, then by poller
-    /// Through these 2 x `axis` points blocks send each other points. Steps use two halves in turn; each half
+    /// Blocks send each other points through these 2 x `axis` places. Steps use two halves in turn; each half
     /// is indexed by lattice element.
     TaggedPoint* exchange;
     float* increments;  ///< BrickTile::increment_words per block; used if not in registers

@@ -6,7 +6,8 @@
 
 namespace voxspring::layout {
 
-/// A new value and its index: the new bits of the particle with index `word`, or a new element of a table.
+/// A new value and its index: the new bits of the particle whose word has index `word`, or a new element of a
+/// table.
 struct alignas(8) EditedWord {
     std::uint32_t word, bits;
 };

@@ -46,8 +46,8 @@ struct ImplicitStep {
     const BlockOrigin* origins;
     std::uint32_t group_bits;
     Vector<Real> spacing;
-    Real rest_length[13];    ///< element b: of mask bits 2 b and 2 b + 1 (SpringConstants)
-    Real deficit[13];        ///< element b: l^2 - |offset|^2 of mask bits 2 b and 2 b + 1 (RestSpring)
+    Real rest_length[13];    ///< element b: for mask bits 2 b and 2 b + 1; as in SpringConstants
+    Real deficit[13];        ///< element b: RestSpring::deficit for mask bits 2 b and 2 b + 1
     Real stiffness[3];       ///< of each spring group, if there is one material
     const Real* compliance;  ///< if there are several materials: 1 / stiffness per voxel
     Motion<Real> motion;

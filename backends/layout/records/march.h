@@ -19,7 +19,7 @@ struct MarchShape {
 
     VOXSPRING_HOST_DEVICE constexpr int warps() const { return wide * high; }
     VOXSPRING_HOST_DEVICE constexpr int threads() const { return 32 * warps(); }
-    /// Columns of particles per tile.
+    /// width(), height(): the number of particles of a tile along x and along y.
     VOXSPRING_HOST_DEVICE constexpr int width() const { return 2 * lanes * wide; }
     VOXSPRING_HOST_DEVICE constexpr int height() const { return rows * (32 / lanes) * high; }
     /// column(), row(): where in the tile the first particle of thread `number` is.

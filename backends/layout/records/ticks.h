@@ -26,7 +26,7 @@ VOXSPRING_HOST_DEVICE constexpr float real_in(std::uint64_t word) {
 
 /// What the host orders the kernel to do in a tick.
 struct TickOrder {
-    Vector<float> moved;  ///< where the tool is: ToolState::moved
+    Vector<float> moved;  ///< how far the tool has moved since it took hold
     std::uint32_t steps;  ///< 0: the kernel stores the state and ends
     std::uint32_t tick;
 };

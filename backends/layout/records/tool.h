@@ -8,7 +8,7 @@ namespace voxspring::layout {
 /// A particle that the tool holds. In GLSL: vec3, uint, vec3.
 template <class Real>
 struct alignas(4 * sizeof(Real)) HeldWord {
-    Vector<Real> anchor;  ///< where the tool took hold of it: a position or a displacement (formulation.h)
+    Vector<Real> anchor;  ///< the particle's position or displacement when the tool took hold
     std::uint32_t word;
     alignas(4 * sizeof(Real)) Vector<Real> load;  ///< the particle's Problem::load
     bool operator==(const HeldWord&) const = default;
