@@ -14,7 +14,8 @@ namespace voxspring {
 struct Api {
     std::string name;   ///< as in BackendEntry::api, Capabilities::family and results: "vulkan"
     std::string title;  ///< as users read it: "Vulkan"
-    /// The field of a result's context that holds the device's name, such as "gpu". Empty: no field does.
+    /// The field of a result's context that holds the device's name, such as "gpu". Empty if there is no such
+    /// field.
     std::string device_field = {};
     /// Returns the UUID of the graphics card that this process measures, or an empty string if there is none.
     /// Does not throw. Empty function: this API uses the card that another API names.
@@ -32,13 +33,13 @@ struct RegisteredApi {
 /// Every API of this build, by name.
 const std::map<std::string, Api>& apis();
 
-/// UUID of the card that this process measures, or an empty string if no API knows one. The APIs are asked
-/// only in the first call, so the result stays the same even if the card fails later.
+/// The UUID of the graphics card that this process measures, or an empty string if no API names one. Only the
+/// first call asks the APIs, so the result stays the same even if the card fails later.
 const std::string& measured_card();
 
 /// The name of the environment variable that selects the device for backends of `api`, such as
-/// VOXSPRING_VULKAN_DEVICE. Its value is the argument `asked` of devices_to_try(). Child processes inherit
-/// the variable.
+/// VOXSPRING_VULKAN_DEVICE. Its value is a device's number or a part of its name (devices_to_try()). Child
+/// processes inherit the variable.
 std::string device_variable(const std::string& api);
 /// The value of the environment variable device_variable(`api`), or an empty string if it is not set:
 /// backends then take the first usable device.

@@ -1,6 +1,7 @@
 // The contract between the harness and everything that can step a mass-spring-damper model: what every
-// backend must do. facets.h has what only some can do. To add a backend, write one file that implements
-// Backend and registers it (registry.h), and add one line to the CMakeLists.txt of its folder.
+// backend must do. facets.h has the abilities that only some backends have. To add a backend, write one file
+// that implements Backend and registers it (registry.h), and add one line to the CMakeLists.txt of its
+// folder.
 #pragma once
 
 #include <cstdint>
@@ -60,21 +61,23 @@ struct Capabilities {
     bool deterministic = true;  ///< two runs give the same bits
     /// The highest clock rate of each unit of the device ("sm", "memory"), if the driver tells.
     std::map<std::string, int> highest_mhz = {};
-    /// What compiles kernels when a scene is uploaded, and its options without the scene's macros. Empty: the
-    /// driver does, or nothing is compiled.
+    /// The compiler that compiles kernels in upload(), with its options except the macros of the scene. Empty
+    /// if the driver compiles them or if there is nothing to compile.
     std::string kernel_compiler = {};
     /// The API, whatever its version (Api::name in api.h). A backend steps on the host's threads if it is
     /// "cpu".
     std::string family = host_api;
     bool is_software = false;  ///< the CPU does the work of a graphics API
-    /// What measure_limits() measures, as results name it: "CPU", "CUDA", "OpenGL" (draws), "OpenGL compute".
-    /// Backends with the same name share one measurement. Empty: only backends with the same `api` share it.
+    /// The name that results give to what measure_limits() measures: "CPU", "CUDA", "OpenGL" (draws), "OpenGL
+    /// compute". Backends with the same name share one measurement. Empty: only backends with the same `api`
+    /// share it.
     std::string limits_of = {};
-    bool has_borders = false;  ///< BorderFacet::border() returns a border
-    /// The ways of exchanging borders that BorderFacet::device_borders() accepts. Empty: borders can go only
-    /// through the host's memory. If has_borders is not set, borders can go only by these ways.
+    bool has_borders = false;  ///< the backend can step one part of a divided body (BorderFacet::border())
+    /// The ways in which parts of a divided body can exchange the places of particles at their borders from
+    /// device to device (BorderFacet::device_borders()). Empty: only through the host's memory. If
+    /// has_borders is not set, only in these ways.
     std::vector<std::string> border_ways = {};
-    int devices = 1;  ///< devices that the API shows here; the backend can step a part on each
+    int devices = 1;  ///< how many devices the API shows here; each can step one part of a divided body
 
     bool steps_on_host() const { return family == host_api; }
 };
@@ -82,7 +85,7 @@ struct Capabilities {
 /// One timed batch of steps.
 struct Timing {
     double device_seconds = 0;  ///< between the two marks of timed(), on the clock Capabilities::clock
-    double host_seconds = 0;    ///< from before the first call to after the last synchronization
+    double host_seconds = 0;  ///< on the host's clock, from before the first mark to the last synchronization
 };
 
 /// One simulation on one device. The constructor acquires the device and throws Unavailable if there is none;
@@ -96,9 +99,9 @@ public:
 
     virtual Capabilities capabilities() const = 0;
 
-    /// Empty, or why this backend cannot run `problem` ("grid of 40000 x 1 exceeds the texture limit of
-    /// 16384"). Cheap: allocates nothing on the device. Unless overridden, it refuses a problem with a tool
-    /// if the backend has none.
+    /// Returns an empty string, or why this backend cannot run `problem` ("grid of 40000 x 1 exceeds the
+    /// texture limit of 16384"). Cheap: allocates nothing on the device. Unless overridden, it refuses a
+    /// problem with a tool if the backend has none.
     virtual std::string unsupported(const Problem& problem) const;
 
     /// Allocates memory, copies `problem` and `state` to the device and goes to step 0. May be called again,
@@ -109,12 +112,12 @@ public:
 
     /// Enqueues a change of springs, which is made after the steps enqueued so far and before later ones. May
     /// return before the change is made. `edited` is the uploaded problem with this edit and all earlier
-    /// edits since upload(); unsupported() must accept it. Like `problem` of upload() it must continue to
-    /// exist, and only the next edit may change it. Later steps give the bits that they would give if
-    /// `edited` had been uploaded with the present state.
+    /// edits since upload(); unsupported() must accept it. `edited` must exist until the next upload() or the
+    /// backend's destruction. The caller may change it only to make the next edit. Later steps give the bits
+    /// that they would give if `edited` had been uploaded with the present state.
     ///
-    /// Only what `edit` touched travels to the device. A backend may rebuild what it keeps of springs if its
-    /// arrays have no room for the edit, or if its kernel was chosen for springs of another kind.
+    /// Only what `edit` touched travels to the device. A backend may rebuild all its data about springs if
+    /// its arrays have no room for the edit, or if its kernel cannot handle the new springs.
     virtual void edit(const Problem& edited, const SpringEdit& edit) = 0;
 
     /// Enqueues `count` steps. May return before they have run.
@@ -127,8 +130,8 @@ public:
     /// lists.
     virtual State download() = 0;
 
-    /// Times `run`. All timings of steps come from here, by this sequence: synchronize, host clock, mark,
-    /// whatever `run` enqueues, mark, synchronize, host clock.
+    /// Times `run`. All timings of steps come from here, by this sequence: synchronize, read the host's
+    /// clock, mark, call `run`, mark, synchronize, read the host's clock.
     Timing timed(const std::function<void()>& run);
 
 protected:

@@ -27,13 +27,13 @@ struct ListedDevice {
 /// The devices as a list for users: "0 NVIDIA H200 (discrete), 1 llvmpipe (software)".
 std::string names_of(const std::vector<ListedDevice>& devices);
 /// The numbers of the devices that `asked` names, in the order in which to try them: preferred kinds first.
-/// `asked` is a number, a part of a name in upper or lower case, or empty for all devices.
+/// `asked` is the number of a device, or a part of its name in upper or lower case, or empty for all devices.
 std::vector<std::size_t> devices_to_try(const std::vector<ListedDevice>& devices, const std::string& asked);
 
 /// The number of a device in its API's list, counted from 0.
 struct DeviceNumber {
     int number = 0;
-    bool wraps = false;  ///< numbers beyond the last device go on with the first
+    bool wraps = false;  ///< if there are n devices, `number` stands for device `number` modulo n
     /// How many parts of a body are stepped at once: on all devices if `wraps`, otherwise on this device.
     int parts = 1;
     /// The index of this device among `count` > 0 devices. Throws Unavailable if there is none; the message
@@ -57,8 +57,9 @@ private:
     const DeviceNumber before_;
 };
 
-/// Empty, or why a process that measures the card `measured` skips a device. Software is never skipped.
-/// Hardware is skipped unless its UUID is `measured` or `measured` is empty.
+/// Empty, or why a process that measures the card with the UUID `measured` skips the device with the UUID
+/// `uuid`. A software device is never skipped. Hardware is skipped unless the UUIDs are equal or `measured`
+/// is empty.
 std::string reason_to_pass_over(const std::string& uuid, bool software, const std::string& measured);
 
 }  // namespace voxspring

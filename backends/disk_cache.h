@@ -1,4 +1,5 @@
-// Keeps on disk what is slow to compute and depends only on its inputs, under the hash of those inputs.
+// A cache on disk for results that are slow to compute and depend only on their inputs. The hash of the
+// inputs names an entry.
 #pragma once
 
 #include <cstddef>
@@ -12,7 +13,8 @@
 
 namespace voxspring {
 
-/// An XXH3 hash of 128 bits. It is of bytes as this machine stores them, so caches are not portable.
+/// An XXH3 hash of 128 bits. Numbers are hashed as this machine stores them, so a cache is of use only on
+/// machines of the same byte order.
 class Hash {
 public:
     Hash();
@@ -32,7 +34,7 @@ public:
         add_number(values.size());
         add(values.data(), values.size() * sizeof(T));
     }
-    /// 32 hexadecimal digits.
+    /// The hash as 32 hexadecimal digits.
     std::string text() const;
 
 private:

@@ -19,7 +19,7 @@
 
 namespace voxspring {
 
-/// The limits that a run has to stay within, and how often that is checked.
+/// The limits that a run has to stay within, and how often this is checked.
 struct DivergenceMonitor {
     /// The farthest that a particle may move in one step: |x(t) - x(t - dt)|, in units of length.
     double largest_increment = 0;
@@ -48,7 +48,8 @@ struct Choice {
 /// Seconds that compiling code for a problem takes.
 struct CompileTime {
     double spent = 0;  ///< in this upload; 0 for code that this process has compiled before
-    double cold = 0;   ///< without a disk cache: for code found there, what compiling it once took
+    /// Without a disk cache: code that was found in the cache counts with the time that compiling it took.
+    double cold = 0;
     CompileTime& operator+=(const CompileTime& other) {
         spent += other.spent;
         cold += other.cold;
@@ -74,8 +75,9 @@ public:
     virtual void write(const std::byte* from) = 0;
 };
 
-/// The particles that a part of a body shares with a neighbouring part. `sent`: those that this part steps,
-/// ghosts in the neighbour (Problem::ghosts). `received`: ghosts here that the neighbour steps. Both ascend.
+/// The particles that a part of a body shares with a neighbouring part. `sent`: particles that this part
+/// steps and that are ghosts in the neighbour (Problem::ghosts). `received`: ghosts of this part, which the
+/// neighbour steps. Both lists ascend.
 struct SharedParticles {
     int part;  ///< the number of the neighbouring part
     std::vector<std::uint32_t> sent, received;
@@ -87,9 +89,10 @@ struct SharedParticles {
 /// Most backends exchange borders between steps. If borders travel within steps (steps_per_call()), a step of
 /// a part uses what the same step of the neighbours sent, however many steps one call of step() makes.
 ///
-/// Each part is stepped by one thread, which steps no other part. A part makes its n-th call of receive()
-/// after its neighbours have returned from their n-th call of send(). The neighbours' call n + 2 of send()
-/// comes only after that receive() has returned. Parts may be destroyed in any order.
+/// Each part is stepped by one thread, which steps no other part. Unless waits_on_device(), the callers keep
+/// this order: a part makes its n-th call of receive() after its neighbours have returned from their n-th
+/// call of send(). The neighbours' call n + 2 of send() comes only after that receive() has returned. Parts
+/// may be destroyed in any order.
 class DeviceBorders {
 public:
     DeviceBorders() = default;
@@ -106,14 +109,14 @@ public:
     /// Takes over those connections of `before` that are slow to make. `before` is this part's object from
     /// before the latest upload. To be called before connect(), for all parts or for none.
     virtual void take_over(DeviceBorders& before) { static_cast<void>(before); }
-    /// Ends what connect() began and what all parts have to end together. To be called at the end of a run
-    /// without failure, in the thread of every part, while all parts still exist. The destructor aborts what
-    /// was not ended in this way, and waits for no other part.
+    /// Closes those connections that all parts have to close together. To be called at the end of a run
+    /// without failure, in the thread of every part, while all parts still exist. The destructor aborts
+    /// connections that are still open, and waits for no other part.
     virtual void disconnect() {}
     /// The most steps that a call of Backend::step() may make if borders travel within steps; 0: borders
     /// travel between steps. If they travel within steps, every part must be ready to call step() before any
-    /// part calls it. Every part must have called step() before any part calls anything else: until then a
-    /// device that several parts share may be waiting for one of them, and other calls would wait for that
+    /// part calls it. Every part must have called step() before any part calls anything else. Until then a
+    /// device that several parts share may be waiting for a part, and another call would wait for that
     /// device.
     virtual int steps_per_call() const { return 0; }
     /// Whether the devices wait for each other, so that the parts may call send() and receive() in any order:
@@ -122,7 +125,7 @@ public:
     /// Enqueues the transfer of places to the neighbouring parts, after the steps enqueued so far. If borders
     /// travel within steps, send() and receive() do nothing.
     virtual void send() = 0;
-    /// Enqueues the arrival: from the next step on, ghosts are at the places that the neighbours sent.
+    /// Enqueues the arrival of what the neighbours sent: from the next step on, ghosts are at these places.
     virtual void receive() = 0;
 };
 
@@ -221,15 +224,16 @@ protected:
     ~FeedFacet() = default;
 };
 
-/// Moves the tool of a problem that has one (Problem::tool), and tells the force on it.
+/// Moves the tool of a problem (Problem::tool), which pulls the particles that it holds by springs, and tells
+/// the force on it.
 class ToolFacet {
 public:
     /// Enqueues a move of the tool. In steps enqueued later, the tool is `displacement`, in units of length,
-    /// away from where it took hold. upload() and rewind() put the tool back there.
+    /// away from where it was when it took hold of its particles. upload() and rewind() put it back there.
     virtual void move_tool(const glm::dvec3& displacement) = 0;
     /// Synchronizes and returns the force on the tool in the latest step: minus the sum of its forces on the
-    /// particles that it holds. Each is computed in the backend's precision; they are added in float64, in
-    /// the order of Tool::particles. Zero before the first step.
+    /// particles that it holds. Each force is computed in the backend's precision. The forces are added in
+    /// float64, in the order of Tool::particles. Zero before the first step.
     virtual glm::dvec3 tool_force() = 0;
 
 protected:
@@ -268,8 +272,9 @@ public:
     /// Keeps a copy of the state on the device for rewind(). To be called right after upload(); the copy is
     /// valid until the next upload(). Returns false if this backend keeps no copy or has no room for it.
     virtual bool keep_start() { return false; }
-    /// Returns to step 0, to the state that upload() left and keep_start() kept, and to the problem without
-    /// the edits made since. Every step gives the bits that it would give after another upload().
+    /// Returns to step 0 and to the state that keep_start() kept. Edits are not undone: the caller has to
+    /// undo them by further edits first, so that the springs are those of the uploaded problem. Every step
+    /// gives the bits that it would give after another upload().
     virtual void rewind() {}
 
     /// A hash of the state. After equally many steps, two runs of this object have equal hashes if their
@@ -280,7 +285,8 @@ public:
     /// Makes the device check the state while it steps, from the next upload() or rewind() on. A check
     /// changes no bit of the state. Until the first call nothing is checked.
     virtual void monitor(const DivergenceMonitor&) {}
-    /// Between which steps the run left the limits that monitor() set; empty if it has not. Synchronizes.
+    /// Between which steps the run left the limits that monitor() set. Empty if no check found a violation.
+    /// Synchronizes.
     virtual std::optional<Divergence> divergence() { return std::nullopt; }
 
     /// Makes one step and counts what it did. Empty if the backend counts nothing.

@@ -13,8 +13,8 @@ namespace voxspring {
 
 enum class Precision : std::uint8_t;
 
-/// The rate of a pass over arrays that together have `footprint_bytes`: the best of several programs, which
-/// differ in the width of their accesses, the number of threads, and whether they write in place.
+/// The rate of a pass over arrays that together have `footprint_bytes`: the highest rate of several programs,
+/// which differ in the width of their accesses, the number of threads, and whether they write in place.
 struct Bandwidth {
     double footprint_bytes = 0;
     double written_share = 0;     ///< share of the moved bytes that the pass writes
@@ -23,8 +23,8 @@ struct Bandwidth {
     bool operator==(const Bandwidth&) const = default;
 };
 
-/// The rates and times that simple programs reach on a device. Each does only one thing, and is of the kind
-/// that the backends run: CUDA kernels, fragment shaders, SIMD code on all cores.
+/// The rates and times that simple programs reach on a device. Each program does only one thing, and is of
+/// the kind that the backends run: CUDA kernels, fragment shaders, SIMD code on all cores.
 struct DeviceLimits {
     /// The bandwidth at footprints from arrays that fit into the cache to arrays far larger than it. At each
     /// footprint there are several values, which differ in `written_share`. Empty if only the two rates below
@@ -42,11 +42,12 @@ struct DeviceLimits {
     /// The time of a barrier across the grid of a cooperative launch with one block per SM; empty if the
     /// device has no such launches.
     std::optional<double> grid_barrier_seconds;
-    /// The time of one exchange in such a launch: the blocks, one per SM, send a point to their neighbours,
-    /// and each waits for the points sent to it before the next exchange. Points go through the cache that
-    /// the blocks share, without a barrier. Empty if the device cannot do this.
+    /// The time of one exchange between the blocks of a cooperative launch with one block per SM. In an
+    /// exchange each block sends a point to its neighbours and waits for the points that they send. Points go
+    /// through the cache that the blocks share, without a barrier. Empty if the device cannot do this.
     std::optional<double> exchange_seconds;
-    /// Independent multiply-adds per second, each counted as one operation. Empty: not measured.
+    /// Independent multiply-adds per second, each counted as one operation. The rate in float64 is empty if
+    /// it was not measured.
     double float32_operations_per_second = 0;
     std::optional<double> float64_operations_per_second;
     /// The rate of a compute shader, if float32_operations_per_second is that of a fragment shader. Some
@@ -56,8 +57,8 @@ struct DeviceLimits {
 
 /// The least work that one step of a problem takes with a backend's strategy.
 struct StepWork {
-    /// Bytes that the launches have to move. An array counts once for each launch that reads it, and once for
-    /// each that writes it.
+    /// Bytes that the launches of the step have to move. An array counts once for each launch that reads it,
+    /// and once for each that writes it.
     std::uint64_t bytes = 0;
     std::uint64_t written_bytes = 0;  ///< how many of `bytes` are written
     /// Bytes of every array that a step has to read or write, each counted once: what a cache would have to
@@ -88,7 +89,7 @@ struct StepLimit {
 /// The bytes per second that a step with `work` can move: the best of limits.bandwidth at the largest
 /// footprint that is no larger than that of `work`, and at larger ones. Between two values of
 /// Bandwidth::written_share the time per byte is interpolated; beyond them it is that of the nearest value.
-/// Without that table the result is the rate of a copy, in the cache if the footprint fits.
+/// If limits.bandwidth is empty, the result is the rate of a copy, in the cache if the footprint fits.
 double bytes_per_second_of(const StepWork& work, const DeviceLimits& limits);
 
 /// The longest of the times that launches, exchanges, bytes and operations would take alone, each at the
@@ -104,8 +105,8 @@ struct Patience {
     int min_batches = 8;
     int first_count = 1;  ///< repetitions of the first batch
 };
-/// The patience for one of many measurements, of passes over `footprint` bytes. Already the first batch has
-/// many passes if they are short, so that clocks and launches do not take most of its time.
+/// The patience for one of many measurements, of passes over `footprint` bytes. If passes are short, even the
+/// first batch has many, so that clocks and launches do not take most of its time.
 inline Patience one_of_many(std::size_t footprint) {
     constexpr std::size_t moved_at_first = std::size_t(16) << 20;
     return {.long_enough = 1e-3,

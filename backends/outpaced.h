@@ -1,4 +1,5 @@
-// Corrects the ranking of backends by the rules of `auto`, on devices unlike those that the rules come from.
+// The rules of --backend auto rank backends as they were measured on some devices. A backend can correct that
+// ranking for other devices.
 #pragma once
 
 #include <string>
@@ -7,7 +8,7 @@
 
 namespace voxspring {
 
-/// A backend that knows on which devices another one is faster. Only the choice of `auto` asks it.
+/// A backend that knows on which devices another one is faster. Only --backend auto asks it.
 class Outpaced {
 public:
     /// Why another backend is predicted to step `problem` faster on the same device. Empty: none is. If there

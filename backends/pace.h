@@ -9,7 +9,7 @@ namespace voxspring {
 
 class Pace {
 public:
-    /// The longest time that a device may be busy, as measured: a fraction of what drivers allow.
+    /// The longest time that the steps given at once may take: a fraction of what drivers allow.
     static constexpr double longest_seconds = 0.25;
 
     /// `most_steps`: the most steps to give at once, however short they are.
@@ -21,7 +21,8 @@ public:
     bool is_unknown() const { return unknown_; }
     /// Tells that `steps` steps took `seconds`, from handing them over until the host knew that they had
     /// ended. The first steps take longer than later ones, because caches are empty and the device is asleep.
-    /// So measuring goes on, up to max_measurements times, while more steps fit than were measured.
+    /// So measuring goes on, up to max_measurements times, while more steps fit into longest_seconds than
+    /// were measured, but fewer than most_steps.
     void measured(int steps, double seconds) {
         const double fitting = seconds > 0 ? longest_seconds / seconds * steps : most_steps_;
         steps_ = int(std::clamp(fitting, 1.0, double(most_steps_)));

@@ -50,8 +50,8 @@ const BackendEntry& entry_named(const std::string& name) {
         throw BadSpecification("backend " + name + " is not in this build: " + absent->second);
     if (name == "auto")
         throw BadSpecification(
-            "'auto' cannot be used here, where a backend must be named: it stands for the one that is chosen "
-            "for a scene");
+            "backend 'auto' cannot be used here, because it stands for the backend that is chosen for a "
+            "scene; name a backend");
     const std::vector<std::string> known = names_of(registry());
     throw BadSpecification(
         fmt::format("no backend '{}'; known: {}{}", name, fmt::join(known, ", "), did_you_mean(name, known)));
@@ -72,7 +72,7 @@ void set_tuning(const BackendEntry& entry, Options& options, const std::string& 
         options.tuning[key] = value;
     } else {
         throw BadSpecification("backend " + entry.name + ": " + key + "=" + value +
-                               " is neither a positive integer nor auto");
+                               " is neither auto nor an integer from 1 to 9999999");
     }
 }
 

@@ -1,4 +1,4 @@
-// The roster at run time: every backend registers itself under its name with a static initialiser.
+// The backends of this program by name. Every backend registers itself with a static initialiser.
 #pragma once
 
 #include <cstdint>
@@ -46,8 +46,8 @@ struct BackendEntry {
     std::function<std::unique_ptr<Backend>(const Options&)> make;
     /// Bytes of memory that upload() would take. It is the device's memory if the device has its own.
     std::function<std::uint64_t(const Problem&, const Options&)> bytes;
-    /// How far a particle may fall behind per step, in spacings, because of an option such as a sleep
-    /// threshold. Empty function: not at all.
+    /// The most by which a particle's movement per step may fall short, in lattice spacings, because of an
+    /// option such as a sleep threshold. Empty function: 0.
     std::function<double(const Options&)> admitted_spacings_per_step = {};
     /// The relative error of the backend's roots and divisions, if options ask for approximations. Empty
     /// function: no more than the rounding error of its precision.
@@ -60,7 +60,7 @@ struct BackendEntry {
     std::vector<Skip> skips() const;
 };
 
-/// `static const Registered entry({...});` in a backend's file adds it to the roster.
+/// `static const Registered entry({...});` in a backend's file adds the backend to registry().
 struct Registered {
     explicit Registered(BackendEntry entry);
 };
@@ -68,7 +68,7 @@ struct Registered {
 /// Every backend of this build, by name.
 const std::map<std::string, BackendEntry>& registry();
 
-/// Backends that this build left out: the reason by the backend's name (CMakeLists.txt).
+/// The backends that this build leaves out (CMakeLists.txt): the reason by the backend's name.
 const std::map<std::string, std::string>& left_out();
 
 /// A backend specification was refused. The message names what is accepted.
@@ -82,7 +82,8 @@ struct BackendSpec {
     const BackendEntry* entry = nullptr;
     Options options;
 
-    /// Throws BadSpecification if `text` is not valid. `auto` is not: its backend depends on the scene.
+    /// Throws BadSpecification if `text` is not valid. `auto` is not valid here, because its backend depends
+    /// on the scene.
     static BackendSpec parse(const std::string& text);
     std::unique_ptr<Backend> make() const { return entry->make(options); }
     double admitted_spacings_per_step() const {

@@ -25,7 +25,7 @@ Rest rest_of(const Options& options);
 /// Empty, or why `rest` does not go with the formulation (BackendEntry::refused_options).
 std::string refused_rest(const Options& options);
 
-/// Whether a body at rest stays at rest, because nothing but springs acts on it.
+/// Whether a body at rest stays at rest, because neither gravity nor a load acts on it.
 bool stays_at_rest(const Problem& problem);
 
 /// Decides from step to step whether tiles are checked for rest, which costs a little. Tiles are checked for
@@ -37,7 +37,7 @@ public:
         int period;  ///< steps between two decisions while tiles are checked
         /// The shortest and the longest pause: steps without checks.
         int min_pause, max_pause;
-        /// Checks pay where active tiles are at most this fraction of all.
+        /// Checks pay if active tiles are at most this fraction of all tiles.
         std::size_t paying_numerator, paying_denominator;
     };
 
