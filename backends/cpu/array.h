@@ -14,7 +14,7 @@ namespace voxspring::cpu_parallel {
 template <class T>
 using Array = hwy::AlignedFreeUniquePtr<T[]>;
 
-/// With fewer elements or particles than this, starting threads for a copy does not pay.
+/// With fewer elements or particles than this, a loop over them is faster on one thread than on several.
 constexpr std::ptrdiff_t worth_threads = 1 << 16;
 
 template <class T>

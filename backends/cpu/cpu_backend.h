@@ -1,5 +1,5 @@
-// What all backends that run on the host share: the clock, the divergence monitor and the name of the
-// processor.
+// Code that all backends on the host's processor share: the clock, the divergence monitor, borders and the
+// processor's name.
 #pragma once
 
 #include <algorithm>
@@ -36,7 +36,7 @@ private:
     std::chrono::steady_clock::time_point begin_, end_;
 };
 
-/// A backend with a divergence monitor. It checks exactly when a check is due (DivergenceMonitor::every).
+/// A backend with a divergence monitor, which checks exactly when a check is due (DivergenceMonitor::every).
 class MonitoredCpuBackend : public CpuBackend {
 public:
     void upload(const Problem& problem, const State& state) final;
@@ -62,8 +62,8 @@ private:
 template <class Vec>
 class VectorBorder final : public Border {
 public:
-    /// `arrays()` returns the array that holds x or u after the latest step, and the array of low parts if
-    /// there is one.
+    /// `arrays()` returns the array of positions or displacements after the latest step, and the array of
+    /// their low parts if the formulation has low parts.
     VectorBorder(std::function<std::vector<std::vector<Vec>*>()> arrays, std::vector<std::uint32_t> particles)
         : arrays_(std::move(arrays)), particles_(std::move(particles)) {}
 

@@ -1,4 +1,5 @@
-// cpu_explicit: all cores, with neighbour lists. Takes any network, and so also sutures beyond the lattice.
+// cpu_explicit: all cores, with neighbour lists. Accepts any network of springs, and so also sutures between
+// particles that are not lattice neighbours.
 //
 // Each particle has a list of its springs: first those of the lattice in the order of neighbours.h, then
 // those of Problem::springs in their order. Their forces are summed in that order. Each spring is evaluated
@@ -85,8 +86,8 @@ public:
         }
     }
 
-    /// Makes new lists for the particles that `edit` touched. A list without room for its links moves to the
-    /// end.
+    /// Makes new lists for the particles that `edit` touched. A list that has too little room moves to the
+    /// end of links_.
     void follow(const Problem& edited, const SpringEdit& edit) {
         for (const SpringEdit::Touched& touched : edit.touched) {
             ListRange& range = ranges_[touched.particle];
@@ -123,7 +124,7 @@ private:
         ListRange& range = ranges_[particle];
         links_[range.begin + range.count++] = link;
     }
-    /// Makes the link from `particle` for a spring beyond the lattice, and adds its RestState.
+    /// Makes the link from `particle` for a spring that is not of the lattice, and adds its RestState.
     Link<Real> beyond(const Problem& problem, std::uint32_t particle, std::uint32_t neighbour,
                       double stiffness, double rest_length) {
         rest_.push_back(rest_of(rest_spring(problem, Spring{particle, neighbour, stiffness, rest_length})));
@@ -132,7 +133,8 @@ private:
 
     std::vector<ListRange> ranges_;
     std::vector<Link<Real>> links_;
-    /// First one per direction (26), then two per spring beyond the lattice: one for either end.
+    /// First one per direction of the lattice (26), then two per spring of Problem::springs: one for either
+    /// end.
     std::vector<RestState<Real>> rest_;
 };
 
@@ -204,9 +206,9 @@ public:
         const std::uint64_t load = problem.load.empty() ? 0 : 1;
         const bool increments = by_increments(formulation_);
         const std::uint64_t split = formulation_ == Formulation::compensated ? 1 : 0;
-        // Formulations by increments read x or u from one array, write it to another, and change v in place.
-        // The others read one of two arrays of x or u, and read and overwrite the other. Low parts move in
-        // the same way.
+        // Formulations by increments read displacements from one array, write them to another, and change
+        // increments in place. The others read one of two arrays of positions or displacements, and read and
+        // overwrite the other. Low parts are read and written in the same way.
         const std::uint64_t parts = 1 + split, vector = sizeof(Vec3);
         const std::uint64_t others = load * vector + sizeof(Real) + sizeof(ListRange);
         const std::uint64_t written = (increments ? 2 : 1) * parts * vector;
@@ -404,8 +406,8 @@ private:
     std::size_t current_ = 0;  ///< index of the array that has the current state
     Links<Real> links_;
     std::size_t uploaded_size_ = 0;
-    /// x or u after even steps and after odd steps. The array that the next step overwrites holds the
-    /// previous state until then.
+    /// Positions or displacements after even steps and after odd steps. The array that the next step
+    /// overwrites holds the previous state until then.
     std::array<Vectors, 2> at_, at_low_;
     Vectors increment_, increment_low_, load_;
     std::vector<Real> inverse_mass_;
@@ -427,7 +429,7 @@ std::uint64_t bytes(const Problem& problem, const Options& options) {
 
 const Registered entry({
     .name = name,
-    .summary = "Every core, with neighbour lists: takes any network, and sutures beyond the lattice.",
+    .summary = "All cores, with neighbour lists: accepts any network of springs, sutures included.",
     .precisions = {Precision::float32, Precision::float64},
     .formulations = every_formulation,
     .tuning = {{"threads", {}}},

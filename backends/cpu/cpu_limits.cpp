@@ -14,7 +14,7 @@
 
 #include "backends/cpu/cpu_backend.h"
 
-// These targets are left out as in kernel.cpp.
+// These SIMD targets are left out: their registers have no fixed size, so arrays of them cannot be made.
 #define HWY_DISABLED_TARGETS (HWY_SVE | HWY_SVE2 | HWY_SVE_256 | HWY_SVE2_128 | HWY_RVV)
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "backends/cpu/cpu_limits.cpp"
@@ -51,11 +51,11 @@ HWY_INLINE std::size_t multiply_add(std::size_t count, T* result) {
 std::size_t multiply_add_float32(std::size_t count, float* result) { return multiply_add(count, result); }
 std::size_t multiply_add_float64(std::size_t count, double* result) { return multiply_add(count, result); }
 
-// Passes over arrays that start on a cache line; `count` is a multiple of a group's elements. An array that
-// is overwritten in place is read first, so its lines are in a cache. Stores to other arrays bypass the
-// caches, which would otherwise read each line before the store.
+// Passes over arrays that start on a cache line. `count` is a multiple of the elements of `group` registers.
+// A pass that overwrites an array in place has read it, so its lines are in a cache. Stream stores to another
+// array bypass the caches, which would otherwise read each line before the store.
 
-/// How many registers read() sums in side by side: two additions per cycle times a latency of four cycles.
+/// How many sums read() keeps side by side: two additions per cycle times a latency of four cycles.
 constexpr std::size_t group = 8;
 
 HWY_FLATTEN void read(const float* first, const float*, float* written, std::size_t count) {
@@ -141,7 +141,7 @@ double operations_per_second() {
     const double seconds = min_seconds([&](int count) {
         operations = 0;
         return parallel_seconds([&](std::size_t, std::size_t) {
-            // A factor that the compiler cannot know. With it the sums converge to 2.
+            // A factor that the compiler does not know. With this factor the sums converge to 2.
             volatile T half = T(0.5);
             T result[] = {half, T(1)};
             std::size_t done = 0;
@@ -156,7 +156,7 @@ double operations_per_second() {
     return double(operations) / seconds;
 }
 
-/// Bytes of the first core's last-level cache, which Linux gives as "32768K"; 0 if Linux gives none.
+/// Bytes of the first core's last-level cache, from a file of Linux ("32768K"); 0 if there is no such file.
 /// sysconf() is not used: in a virtual machine it may give the caches of the whole host.
 std::size_t last_cache_bytes() {
     std::size_t bytes = 0;
@@ -204,8 +204,8 @@ public:
     }
 
 private:
-    /// Floats per thread, for one to three arrays one after the other. Each has whole groups of the widest
-    /// registers.
+    /// Floats per thread, for one to three arrays one after the other. Each array is a multiple of `group`
+    /// registers of the widest target.
     std::size_t floats_of(std::size_t footprint) const {
         constexpr std::size_t whole = std::size_t(6) * 8 * 16;
         return std::max<std::size_t>(footprint / sizeof(float) / memory_.size() / whole, 1) * whole;

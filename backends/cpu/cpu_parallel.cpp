@@ -1,14 +1,16 @@
-// cpu_parallel: all cores and their SIMD registers, a gather over a padded grid with implicit addressing.
+// cpu_parallel: all cores and their SIMD registers. Each particle gathers the forces of its springs, on a
+// padded grid with implicit addressing.
 //
 // State is a structure of arrays (x, y, z) over the grid, whose rows are padded to whole blocks of 64 bytes.
 // A neighbour is a constant number of elements away. Only blocks with active voxels are listed, and threads
 // share the list evenly.
 //
 // A spring that does not lie along x is evaluated once, when its lower end (the particle with the lower
-// index) is stepped. A buffer keeps its force density for the higher end, which multiplies the density with
-// its offset. The product has the same bits as if the higher end had evaluated the spring. So forces, summed
-// in the order of neighbours.h, depend neither on the number of threads nor on the width of a register. Tiles
-// of blocks at rest are not stepped (tiles.h), which changes no bit either.
+// index) is stepped. A buffer keeps its force density (force divided by length) for the higher end, which
+// multiplies the density with its offset to the lower end. The product has the same bits as if the higher end
+// had evaluated the spring. So forces, summed in the order of neighbours.h, depend neither on the number of
+// threads nor on the width of a register. Tiles of blocks at rest are not stepped (tiles.h), which changes no
+// bit either.
 #include <omp.h>
 
 #include <algorithm>
@@ -52,7 +54,8 @@ std::string refusal(const Problem& problem) {
     const double rows = (double(d.y) + 4) * (double(d.z) + 4);
     if ((d.x + double(block_size<T>)) * rows * 24 * sizeof(T) < std::ldexp(1.0, 47)) return {};
     return "a grid of " + std::to_string(d.x) + " x " + std::to_string(d.y) + " x " + std::to_string(d.z) +
-           " with rows padded to " + std::to_string(block_size<T>) + " exceeds the address space";
+           " with rows padded to multiples of " + std::to_string(block_size<T>) +
+           " voxels exceeds the address space of a process";
 }
 
 template <class T>
@@ -87,7 +90,7 @@ public:
             tiles_->mark_active(block.tile, step_);
         }
         if (bits == bits_) return;
-        // The edit added springs in a direction that had none so far.
+        // The edit added springs in a direction in which the problem had none so far.
         bits_ = bits;
         list_blocks();
         deal_out();
@@ -96,7 +99,7 @@ public:
     ToolFacet* tool() override { return this; }
     void move_tool(const glm::dvec3& displacement) override {
         tool_moved_ = vector_of(displacement);
-        // The held particles may be at rest, but a tool that moves wakes them.
+        // The tiles of the held particles may be at rest. A tool that moves makes them active.
         for (const Share& share : shares_) {
             for (const Held& held : share.held) tiles_->mark_active(held.tile, step_);
         }
@@ -146,7 +149,7 @@ public:
         const std::uint64_t read_only =
             (has_load ? 3 : 0) + (all || problem.has_materials() ? 1 : 0) + (problem.has_materials() ? 1 : 0);
         // Operations of a force density: 5 + 1 + 1 + 3 for force_density(), or 3 + 5 + 1 + 5 + 1 + 1 + 4 for
-        // strain_density() without the offset; 2 more if materials give the stiffness.
+        // strain_density() without its offset; 2 more if materials give the stiffness.
         const std::uint64_t density =
             (by_increments(formulation_) ? 20 : 10) + (problem.has_materials() ? 2 : 0);
         // Operations at each end of a spring: 3 for u_i - u_j or x_i - x_j, and 6 more with low parts; 3 for
@@ -175,7 +178,8 @@ private:
         std::size_t number = 0;  ///< its index in Tool::particles
         std::ptrdiff_t element = 0;
         std::uint32_t tile = 0;
-        std::array<T, 3> anchor{}, load{};  ///< x or u when the tool took hold; its Problem::load
+        /// The particle's position or displacement when the tool took hold, and its Problem::load.
+        std::array<T, 3> anchor{}, load{};
     };
 
     /// A thread's share of every step.
@@ -187,7 +191,7 @@ private:
         Task<T> task{};
     };
 
-    /// Reads and writes some particles' x or u in the current state.
+    /// Reads and writes the positions or displacements of some particles in the current state.
     class Places final : public Border {
     public:
         Places(CpuParallel& of, const std::vector<std::uint32_t>& particles) : of_(of) {
@@ -214,7 +218,7 @@ private:
                     T value{};
                     std::memcpy(&value, from, sizeof(T));
                     from += sizeof(T);
-                    // The tile may be at rest. Only a value with other bits wakes it.
+                    // The tile may be at rest. Only a value with other bits makes it active.
                     T& here = array[place.element];
                     if (std::bit_cast<MaskOf<T>>(here) == std::bit_cast<MaskOf<T>>(value)) continue;
                     here = value;
@@ -538,7 +542,7 @@ std::uint64_t bytes(const Problem& problem, const Options& options) {
 const Registered entry({
     .name = "cpu_parallel",
     .addressing = Addressing::by_grid,
-    .summary = "Every core and its SIMD registers: implicit addressing on a padded grid.",
+    .summary = "All cores and their SIMD registers, with implicit addressing on a padded grid.",
     .precisions = {Precision::float32, Precision::float64},
     .formulations = every_formulation,
     .tuning = {{"threads", {}},
@@ -553,7 +557,8 @@ const Registered entry({
             return by_precision(options.precision,
                                 [&]<class Real>(Real) { return bytes<Real>(problem, options); });
         },
-    // The particles of a sleeping tile stand still, although each may have moved by up to this much per step.
+    // The particles of a sleeping tile stand still, although without sleep each might move by up to this per
+    // step.
     .admitted_spacings_per_step = sleep_threshold,
     .root_error = root_error,
     .refused_options = refused_options,

@@ -1,4 +1,4 @@
-// The oracle: float64, a plain loop over springs, one thread. All other backends are compared with it.
+// cpu_reference: float64, a plain loop over springs, one thread. All other backends are compared with it.
 #include <cmath>
 #include <glm/geometric.hpp>
 #include <glm/vec3.hpp>
@@ -61,9 +61,9 @@ public:
         const std::uint64_t lows = formulation_ == Formulation::compensated ? 1 : 0;
         const std::uint64_t rests = on_positions(formulation_) ? 0 : 1;
         // Operations of a spring: 3 for the difference of its ends, and 6 more with low parts; 3 for the
-        // offset, if it is not that difference; 5 + 1 + 1 + 3 for force_density(), or 3 + 5 + 1 + 5 + 1 + 1 +
-        // 4 for strain_density(); 3 for the force; 6 to add it at both ends. Operations of a particle: 21 for
-        // next_position(), or for increment_change() and two sums, where each sum that is split takes 33
+        // offset, if that is not the difference; 5 + 1 + 1 + 3 for force_density(), or 3 + 5 + 1 + 5 + 1 + 1
+        // + 4 for strain_density(); 3 for the force; 6 to add it at both ends. Operations of a particle: 21
+        // for next_position(), or for increment_change() and two sums, where each sum that is split takes 33
         // instead of 3; 1 for 1 / mass; 3 to add a load.
         const std::uint64_t spring =
             3 + lows * 6 + rests * 3 + (by_increments(formulation_) ? 20 : 10) + 3 + 6;
@@ -204,7 +204,7 @@ private:
 
 const Registered entry({
     .name = "cpu_reference",
-    .summary = "The oracle: float64, one thread, a plain loop over springs.",
+    .summary = "The reference for errors: float64, one thread, a plain loop over springs.",
     .precisions = {Precision::float64},
     .formulations = every_formulation,
     .tuning = {},

@@ -6,7 +6,8 @@
 
 #include "backends/physics/neighbours.h"
 
-// These targets are left out: their registers have no fixed size, and so cannot be a member of class Lanes.
+// These SIMD targets are left out: their registers have no fixed size, and so cannot be members of class
+// Lanes.
 #define HWY_DISABLED_TARGETS (HWY_SVE | HWY_SVE2 | HWY_SVE_256 | HWY_SVE2_128 | HWY_RVV)
 // This file, up to HWY_ONCE, is compiled for every SIMD target.
 #undef HWY_TARGET_INCLUDE
@@ -23,7 +24,8 @@ namespace {
 
 using namespace cpu_parallel;
 
-/// Where the particles in one SIMD register are: x or u and, in the compensated formulation, its low part.
+/// Where the particles in one SIMD register are: their positions or displacements and, in the compensated
+/// formulation, the low parts of these.
 template <Formulation formulation, class L>
 struct Place {
     Lanes3<L> high;
@@ -79,8 +81,8 @@ HWY_INLINE L stiffness(const Task<T>& task, const Opposites<T>& pair, std::ptrdi
     return series_stiffness(L::load(task.compliance + i), L::load(task.compliance + neighbour));
 }
 
-/// Stores the force densities of springs of the particles of a SIMD register: of the springs to neighbours
-/// with a higher element, if that element is at least `least`.
+/// Stores the force densities of the springs from the particles of a SIMD register to their higher
+/// neighbours. Leaves out a direction in which all these neighbours lie before element `least`.
 template <Formulation formulation, class L, class T>
 HWY_INLINE void leave_densities(const Task<T>& task, const Block& block, std::ptrdiff_t lane,
                                 std::ptrdiff_t least) {
@@ -97,8 +99,8 @@ HWY_INLINE void leave_densities(const Task<T>& task, const Block& block, std::pt
     }
 }
 
-/// The spring forces on the particles of a SIMD register. With `full_stencil`, as in Block, nothing is
-/// masked.
+/// The spring forces on the particles of a SIMD register. With `full_stencil` (Block::full_stencil) no spring
+/// is masked.
 template <Formulation formulation, bool full_stencil, class L, class T, class Mask>
 HWY_INLINE Lanes3<L> sum_forces(const Task<T>& task, const Block& block, std::ptrdiff_t lane, Mask mask,
                                 const Place<formulation, L>& here) {
@@ -154,8 +156,8 @@ HWY_INLINE auto difference(Lanes3<L> a, Lanes3<L> b) {
     return hn::Or(hn::Or(bits(a.x, b.x), bits(a.y, b.y)), bits(a.z, b.z));
 }
 
-/// `moved` in lanes whose particle can move, otherwise `held`. With `full_stencil`, as in Block, all can
-/// move.
+/// `moved` in lanes whose particle can move, otherwise `held`. With `full_stencil` (Block::full_stencil) all
+/// particles can move.
 template <bool full_stencil, class L, class Chosen>
 HWY_INLINE Lanes3<L> where_moving(Chosen moving, Lanes3<L> moved, Lanes3<L> held) {
     if constexpr (full_stencil) {
@@ -237,8 +239,8 @@ HWY_INLINE Motion<L> integrate_place(const Task<T>& task, std::ptrdiff_t i, Chos
     return {hn::Or(difference(next, here.high), difference(here.high, previous)), next - here.high};
 }
 
-/// Whether the particles of a SIMD register keep their tile active. With task.slow 0: whether a bit of their
-/// state changed. With a larger task.slow: whether one of them moved by at least that.
+/// Whether the particles of a SIMD register keep their tile active. If task.slow is 0: whether a bit of their
+/// state changed. Otherwise: whether one of them moved by at least task.slow.
 template <class L, class T, class Mask>
 HWY_INLINE bool is_active(const Task<T>& task, Mask mask, const Motion<L>& motion) {
     const MaskTag<L> tag;
@@ -275,7 +277,7 @@ HWY_INLINE void step_particles(const Task<T>& task, const Block& block, std::ptr
     if (task.action != nullptr) task.active_tile[block.tile] |= std::uint8_t(is_active(task, mask, motion));
 }
 
-/// Leaves the particles of a SIMD register where they are, from now on at rest.
+/// Stops the particles of a SIMD register where they are.
 template <Formulation formulation, class L, class T>
 HWY_INLINE void fall_asleep(const Task<T>& task, const Block& block, std::ptrdiff_t lane) {
     const std::ptrdiff_t i = block.first + lane;
@@ -288,9 +290,9 @@ HWY_INLINE void fall_asleep(const Task<T>& task, const Block& block, std::ptrdif
     }
 }
 
-/// Prefetches what no earlier block has touched: the neighbours farthest ahead of the block, and what the
-/// block overwrites. The processor's prefetchers lose track of this many streams: without prefetching, one
-/// core of an AMD EPYC took 1.37 times as long for a step of the box of 128^3.
+/// Prefetches data that no earlier block has touched: the neighbours farthest ahead of the block, and the
+/// data that the block overwrites. The processor's own prefetchers lose track of this many streams. Without
+/// this function one core of an AMD EPYC took 1.37 times as long for a step of the box of 128^3.
 template <Formulation formulation, class T>
 HWY_INLINE void prefetch(const Task<T>& task, const Block& block) {
     const auto fetch = [&](const auto& from, std::ptrdiff_t i) HWY_ATTR {
@@ -309,7 +311,8 @@ HWY_INLINE void prefetch(const Task<T>& task, const Block& block) {
 
 template <Formulation formulation, class L, class T>
 HWY_FLATTEN void run_task(const Task<T>& shared) {
-    // A local copy that nothing points to: a store to the state cannot change it, so it stays in registers.
+    // A local copy that nothing points to. The compiler sees that a store to the state cannot change it, and
+    // keeps it in registers.
     const Task<T> task = shared;
     // How many blocks ahead of its use data is prefetched: enough to hide the latency of memory. With 24,
     // prefetched data evicted from the first-level cache what the blocks before it still had to read; from 2

@@ -12,12 +12,12 @@
 
 namespace voxspring::cpu_parallel {
 
-/// A particle's mask, one bit per spring, in an integer as wide as the scalars. So a register holds as many
-/// masks as scalars.
+/// A particle's mask (bits for each of its springs, for active and for pinned) in an integer as wide as a
+/// scalar. So a SIMD register holds as many masks as scalars.
 template <class T>
 using MaskOf = hwy::MakeUnsigned<T>;
 
-/// Elements of a block: as many as a register of the widest target holds.
+/// Elements of a block: as many as a register of the widest SIMD target holds.
 template <class T>
 constexpr std::ptrdiff_t block_size = 64 / sizeof(T);
 
@@ -34,11 +34,12 @@ struct Block {
 /// What a step does with a tile. The values can be combined.
 enum TileAction : std::uint8_t {
     tile_steps = 1,
-    tile_leaves_densities = 2,  ///< the tile rests, and a tile beside it steps
-    tile_falls_asleep = 4,      ///< the tile loses its speed
+    tile_leaves_densities = 2,  ///< the tile rests, but stores force densities for tiles beside it
+    tile_falls_asleep = 4,      ///< the tile's particles stop where they are
 };
 
-/// Two opposite directions, as a block in an even or an odd slice sees them.
+/// Two opposite directions of springs: a lower and a higher neighbour. Blocks in even slices and blocks in
+/// odd slices use different objects.
 template <class T>
 struct Opposites {
     std::ptrdiff_t stride;  ///< elements from a particle to the higher neighbour; to the lower: -stride
@@ -55,7 +56,8 @@ struct Opposites {
     T* higher_density;
 };
 
-/// One thread's share of one step. State that the formulation does not have is null.
+/// One thread's share of one step. x is a position, u a displacement. Arrays that the formulation does not
+/// have are null.
 template <class T>
 struct Task {
     std::array<const T*, 3> at;  ///< x or u
@@ -63,20 +65,22 @@ struct Task {
     std::array<const T*, 3> at_low;
     std::array<T*, 3> next_low;
     std::array<T*, 3> increment, increment_low;  ///< changed in place
-    std::array<const T*, 3> load;                ///< null: none
+    std::array<const T*, 3> load;                ///< constant forces; null: none
     const MaskOf<T>* mask;
     const T* inverse_mass;                         ///< one per particle; null: `uniform_inverse_mass`
     const T* compliance;                           ///< one per particle; null: one stiffness per direction
     std::array<const Opposites<T>*, 2> opposites;  ///< for even and for odd slices
     std::size_t opposites_count;
-    std::ptrdiff_t farthest;          ///< the largest stride: how far ahead a block reads
-    const Block *lead, *begin, *end;  ///< [begin, end) is stepped; [lead, begin) only gets densities
-    const std::uint8_t* action;  ///< TileAction of each tile; null: all step, and `active_tile` is not kept
-    /// For each tile that is stepped, whether it stays active. With `slow` 0: whether the step changed a bit
-    /// of it. With a larger `slow`: whether the step moved one of its particles by at least that.
+    std::ptrdiff_t farthest;  ///< the largest stride: how far ahead a block reads
+    /// The blocks [begin, end) are stepped. Those in [lead, begin) only store force densities for them.
+    const Block *lead, *begin, *end;
+    /// The TileAction of each tile. Null: all tiles step, and `active_tile` is not written.
+    const std::uint8_t* action;
+    /// For each tile that is stepped, whether it stays active. If `slow` is 0: whether the step changed a bit
+    /// of it. Otherwise: whether the step moved one of its particles by at least `slow`.
     std::uint8_t* active_tile;
     T slow;
-    T flush;  ///< parts of u and v closer to 0 than this are set to 0; 0: none
+    T flush;  ///< components of u and of the increment closer to 0 than this are set to 0; 0: none
     T shortest_squared;
     T uniform_inverse_mass;
     std::array<T, 3> gravity;
@@ -84,7 +88,7 @@ struct Task {
     T time_step_squared;
 };
 
-/// Runs the task. Roots other than the exact one are for float32 only.
+/// Steps the task's particles. float64 always uses the exact root.
 void step(const Task<float>& task, Formulation formulation, Root root);
 void step(const Task<double>& task, Formulation formulation, Root root);
 
@@ -95,7 +99,7 @@ bool within(const Task<double>& task, Formulation formulation, double largest_in
 
 /// The name of the SIMD target in use.
 const char* target_name();
-/// The largest relative error of that target's approximate reciprocals (error_of_roots() in root.h).
+/// The largest relative error of the approximate reciprocals of the SIMD target in use (error_of_roots()).
 double approximation_error();
 /// The largest relative error of 1 / sqrt(x) computed with `root`, over some ten thousand x from 1 to 4.
 double measured_root_error(Root root);

@@ -1,5 +1,5 @@
-// The memory layout of cpu_parallel. The lattice becomes a padded grid. The state of a problem, and what acts
-// on its particles, are arrays over this grid.
+// The memory layout of cpu_parallel. The lattice becomes a padded grid. State, loads and materials are arrays
+// over this grid.
 #pragma once
 
 #include <array>
@@ -39,15 +39,16 @@ struct PaddedGrid {
     std::ptrdiff_t densities() const { return density_guard() + slice + density_guard(); }
 };
 
-/// The state and what acts on particles. An array is null if the formulation or the problem has no such part.
-/// Elements without a particle are NaN (masks: 0), so that a leak into a particle's force cannot go unseen.
+/// The state, loads and materials. An array is null if the formulation or the problem does not need it.
+/// Elements without a particle are NaN (masks: 0), so that a force that uses one by mistake becomes NaN.
 template <class T>
 struct PaddedState {
     using Vector = std::array<Array<T>, 3>;
 
     PaddedGrid<T> grid{glm::ivec3(0)};
     Array<MaskOf<T>> mask;
-    /// x or u after even steps and after odd steps: one is read while the other is overwritten.
+    /// Positions or displacements after even steps and after odd steps: a step reads one of the two and
+    /// overwrites the other.
     std::array<Vector, 2> at, at_low;
     Vector increment, increment_low, load;
     Array<T> inverse_mass, compliance;

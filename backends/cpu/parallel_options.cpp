@@ -11,14 +11,15 @@
 
 namespace voxspring::cpu_parallel {
 
-/// The most threads. The system may refuse a process more of them, and OpenMP then ends the process.
+/// The largest accepted number of threads. The system may refuse to start more, and OpenMP would then end the
+/// process.
 constexpr int max_threads = 1024;
 
 int thread_count(const Options& options, const std::string& backend) {
     const std::string& threads = options.tuning.at("threads");
     const int count = threads == "auto" ? omp_get_max_threads() : std::stoi(threads);
     if (count > max_threads) {
-        throw BadSpecification("backend " + backend + ": threads=" + threads + " is more than " +
+        throw BadSpecification("backend " + backend + ": threads=" + threads + " is more than the maximum, " +
                                std::to_string(max_threads));
     }
     return count;
@@ -42,7 +43,8 @@ double root_error(const Options& options) { return error_of_roots(root_of(option
 
 std::string refused_options(const Options& options) {
     const std::string& root = options.tuning.at("root");
-    if (root != "exact" && options.precision == Precision::float64) return "root=" + root + " is for float32";
+    if (root != "exact" && options.precision == Precision::float64)
+        return "root=" + root + " requires precision=float32";
     return refused_rest(options);
 }
 

@@ -14,12 +14,12 @@ namespace voxspring::cpu_parallel {
 /// The number of threads. Throws BadSpecification, which names the backend, if the option asks for too many.
 int thread_count(const Options& options, const std::string& backend);
 
-/// How many threads share `blocks` blocks. With threads=auto each thread gets at least 128 blocks, which take
-/// a core about 10 us: a smaller share would be less work than a barrier costs.
+/// How many threads share `blocks` blocks. With threads=auto each of several threads gets at least 128
+/// blocks, which take a core about 10 us. A smaller share would be less work than a barrier costs.
 std::ptrdiff_t share_count(const Options& options, std::ptrdiff_t blocks);
 
-/// Whether every term is computed, with neutral values for what the scene lacks, and no work is skipped or
-/// shared between the two ends of a spring. Tests compare the skipping code with this.
+/// Whether terms=all: every term is computed, with neutral values for those that the scene lacks, and no work
+/// is skipped or shared between the two ends of a spring. Tests compare it with terms=needed.
 bool all_terms(const Options& options);
 
 Root root_of(const Options& options);
@@ -29,15 +29,16 @@ double root_error(const Options& options);
 /// Empty, or why these options do not go together.
 std::string refused_options(const Options& options);
 
-/// A tile falls asleep only while its particles move by less than this per step, in spacings. 0: no tile
-/// sleeps.
+/// The tuning `sleep`: a tile falls asleep (its particles stop) only if they move by less than this per step,
+/// in lattice spacings. 0: no tile falls asleep.
 double sleep_threshold(const Options& options);
 
-/// Components of the state that are closer to 0 than this, in spacings, are set to 0. 0: none is.
+/// Components of displacements and increments that are closer to 0 than this, in lattice spacings, are set to
+/// 0. If the result is 0, none are.
 double flush_threshold(const Options& options);
 
-/// Scalars per particle in the state: x or u of two steps; by increments also v; in `compensated` also the
-/// low parts of all these.
+/// Scalars per particle in the state: positions or displacements of two steps; by increments also the
+/// increment; in `compensated` also the low parts of all these.
 int state_arrays(Formulation formulation);
 
 /// Mask bits of the directions to visit: those in which a particle has a neighbour, or all with terms=all.

@@ -4,7 +4,8 @@
 
 #include "backends/physics/neighbours.h"
 
-// These targets are left out: their registers have no fixed size, and so cannot be a member of class Lanes.
+// These SIMD targets are left out: their registers have no fixed size, and so cannot be members of class
+// Lanes.
 #define HWY_DISABLED_TARGETS (HWY_SVE | HWY_SVE2 | HWY_SVE_256 | HWY_SVE2_128 | HWY_RVV)
 // This file, up to HWY_ONCE, is compiled for every SIMD target.
 #undef HWY_TARGET_INCLUDE
@@ -155,7 +156,8 @@ HWY_INLINE void step_register(const Task& task, std::ptrdiff_t i) {
     const L inverse_mass = L::load(task.inverse_mass + i);
     V gravity = broadcast3<L>(task.gravity);
     const Random random(task.rounding, i);
-    // Rounds a number that is stored, except in compensated sums, which keep what rounding loses.
+    // Rounds a number that a backend stores. The compensated formulation keeps what rounding removes, so its
+    // numbers are not rounded.
     const auto stored = [&](V v, std::uint64_t which) HWY_ATTR {
         if constexpr (perturbed && formulation != Formulation::compensated) {
             return random.rounded(v, which);

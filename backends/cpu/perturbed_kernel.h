@@ -10,10 +10,10 @@
 
 namespace voxspring::perturbed {
 
-/// Numbers per block: as many as a register of the widest target holds.
+/// Numbers per block: as many as a register of the widest SIMD target holds.
 constexpr std::ptrdiff_t block_size = 8;
 
-/// One direction of the stencil.
+/// One direction of the stencil: the springs from particles to their neighbours in that direction.
 struct Pull {
     std::ptrdiff_t stride;  ///< elements to the neighbour
     std::uint64_t bit;
@@ -21,13 +21,14 @@ struct Pull {
     double rest_length, rest_deficit, stiffness;
 };
 
-/// How numbers are rounded: random bits are added below the last bit that is kept, then the rest is cut off.
+/// How numbers are rounded: random bits are added below the last bit that is kept, then the bits that are not
+/// kept are cleared.
 struct RoundingBits {
-    std::uint64_t kept = ~std::uint64_t(0);
-    std::uint64_t random = 0;       ///< mask of the random bits that are added
-    std::uint64_t also_random = 0;  ///< a second mask, for the random number's upper half
-    std::uint64_t constant = 0;     ///< added to every number
-    double unit = 0;                ///< relative size of the errors of forces; 0: no errors
+    std::uint64_t kept = ~std::uint64_t(0);  ///< mask of the bits that are kept
+    std::uint64_t random = 0;                ///< mask of the random bits that are added
+    std::uint64_t also_random = 0;           ///< a second such mask, for the upper half of the random number
+    std::uint64_t constant = 0;              ///< added to every number
+    double unit = 0;                         ///< relative size of the errors of forces; 0: no errors
     double root_error = 0;
     std::uint64_t key = 0;  ///< random numbers depend on the key, which differs from step to step
 
@@ -36,12 +37,12 @@ struct RoundingBits {
 
 /// A step of the blocks [begin, end), each given by its first element. Arrays are over the padded grid.
 struct Task {
-    std::array<const double*, 3> at;
+    std::array<const double*, 3> at;          ///< positions x or displacements u
     std::array<double*, 3> next;              ///< holds the previous x or u until it is overwritten
     std::array<double*, 3> increment;         ///< null unless the formulation has it
     std::array<const double*, 3> load;        ///< constant forces; null: none
-    std::array<const double*, 3> extra;       ///< forces of springs beyond the lattice; null: none
-    std::array<const double*, 3> extra_size;  ///< the error of `extra` is in proportion to this
+    std::array<const double*, 3> extra;       ///< forces of Problem::springs; null: none
+    std::array<const double*, 3> extra_size;  ///< the rounding error of `extra` is in proportion to this
     const std::uint64_t* mask;
     const double* inverse_mass;
     const double* compliance;  ///< null: one stiffness per direction

@@ -38,7 +38,7 @@ RoundingBits rounding_of(const Perturbation& perturbation) {
     if (perturbation.kind == Kind::none) return bits;
     const bool random = perturbation.kind == Kind::random;
     if (perturbation.precision == Precision::float32) {
-        // A fraction keeps 23 of its 52 bits. The range of the exponent stays that of float64.
+        // A fraction keeps 23 of its 52 bits. The exponent keeps the range of float64.
         constexpr int cut = 52 - 23;
         bits.kept = ~std::uint64_t(0) << cut;
         bits.random = random ? ~bits.kept : 0;
@@ -144,7 +144,7 @@ public:
     StepWork step_work(const Problem&) const override { return {}; }
 
 private:
-    /// A further thread pays only if every thread gets this many blocks.
+    /// Each of several threads gets at least this many blocks. With fewer, a further thread would not pay.
     static constexpr std::ptrdiff_t min_blocks = 256;
 
     template <class Do>
@@ -168,8 +168,8 @@ private:
         const bool single = perturbation_.kind != Kind::none && perturbation_.precision == Precision::float32;
         return single ? stored_as<float>(value) : value;
     }
-    /// A rest length. It is perturbed at random but never rounded, because it must equal the length that is
-    /// computed at rest, as in a backend.
+    /// A rest length. It may be perturbed at random, but is not rounded to the precision: it must equal the
+    /// length that a step computes at rest, as in a backend.
     double length_parameter(double value, std::uint64_t which) const {
         return random() ? parameter(value, which) : value;
     }
@@ -295,7 +295,7 @@ private:
         }
     }
 
-    /// Lists the directions in use and the springs beyond the lattice anew, after an upload or an edit.
+    /// Lists the directions in use and the springs of Problem::springs anew, after an upload or an edit.
     void follow_springs() {
         std::uint64_t bits = 0;
 #pragma omp parallel for schedule(static) reduction(| : bits) if (size_ >= worth_threads)
@@ -305,8 +305,8 @@ private:
             if ((bits >> direction.bit & 1u) == 0) continue;
             const glm::ivec3 o = direction.offset;
             const RestSpring rest = rest_spring(*problem_, direction);
-            // Perturbation changes a spring's length. Both ends must see the same length, so opposite
-            // directions share `which`.
+            // Perturbation changes a spring's rest length. Both ends must see the same rest length, so
+            // opposite directions share `which`.
             const auto which = std::uint64_t(direction.bit / 2) + 1000;
             pulls_.push_back({.stride = o.z * slice_ + o.y * row_ + o.x,
                               .bit = std::uint64_t(1) << direction.bit,
@@ -323,7 +323,7 @@ private:
         fill_with_zeros(extra_size_, !springs_.empty());
     }
 
-    /// Sums the forces of springs beyond the lattice, from the positions or displacements place_[now].
+    /// Sums the forces of springs_ (sutures, for example) at the positions or displacements place_[now].
     void pull_beyond(std::size_t now) {
         for (const Spring& spring : springs_) {
             for (const std::uint32_t i : {spring.first, spring.second}) {
@@ -359,7 +359,7 @@ private:
         }
     }
 
-    /// Adds the tool's forces to the loads, from the positions or displacements place_[now].
+    /// Adds the tool's forces to the loads, at the positions or displacements place_[now].
     void use_tool(std::size_t now) {
         const Tool& tool = problem_->tool;
         tool_force_ = glm::dvec3(0);
@@ -419,7 +419,7 @@ private:
     std::vector<std::ptrdiff_t> blocks_;   ///< first elements of the blocks with a particle, ascending
     std::ptrdiff_t size_ = 0;              ///< elements per array
     cpu_parallel::Array<std::uint64_t> mask_;
-    std::array<Arrays, 2> place_;  ///< x or u after even and after odd steps
+    std::array<Arrays, 2> place_;  ///< positions or displacements after even and after odd steps
     Arrays increment_, load_, extra_, extra_size_;
     Array inverse_mass_, compliance_;
     std::vector<Pull> pulls_;

@@ -1,5 +1,5 @@
-// The reference on all cores, which can also apply the rounding of a formulation and a precision at random
-// (Monte Carlo arithmetic; D. S. Parker, 1997).
+// The float64 reference on all cores. It can also round at random as much as a formulation in a precision
+// does (Monte Carlo arithmetic; D. S. Parker, 1997).
 //
 // Users cannot name this reference as a backend. Its arithmetic shares only the functions of spring.h and the
 // registers of simd/ with that of cpu_parallel.
@@ -18,22 +18,24 @@ struct Perturbation {
     enum class Kind : std::uint8_t {
         none,     ///< the reference itself: `increment` in float64
         nearest,  ///< every stored number is rounded to the nearest of `precision`, as a backend rounds it
-        random  ///< stored numbers are rounded up or down at random, the nearer neighbour more often; forces
-                ///< are off by as much as their arithmetic may be, parameters by half a unit
+        /// Stored numbers are rounded up or down at random, more often to the nearer number. Forces get
+        /// errors as large as those of their arithmetic, and parameters errors of up to half a unit in the
+        /// last place.
+        random
     };
     Kind kind = Kind::none;
     Formulation formulation = Formulation::increment;
     Precision precision = Precision::float64;
     /// Relative error of roots and divisions in addition to rounding, for backends that approximate them.
     double root_error = 0;
-    std::uint64_t seed = 0;  ///< random numbers depend only on this, the step and the particle
+    std::uint64_t seed = 0;  ///< random numbers depend only on it, the step and the particle
 };
 
 /// Runs the reference, one run after another, each with a given perturbation.
 ///
 /// It uses float64, all cores and SIMD registers. Each particle sums its lattice springs in the order of
-/// neighbours.h, then Problem::springs in their order; no bit depends on the number of threads or the width
-/// of a register. This is rounded, by formulation:
+/// neighbours.h, then its other springs in the order of Problem::springs. No bit depends on the number of
+/// threads or the width of a register. The table says what each formulation rounds:
 ///
 /// | formulation | stored | force, relative to |
 /// | --- | --- | --- |
@@ -41,11 +43,11 @@ struct Perturbation {
 /// | position | x, (1-lambda)(x - x_prev), the change | the springs' lengths |
 /// | displacement | as position, of u | the springs' lengths |
 /// | increment | u, v, the change of v | the springs' forces |
-/// | compensated | nothing: two numbers hold it | the springs' forces |
+/// | compensated | nothing: low parts keep what rounding removes | the springs' forces |
 ///
-/// A force is off by up to half a unit of `precision`, times the sum over its springs of what the table
-/// names. Backends round some ten operations per spring; these errors are independent and together have about
-/// that size.
+/// A force gets an error of up to half a unit in the last place of `precision`, relative to the sum over its
+/// springs of the table's last column. Backends round some ten operations per spring; these errors are
+/// independent and together have about that size.
 class PerturbedReference : public CpuBackend {
 public:
     /// The perturbation from the next upload() on.

@@ -83,7 +83,7 @@ void Tiles::settle(Share& share, std::int64_t step) {
     const auto& before = latest_[std::size_t((step - 1) % 2)];
     auto& after = latest_[std::size_t(step % 2)];
     for (std::size_t t = share.begin; t < share.end; ++t) {
-        if ((share.action[t] & tile_steps) == 0) continue;  // at rest, `after` already equals `before`
+        if ((share.action[t] & tile_steps) == 0) continue;  // a tile at rest has the same step in both lists
         const std::int64_t latest = share.active[t] != 0 ? step : before[t];
         const std::atomic_ref<std::int64_t> shared(after[t]);
         std::int64_t known = shared.load(std::memory_order_relaxed);

@@ -2,7 +2,7 @@
 //
 // The next state of a tile depends only on its state and on that of the tiles around it. If no bit of these
 // changed in the latest step, the next step would change none either, so the tile rests: it is not stepped.
-// By a similar rule a tile sleeps: if it and the tiles around it were slow for `window` steps.
+// By a similar rule a tile falls asleep: if it and the tiles around it moved slowly for `window` steps.
 #pragma once
 
 #include <array>
@@ -24,8 +24,9 @@ public:
         std::array<std::vector<std::uint8_t>, 3> marks;
     };
 
-    /// `blocks`: the blocks per row, rows and slices of the grid. With `window` 1, tiles rest. Otherwise a
-    /// tile sleeps, and loses its speed, once it and those around it were not active for `window` steps.
+    /// `blocks`: the blocks per row, rows and slices of the grid. If `window` is 1, tiles rest. Otherwise a
+    /// tile falls asleep, and loses its speed, once it and the tiles around it were not active for `window`
+    /// steps.
     Tiles(glm::ivec3 blocks, int window);
 
     /// Index of the tile that contains the block.
@@ -65,7 +66,8 @@ private:
         /// Distances between tiles along y and z. A tile of padding ends each row and plane, so the last tile
         /// of a row does not touch the next row.
         std::ptrdiff_t row, plane;
-        /// Index distance to the farthest neighbour. At either end lie 2 * margin unused tiles.
+        /// Distance from a tile's index to that of its farthest neighbour. 2 * margin unused tiles lie before
+        /// the first tile and after the last.
         std::ptrdiff_t margin;
         std::ptrdiff_t count;
     };
@@ -73,8 +75,8 @@ private:
     const int window_;
     const Shape shape_;
     std::vector<std::uint8_t> used_;
-    /// The latest active step of each tile, after an even and after an odd step: one is read while the other
-    /// is written.
+    /// The latest step in which each tile was active, as known after even steps and after odd steps: one of
+    /// the two is read while the other is written.
     std::array<std::vector<std::int64_t>, 2> latest_;
 };
 

@@ -126,7 +126,7 @@ template <class L>
 HWY_INLINE Lanes3<L> operator*(Lanes3<L> a, L s) {
     return {a.x * s, a.y * s, a.z * s};
 }
-/// Summed in the order of glm::dot.
+/// The dot product, summed in the order of glm::dot().
 template <class L>
 HWY_INLINE L dot(Lanes3<L> a, Lanes3<L> b) {
     return a.x * b.x + a.y * b.y + a.z * b.z;
