@@ -27,7 +27,7 @@ class GlPass final : public glsl::Pass {
 public:
     std::shared_ptr<const Program> program;
     Bindings buffers{};               ///< 0: the shader has no use for this binding
-    std::array<Texture, 2> textures;  ///< views of words and low parts for fetch=texture
+    std::array<Texture, 2> textures;  ///< for fetch=texture: through them the shader reads two of `buffers`
 };
 
 class ComputeDevice final : public glsl::Device {
@@ -46,12 +46,13 @@ public:
         GLint max_blocks = 0;
         glGetIntegerv(GL_MAX_COMPUTE_SHADER_STORAGE_BLOCKS, &max_blocks);
         if (max_blocks < glsl::storage_blocks)
-            throw Unavailable("a compute shader may have " + std::to_string(max_blocks) +
-                              " storage buffers, not " + std::to_string(glsl::storage_blocks));
+            throw Unavailable("a compute shader may have at most " + std::to_string(max_blocks) +
+                              " storage buffers, and the number needed is " +
+                              std::to_string(glsl::storage_blocks));
     }
 
     const Capabilities& capabilities() const override { return capabilities_; }
-    /// The invocations and extents are those that every driver of OpenGL 4.5 allows.
+    /// The limits on invocations and extents are those that every driver of OpenGL 4.5 allows.
     glsl::WorkGroupLimits work_group_limits() const override {
         return {1024, {1024, 1024, 64}, std::size_t(context_.max_shared_memory())};
     }
@@ -62,7 +63,7 @@ public:
         const auto texels = std::size_t(context_.max_texture_buffer_size());
         if (!through_textures_ || words <= texels) return {};
         return std::to_string(words) + " texels of positions exceed the " + std::to_string(texels) +
-               " that the driver allows one texture buffer";
+               " that the driver allows one texture buffer (fetch=texture)";
     }
 
     void use(const char*, const std::function<void()>& work) const override {
@@ -205,8 +206,8 @@ private:
         return result;
     }
 
-    /// Only the shader of a step fetches texels. It is the only shader that leaves its work group's extents
-    /// open.
+    /// Only the shader of a step fetches texels. It is the only shader whose source does not fix the extents
+    /// of its work groups (Shader::group).
     bool fetches_texels(const glsl::Shader& shader) const { return through_textures_ && shader.group; }
 
     Defines defines_of(const glsl::Shader& shader) const {
@@ -258,8 +259,8 @@ private:
         if (const GLuint program = pass.program->get(); program != std::exchange(in_use_, program))
             glUseProgram(program);
     }
-    /// To be called after other code bound buffers, or after buffers were made: a new buffer may have the
-    /// name of an old one.
+    /// Makes the next bind() bind everything. To be called after other code bound buffers, or after buffers
+    /// were made: a new buffer may have the name of an old one.
     void forget_bindings() {
         bound_ = {};
         in_use_ = 0;

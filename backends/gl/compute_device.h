@@ -8,8 +8,8 @@
 
 namespace voxspring::gl {
 
-/// Makes a device that reads words as the tuning `fetch` says. Throws Unavailable if there is no usable
-/// context.
+/// Makes a device that reads the particles' positions as the tuning `fetch` says. Throws Unavailable if there
+/// is no usable context.
 std::unique_ptr<glsl::Device> make_compute_device(const Options& options);
 
 }  // namespace voxspring::gl

@@ -13,7 +13,7 @@ namespace voxspring::gl {
 
 namespace {
 
-// A constant of EGL_EXT_device_persistent_id, which libepoxy 1.5.10 does not know.
+// A constant and a function of EGL_EXT_device_persistent_id, which libepoxy 1.5.10 does not know.
 constexpr EGLint egl_device_uuid = 0x335C;
 using QueryDeviceBinary = EGLBoolean (*)(EGLDeviceEXT, EGLint, EGLint, void*, EGLint*);
 
@@ -59,7 +59,7 @@ EGLDeviceEXT device_of(EGLDisplay display) {
     return reinterpret_cast<EGLDeviceEXT>(device);  // NOLINT(performance-no-int-to-ptr): EGL's own way
 }
 
-/// Which card a context is on. Software is on no card.
+/// The card that a context is on. A software renderer is on no card.
 struct Card {
     std::string uuid;
     bool software = false;
@@ -102,9 +102,9 @@ std::vector<Candidate> candidates() {
     return hardware;
 }
 
-/// The initialised display of a candidate. EGL gives a process only one display per candidate. The display is
-/// never terminated: that would end it for all its contexts, and Mesa would unload its driver. Throws
-/// Unavailable.
+/// The initialised display of a candidate. Throws Unavailable. EGL gives a process only one display per
+/// candidate. The display is never terminated, because that would end it for all its contexts, and Mesa would
+/// unload its driver.
 EGLDisplay open(const Candidate& candidate) {
     EGLDisplay display = eglGetPlatformDisplayEXT(candidate.platform, candidate.device, nullptr);
     if (display == EGL_NO_DISPLAY) throw Unavailable("eglGetPlatformDisplay failed");
@@ -116,9 +116,10 @@ EGLDisplay open(const Candidate& candidate) {
 /// Throws Unavailable.
 EGLContext create_context(EGLDisplay display, EGLContext shared) {
     for (const char* needed : {"EGL_KHR_surfaceless_context", "EGL_KHR_no_config_context"}) {
-        if (!epoxy_has_egl_extension(display, needed)) throw Unavailable(std::string("no ") + needed);
+        if (!epoxy_has_egl_extension(display, needed))
+            throw Unavailable(std::string("EGL does not support ") + needed);
     }
-    if (eglBindAPI(EGL_OPENGL_API) == EGL_FALSE) throw Unavailable("EGL has no OpenGL");
+    if (eglBindAPI(EGL_OPENGL_API) == EGL_FALSE) throw Unavailable("EGL does not support OpenGL");
     // No debug context: with one, drivers may check every call, and the timings would include these checks.
     const EGLint attributes[] = {EGL_CONTEXT_MAJOR_VERSION,
                                  4,
@@ -130,11 +131,11 @@ EGLContext create_context(EGLDisplay display, EGLContext shared) {
                                  EGL_LOSE_CONTEXT_ON_RESET,
                                  EGL_NONE};
     EGLContext context = eglCreateContext(display, EGL_NO_CONFIG_KHR, shared, attributes);
-    if (context == EGL_NO_CONTEXT) throw Unavailable("no OpenGL 4.5 core context");
+    if (context == EGL_NO_CONTEXT) throw Unavailable("EGL cannot make an OpenGL 4.5 core context");
     return context;
 }
 
-// A constant of GL_KHR_shader_subgroup, which libepoxy 1.5.10 does not know.
+// Constants of GL_KHR_shader_subgroup, which libepoxy 1.5.10 does not know.
 constexpr GLenum subgroup_supported_stages = 0x9533;
 constexpr GLenum subgroup_supported_features = 0x9534;
 constexpr GLint subgroup_feature_vote = 0x00000002;
@@ -198,7 +199,7 @@ void Context::ErrorLog::attach() {
     glDebugMessageCallback(receive, this);
     glDebugMessageControl(GL_DONT_CARE, GL_DONT_CARE, GL_DONT_CARE, 0, nullptr, GL_FALSE);
     glDebugMessageControl(GL_DONT_CARE, GL_DEBUG_TYPE_ERROR, GL_DONT_CARE, 0, nullptr, GL_TRUE);
-    // Program reads a shader's compile status and log itself. They say more than these messages.
+    // Class Program reads a shader's compile status and log, which say more than these messages.
     glDebugMessageControl(GL_DEBUG_SOURCE_SHADER_COMPILER, GL_DONT_CARE, GL_DONT_CARE, 0, nullptr, GL_FALSE);
     glEnable(GL_DEBUG_OUTPUT);
 }
@@ -219,8 +220,9 @@ void Context::ErrorLog::check(const std::string& doing) {
     if (const GLenum status = glGetGraphicsResetStatus(); status != GL_NO_ERROR) {
         throw DeviceError("GL context was reset while " + doing);
     }
-    // Only a debug context has to send messages, so the error flags decide whether there was an error, and a
-    // message only explains it. Reading a flag clears it, but a lost context raises one for ever.
+    // Only a debug context has to send messages. So the error flags decide whether there was an error, and a
+    // message only explains the error. Reading a flag clears it, except that a lost context sets
+    // GL_CONTEXT_LOST for ever.
     if (const GLenum error = glGetError(); error != GL_NO_ERROR) {
         reason = name_of_error(error);
         while (error != GL_CONTEXT_LOST && glGetError() != GL_NO_ERROR) continue;
@@ -254,7 +256,7 @@ Context::Context() : errors_(std::make_unique<ErrorLog>()) {
             takes(shared_context.display, shared_context.context);
             shares_ = true;
         } catch (const Unavailable& absent) {
-            reasons += fmt::format("; with a window: {}", absent.what());
+            reasons += fmt::format("; on the window's display: {}", absent.what());
         }
     }
     for (const Candidate& candidate : owned_ ? std::vector<Candidate>{} : candidates()) {
@@ -315,7 +317,8 @@ Context::~Context() = default;
 void Context::check(const std::string& doing) const { errors_->check(doing); }
 
 std::optional<std::uint64_t> Context::free_memory_bytes() const {
-    // Both extensions count in units of 1024 bytes. The first of ATI's four numbers is the total of the pool.
+    // Both extensions count in units of 1024 bytes. The first of ATI's four numbers is the pool's total free
+    // memory.
     std::array<GLint, 4> kilobytes{};
     if (memory_query_ == MemoryQuery::none) return std::nullopt;
     glGetIntegerv(memory_query_ == MemoryQuery::nvx ? GL_GPU_MEMORY_INFO_CURRENT_AVAILABLE_VIDMEM_NVX

@@ -25,8 +25,9 @@ struct SurfaceContext {
 class Context {
 public:
     /// A context on the first EGL device that offers one, hardware before software. Hardware is taken only if
-    /// it is the card that this process measures (api.h). While a Sharing exists, the context is on
-    /// its display and shares its objects if the driver allows that. Throws Unavailable.
+    /// it is the card that this process measures (api.h). While a Sharing object exists, the new context is
+    /// on the display of that object's context and shares buffers and textures with it, if the driver allows
+    /// that. Throws Unavailable.
     Context();
     /// The context of a window, which the caller has made and will destroy. Throws Unavailable if it is older
     /// than 4.5.
@@ -88,8 +89,8 @@ private:
 };
 
 /// While an object of this type exists, every new context of this process shares buffers and textures with
-/// `context`, so that one context can draw what another has written. Only one such object may exist at a
-/// time, and `context` must outlive it.
+/// `context` if the driver allows that (Context::shares()). So one context can draw what another has written.
+/// Only one such object may exist at a time, and `context` must outlive it.
 class Sharing {
 public:
     explicit Sharing(const Context& context);

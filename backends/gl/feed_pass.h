@@ -1,5 +1,5 @@
-// Fills a buffer of a window's context with displacements, in a compute shader (shaders/feed.comp), for any
-// layout of the particles.
+// Fills a buffer of a window's context with particles' displacements by a compute shader (shaders/feed.comp),
+// wherever a backend keeps the particles.
 #pragma once
 
 #include <functional>

@@ -54,8 +54,8 @@ std::uint64_t motion_operations(Formulation formulation, bool gravity, bool damp
     // for damping.
     if (!by_increments(formulation)) return 5U + (gravity ? 1 : 0) + (damping ? 1 : 0);
     const std::uint64_t change = 2U + (gravity ? 1 : 0) + (damping ? 2 : 0);
-    // Two sums. In `compensated` each sum is a split_high() with a split_low(), and one has no low part to
-    // add.
+    // Two sums, each of one operation. In `compensated` a sum is a split_high() with a split_low(), which
+    // take 11 operations, or 10 if no low part is added.
     return change + (formulation == Formulation::compensated ? 10 + 11 : 2);
 }
 
@@ -79,7 +79,8 @@ FragmentBackend::FragmentBackend(const Options& options, std::string fragment_sh
 void FragmentBackend::upload(const Problem& problem, const State& state) {
     context_.make_current();
     problem_ = &problem;
-    // Free the old textures before the new ones are made: a large problem fits once, not twice.
+    // Frees the old textures before the new ones are made, because memory may have room for only one set of
+    // them.
     frames_.clear();
     start_.clear();
     stencil_ = {};
@@ -122,8 +123,7 @@ void FragmentBackend::make_tool(const Problem& problem) {
 void FragmentBackend::make_frames(const Problem& problem, const State& state, const Layout& layout) {
     if (masked_) make_stencil(layout);
     frames_.resize(frame_count_of(formulation()));
-    // The last frame has guard values in all texels. Steps write the texels of particles there before they
-    // read them.
+    // The last frame has guard values in all texels. Steps write its particles' texels before they read them.
     current_ = start_frames() - 1;
     std::vector<glm::vec4> image(std::size_t(size_.x) * std::size_t(size_.y), guard);
     for (std::size_t f = frames_.size(); f-- > 0;) {
@@ -160,14 +160,14 @@ bool FragmentBackend::keep_start() {
     const std::uint64_t texels = std::uint64_t(size_.x) * std::uint64_t(size_.y);
     const std::uint64_t bytes = texels * start_frames() * target_count() * std::uint64_t(rgba32f.bytes);
     const auto free = context_.free_memory_bytes();
-    if (free && bytes > *free / 2) return false;  // half of it is left to other programs
+    if (free && bytes > *free / 2) return false;  // half of the free memory is left to other programs
     for (std::size_t f = 0; f < start_frames(); ++f) {
         for (const Texture& target : frames_[f].targets) {
             start_.push_back(make_texture(context_, rgba32f, size_, nullptr));
             copy_texture(target, start_.back(), size_);
         }
     }
-    context_.check("keeping the start");
+    context_.check("copying the state at step 0");
     return true;
 }
 
@@ -194,7 +194,8 @@ void FragmentBackend::make_particle_textures(const Problem& problem, const Layou
         std::vector<glm::vec2> image(texels, glm::vec2(0));
         for (std::size_t i = 0; i < layout.texel.size(); ++i) {
             const Material& material = problem.material_of(i);
-            // With one material the shader uses stiffness by group, which a compliance of 1 leaves as it is.
+            // With one material the shader multiplies by the stiffness of each group, which compliances of 1
+            // leave as it is.
             const double compliance = problem.has_materials() ? 1 / material.stiffness : 1;
             image[layout.texel[i]] = {float(compliance), float(1 / material.mass)};
         }
@@ -229,7 +230,7 @@ void FragmentBackend::edit(const Problem& edited, const SpringEdit& edit) {
         write(edited_texels(edited, edit));
         return;
     }
-    // All lists are made anew. Positions stay where they are and get new bits.
+    // All lists are made anew. Particles keep their texels, which get new bits.
     const Layout layout = lay_out(edited);
     make_program(edited);
     TexelEdit bits;
@@ -252,7 +253,8 @@ void FragmentBackend::write(const TexelEdit& edit) {
     send(1, edit.neighbour);
     send(2, edit.spring);
     send(3, edit.off_lattice_rest);
-    // A step copies w from the frame that it reads, so it is enough to write the bits of that frame.
+    // A step copies w, the bits, from the frame that it reads. So it is enough to write the bits of that
+    // frame.
     glBindImageTexture(0, frame(0).targets[0].get(), 0, GL_FALSE, 0, GL_READ_WRITE, rgba32f.internal);
     edit_program_.set("particle_count", int(edit.particles.size()));
     glUseProgram(edit_program_.get());
@@ -328,7 +330,8 @@ void FragmentBackend::check_divergence() {
     glUseProgram(monitor_program_.get());
     bind_state();
     glDispatchCompute(GLuint((size_.x + group - 1) / group), GLuint(size_.y), 1);
-    // Needed because the next step or edit overwrites what this check reads, and the next check reads found_.
+    // The barrier is needed because the next step or edit overwrites what this check reads, and the next
+    // check reads found_.
     glMemoryBarrier(GL_SHADER_STORAGE_BARRIER_BIT | GL_FRAMEBUFFER_BARRIER_BIT);
     glUseProgram(program_.get());
 }

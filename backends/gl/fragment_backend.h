@@ -1,16 +1,17 @@
-// Shared by the backends that step by drawing (Mosegaard and Sorensen 2005): particles in texels, one
+// The base of the backends that step by drawing (Mosegaard and Sorensen 2005): particles in texels, one
 // fragment per particle and step, ping-pong over frames, and the stencil buffer as mask.
 //
-// A frame is the output of one step: one texture or several of the same size, its targets. By formulation:
+// A frame is the output of one step: one texture or several of the same size, its targets. x is a particle's
+// position, u its displacement and v its increment. By formulation:
 //
 //     paper, position   three frames of x
 //     displacement      three frames of u
 //     increment         two frames of u and v
 //     compensated       two frames of u, v, and the low parts of u and v
 //
-// Each particle has a texel: the vector in xyz and, in w of the first target, its bits, ACTIVE_BIT among them
-// (neighbours.h). Texels without a particle carry NaN and zero bits, so that an accidental read shows in the
-// result.
+// Each particle has a texel in each target: a vector in xyz and, in w of the first target, the particle's
+// bits, ACTIVE_BIT among them (neighbours.h). Texels without a particle carry NaN and zero bits, so that an
+// accidental read shows in the result.
 #pragma once
 
 #include <array>
@@ -46,8 +47,8 @@ public:
     std::string state_fingerprint() final;
     void monitor(const DivergenceMonitor& monitor) final { next_monitor_ = monitor; }
     std::optional<Divergence> divergence() final;
-    /// Makes one step and counts "samples_passed" in it, and "fragment_shader_invocations" where the driver
-    /// counts them.
+    /// Makes one step and counts "samples_passed" in it, and "fragment_shader_invocations" if the driver can
+    /// count them.
     WorkCount count_work() final;
 
     FeedFacet* feeds() final { return this; }
@@ -66,7 +67,7 @@ public:
     std::vector<glm::vec4> texels(std::size_t age, std::size_t target = 0);
 
 protected:
-    /// Where the particles of a problem lie.
+    /// Where in a frame the particles of a problem lie.
     struct Layout {
         glm::ivec2 size{0};                ///< texels of a frame along x and y
         std::vector<std::uint32_t> texel;  ///< per particle: index of its texel, row by row
@@ -81,8 +82,8 @@ protected:
             std::uint32_t begin, end;  ///< range of its neighbours in `neighbour`
         };
         std::vector<Particle> particles;
-        std::vector<std::uint32_t> neighbour;     ///< list entries (neighbours.h)
-        std::vector<glm::vec2> spring;            ///< stiffness, rest length; empty: equal by group
+        std::vector<std::uint32_t> neighbour;  ///< list entries (neighbours.h)
+        std::vector<glm::vec2> spring;  ///< stiffness, rest length; empty: one of each per spring group
         std::vector<glm::vec4> off_lattice_rest;  ///< per neighbour; empty if all springs are on the lattice
     };
 
@@ -92,18 +93,18 @@ protected:
     const Context& context() const { return context_; }
     const Options& options() const { return options_; }
     Formulation formulation() const { return options_.formulation; }
-    /// Whether everything is compiled in, with neutral values where the problem lacks a term (tuning
-    /// `terms`).
+    /// Whether terms=all: all terms are compiled in, with neutral values for those that the problem lacks.
     bool all_terms() const { return options_.tuning.at("terms") == "all"; }
 
     /// Bytes of device memory that upload() takes (BackendEntry::bytes).
     virtual std::uint64_t bytes_needed(const Problem& problem) const = 0;
     /// Empty, or why the backend cannot run `problem`, however much memory the device has.
     virtual std::string refused(const Problem& problem) const = 0;
-    /// Creates what the fragment shader reads beyond the state, loads and materials, and binds it to texture
-    /// units from first_own_unit on.
+    /// Returns where particles lie. Also creates the textures that the fragment shader reads besides the
+    /// state, loads and materials, and binds them to texture units from first_own_unit on.
     virtual Layout lay_out(const Problem& problem) = 0;
-    /// Macros that specialise the fragment shader beyond the terms that all share (shaders/particle.glsl).
+    /// Macros that specialise the fragment shader, besides those that all of these backends share
+    /// (shaders/terms.glsl, shaders/motion.glsl).
     virtual Defines specialise(const Problem& problem) const = 0;
     virtual void set_uniforms(const Program& program, const Problem& problem) = 0;
     /// Whether the lists have room for `edited`, and specialise() would return the same macros as before.
@@ -124,7 +125,7 @@ protected:
 
     static constexpr GLuint first_own_unit = 6;
     /// The work of a step, including the arithmetic of the springs. A step has one fragment per particle or,
-    /// without a mask, `unmasked` fragments in all. Each backend adds what a fragment reads about its
+    /// without a stencil mask, `unmasked` fragments in all. Each backend adds the reads of data about
     /// springs.
     StepWork fragment_work(const Problem& problem, std::uint64_t unmasked) const;
 
@@ -171,7 +172,7 @@ private:
 
     VertexArray no_vertices_;  // empty; the core profile cannot draw without one
     std::vector<Frame> frames_;
-    std::vector<Texture> start_;  ///< copies of the start frames' targets
+    std::vector<Texture> start_;  ///< for rewind(): copies of the targets that hold step 0
     Texture stencil_;
     Texture load_, material_;
     Program program_;
@@ -180,7 +181,7 @@ private:
     Defines edit_defines_;                       // the defines that edit_program_ was made with
     std::array<StorageBuffer, 4> edit_buffers_;  // for shaders/edit.comp, of the latest edit
 
-    StorageBuffer held_, held_forces_;  // of the tool; empty if there is none
+    StorageBuffer held_, held_forces_;  // of the particles that the tool holds; empty if there is no tool
     // These programs are made when they are first needed, and kept over uploads.
     Program measure_program_, monitor_program_, feed_program_, tool_program_, hash_program_;
     Buffer found_;  // for shaders/divergence_check.comp

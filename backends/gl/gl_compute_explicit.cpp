@@ -13,7 +13,7 @@ const Registered entry({
     .name = "gl_compute_explicit",
     .api = "opengl",
     .summary = "OpenGL compute shader, one invocation per particle, neighbours from lists that hold all "
-               "particles' first neighbours, then all second ones.",
+               "particles' first neighbours, then all second neighbours, and so on.",
     .precisions = {Precision::float32},
     .formulations = every_formulation,
     .tuning = {{"block", {"128", "256"}}, {"fetch", {"buffer", "texture"}}, {"terms", {"needed", "all"}}},

@@ -34,7 +34,8 @@ int layer_count(const Problem& problem) {
     return degree.empty() ? 1 : std::max(1, int(*std::max_element(degree.begin(), degree.end())));
 }
 
-/// An entry of a particle's list. `bit` is -1 for a spring beyond the lattice.
+/// An entry of a particle's list (neighbours.h). `bit` is the mask bit of the neighbour's direction, or -1
+/// for a spring of Problem::springs.
 std::uint32_t list_entry(std::uint32_t neighbour, int bit) {
     return neighbour | (bit < 0 ? OWN_DIRECTION : std::uint32_t(bit)) << LISTED_INDEX_BITS;
 }
@@ -96,14 +97,14 @@ private:
         const glm::ivec2 size = compact_size(problem.particle_count(), limit);
         const int layers = layer_count(problem);
         if (problem.particle_count() > LISTED_INDEX)
-            return fmt::format("{} particles exceed the {} bits of an index in a list",
+            return fmt::format("{} particles are too many for an index of {} bits, as neighbour lists have",
                                problem.particle_count(), LISTED_INDEX_BITS);
         if (size.x > limit)
-            return fmt::format("{} particles exceed the texture limit of {} x {}", problem.particle_count(),
-                               limit, limit);
+            return fmt::format("{} particles exceed the texture limit of {} x {} texels",
+                               problem.particle_count(), limit, limit);
         if (layers > context().max_array_texture_layers())
-            return fmt::format("a particle with {} springs exceeds the limit of {} texture layers", layers,
-                               context().max_array_texture_layers());
+            return fmt::format("lists of {} springs need as many texture layers, and the driver allows {}",
+                               layers, context().max_array_texture_layers());
         if (!gl::fits(gl::rgba32f, size) || !gl::fits(gl::r32ui, size, layers) ||
             (per_spring(problem) && !gl::fits(gl::rg32f, size, layers)) ||
             (has_off_lattice_rest(problem) && !gl::fits(gl::rgba32f, size, layers)))

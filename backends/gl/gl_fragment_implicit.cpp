@@ -1,6 +1,5 @@
-// The legacy path of Mosegaard and Sorensen (2005): the whole grid lies in a flat texture, with one fragment
-// per voxel. Neighbours are found by their coordinates in the grid, and the stencil buffer masks inactive
-// voxels.
+// The method of Mosegaard and Sorensen (2005): the whole grid lies in a flat texture, with one fragment per
+// voxel. Neighbours are found by their coordinates in the grid, and the stencil buffer masks inactive voxels.
 #include <fmt/format.h>
 
 #include <algorithm>
@@ -31,7 +30,7 @@ struct FlatGrid {
 
 /// The narrowest way to lay `dims` flat within `limit` x `limit` texels, or none if it does not fit. A narrow
 /// layout keeps a voxel's neighbours in the rows and slices beside it close in memory, which matters where
-/// textures are stored row by row (llvmpipe). It wastes less than one row of slices.
+/// textures are stored row by row (llvmpipe). Less than one row of slices is wasted.
 std::optional<FlatGrid> lay_flat(glm::ivec3 dims, int limit) {
     if (dims.x > limit || dims.y > limit) return std::nullopt;
     const int rows = limit / dims.y;
@@ -73,10 +72,10 @@ private:
         const std::string grid = fmt::format("grid of {} x {} x {}", dims.x, dims.y, dims.z);
         if (flat)
             return fmt::format(
-                "{} needs a texture of {} x {} RGBA32F texels, more bytes than the driver allows one", grid,
-                flat->size().x, flat->size().y);
-        return fmt::format("{}, its slices laid side by side, exceeds the texture limit of {} x {}", grid,
-                           limit, limit);
+                "{} needs a texture of {} x {} RGBA32F texels, which is more bytes than the driver allows",
+                grid, flat->size().x, flat->size().y);
+        return fmt::format("{}, with its slices side by side, exceeds the texture limit of {} x {} texels",
+                           grid, limit, limit);
     }
 
     Layout lay_out(const Problem& problem) override {
@@ -97,7 +96,7 @@ private:
             rest_length[b] = layout::listed_length<float>(problem, directions()[2 * b], formulation());
         if (!by_increments(formulation())) measure(rest_length);
         program.set("rest_length", rest_length);
-        // With materials the stiffness comes from the particles, and the stiffness of each group is 1.
+        // With several materials the stiffness comes from the particles, and each group has stiffness 1.
         std::array<float, 3> stiffness{1, 1, 1};
         if (!problem.has_materials()) {
             std::copy(problem.group_stiffness.begin(), problem.group_stiffness.end(), stiffness.begin());

@@ -13,11 +13,11 @@
 namespace voxspring::gl {
 namespace {
 
-constexpr int row = 2048;  // in texels; footprints are whole rows of two or three arrays
+constexpr int row = 2048;  // width of textures in texels; at every footprint they have whole rows
 constexpr glm::ivec2 arithmetic_size{glsl::arithmetic_side, glsl::arithmetic_side};
 using glsl::launch_patience, glsl::rounds;
-/// Times a batch on the host's clock, since batches are long and the device's time stamps need not wait for
-/// compute shaders.
+/// Times a batch on the host's clock. Batches are long enough for that, and OpenGL's time stamps may be taken
+/// before compute shaders have ended.
 template <class Enqueue>
 double seconds(Enqueue enqueue) {
     glFinish();
@@ -74,7 +74,8 @@ Program fragment_program(const Context& context, const char* fragment_shader, co
     return {context, load_source("full_screen.vert", {}), load_source(fragment_shader, defines)};
 }
 
-/// The rate of multiply-adds of `program`, which `dispatch()` runs. The uniform `rounds` sets its work.
+/// Multiply-adds per second of `program`, which `dispatch()` runs. The uniform `rounds` sets how many it
+/// makes.
 template <class Dispatch>
 double operations_per_second(const Program& program, Dispatch dispatch) {
     program.set("factor", 0.5F);
@@ -86,7 +87,7 @@ double operations_per_second(const Program& program, Dispatch dispatch) {
            seconds_of_rounds;
 }
 
-/// The rate of multiply-adds in compute shaders with work groups of 16 x 16 invocations.
+/// Multiply-adds per second in compute shaders with work groups of 16 x 16 invocations.
 double compute_operations_per_second(const Context& context, const Texture& target) {
     const Program program(context, load_source("limits_arithmetic.comp", {{"COMPUTE", ""}}));
     glBindImageTexture(0, target.get(), 0, GL_FALSE, 0, GL_WRITE_ONLY, rgba32f.internal);

@@ -15,7 +15,7 @@
 
 namespace voxspring::gl {
 
-/// What specialises a shader: macros with their values.
+/// Macros that specialise a shader, with their values.
 using glsl::Defines;
 
 /// Texts of files by the names that `#include "..."` uses.

@@ -18,7 +18,8 @@ void StorageBuffer::upload(const Context& context, std::span<const std::byte> va
         replace(context, values);
         return;
     }
-    // Despite barriers, NVIDIA's driver (580.159) lets copies overtake dispatches that read the buffer.
+    // Despite barriers, NVIDIA's driver (580.159) lets copies overtake dispatches that read the buffer. So
+    // the host waits for these.
     glFinish();
     glNamedBufferSubData(get(), 0, GLsizeiptr(bytes_), values.data());
 }
@@ -26,7 +27,7 @@ void StorageBuffer::upload(const Context& context, std::span<const std::byte> va
 void StorageBuffer::copy(const Context& context, const StorageBuffer& from) {
     if (bytes_ != from.bytes_) allocate(context, from.bytes_);
     if (bytes_ == 0) return;
-    // NVIDIA's driver lets copies overtake dispatches, as in upload().
+    // The host waits because NVIDIA's driver lets copies overtake dispatches (upload()).
     glFinish();
     glCopyNamedBufferSubData(from.get(), get(), 0, 0, GLsizeiptr(bytes_));
     glFinish();

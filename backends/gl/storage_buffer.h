@@ -13,8 +13,8 @@ namespace voxspring::gl {
 /// An array in device memory for shaders to read and write.
 class StorageBuffer {
 public:
-    /// Replaces the content; with empty `values` there is none afterwards. Values of another size get new
-    /// storage. For values of the same size this waits for everything enqueued.
+    /// Replaces the content. If `values` is empty, the buffer is empty afterwards. Values of another size get
+    /// new storage. For values of the same size this waits for everything enqueued.
     void upload(const Context& context, std::span<const std::byte> values);
     /// Replaces the content in new storage. Work that is enqueued goes on with the old storage.
     void replace(const Context& context, std::span<const std::byte> values) {
@@ -24,7 +24,7 @@ public:
     void allocate(const Context& context, std::size_t bytes, const std::byte* values = nullptr);
     /// Copies out the first values, once everything enqueued has run.
     void download(std::span<std::byte> values) const;
-    // These three take the values of a list.
+    // The next three functions do the same with a std::vector.
     template <class T>
     void upload(const Context& context, const std::vector<T>& values) {
         upload(context, std::as_bytes(std::span(values)));

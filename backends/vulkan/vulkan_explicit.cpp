@@ -1,5 +1,5 @@
 // Explicit addressing in Vulkan: one invocation per particle, neighbours from vertical lists (the first
-// neighbours of all particles, then all second ones). The host is in glsl/explicit.cpp.
+// neighbours of all particles, then all second neighbours, and so on). The host is in glsl/explicit.cpp.
 #include "backends/glsl/compute_backend.h"
 #include "backends/glsl/explicit.h"
 #include "backends/registry.h"
@@ -12,7 +12,7 @@ const Registered entry({
     .name = "vulkan_explicit",
     .api = "vulkan",
     .summary = "Vulkan compute shader, one invocation per particle, neighbours from lists that hold all "
-               "particles' first neighbours, then all second ones.",
+               "particles' first neighbours, then all second neighbours, and so on.",
     .precisions = {Precision::float32, Precision::float64},
     .formulations = every_formulation,
     .tuning = {{"block", {"128", "256"}}, {"lists", {"auto", "addressed"}}, {"terms", {"needed", "all"}}},
