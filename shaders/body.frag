@@ -1,9 +1,9 @@
-// A lit surface in the colours of its values: soft light from the sky, a lamp from the upper left, and a
-// trace of gloss.
+// A lit surface whose colours show the values at its points: soft light from the sky, a lamp from the upper
+// left, and a trace of gloss.
 in vec3 surface_normal;
 in float surface_value;
 
-uniform vec4 colours[KNOTS];  // colours of equidistant values from 0 to 1
+uniform vec4 colours[KNOTS];  // colours of KNOTS equidistant values from 0 to 1
 
 out vec4 colour;
 

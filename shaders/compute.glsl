@@ -1,9 +1,10 @@
 // What an invocation does for its particle, however it finds the neighbours: it adds up forces, integrates
 // and writes. The arithmetic is that of the CUDA kernels (cuda/kernels/motion.h).
 //
-// A word has a particle's x or u in xyz and its bits in w (neighbours.h). A step reads `words`, the state at
-// t, and overwrites `next_words`, the state at t - dt, with that at t + dt. Increments lie in separate
-// arrays, which a step overwrites in place: x of all words, then y, then z, `pitch` elements apart.
+// A word has a particle's position x or displacement u in xyz and its bits in w (neighbours.h). A step reads
+// `words`, the state at t, and overwrites `next_words`, the state at t - dt, with that at t + dt. Increments
+// lie in separate arrays, which a step overwrites in place: the x components of all words, then the y
+// components, then the z components, `pitch` elements apart.
 #include "motion.glsl"
 #include "pull.glsl"
 #include "words.glsl"
@@ -23,7 +24,7 @@ layout(std430, binding = 1) restrict buffer NextWords { Vec4 next_words[]; };
 layout(std430, binding = 2) restrict buffer Increments { Real increments[]; };
 layout(std430, binding = 4) restrict writeonly buffer NextWordsLow { Vec4 next_words_low[]; };
 layout(std430, binding = 5) restrict buffer IncrementsLow { Real increments_low[]; };
-// Force on each word's particle: three numbers per word.
+// The constant force on each word's particle: three numbers per word.
 layout(std430, binding = 6) restrict readonly buffer Loads { Real loads[]; };
 layout(std430, binding = 7) restrict readonly buffer InverseMasses { Real inverse_masses[]; };
 
@@ -31,7 +32,8 @@ UNIFORMS(ComputeUniforms, 18)
 UNIFORM int pitch;
 END_UNIFORMS
 
-// x or u of a particle. `low` is the part beyond the precision of `high`, for COMPENSATED only.
+// Position x or displacement u of a particle. `low` is the part beyond the precision of `high`, for
+// COMPENSATED only.
 struct Point {
     Vec3 high;
     Vec3 low;
@@ -61,8 +63,8 @@ Vec3 before_of(int index) {
 #endif
 }
 
-// Writes the particle's state at t + dt, given the sum of its spring forces at t. before_of(index) gives
-// `before`: x or u at t - dt, or the increment.
+// Writes the particle's state at t + dt, given the sum of its spring forces at t. `before` is the result of
+// before_of(index): x or u at t - dt, or the increment.
 void integrate_and_store(int index, Point here, uint bits, Vec3 before, Vec3 spring_force_sum) {
     precise Vec3 force = spring_force_sum;
     if (LOADS) force += Vec3(loads[3 * index], loads[3 * index + 1], loads[3 * index + 2]);

@@ -1,10 +1,10 @@
 // Each invocation steps one particle. Lists have the particle's neighbours (lists.glsl).
 //
 // With SECONDARY each spring has its stiffness and rest length, and a particle's bits count all of its
-// springs. Otherwise each group has one stiffness and one rest length, and the bits count the springs of each
-// group. FACES, EDGES and CORNERS say which groups of springs the scene has or, with ALL_GROUPS, may have.
-// OFF_LATTICE_REST says that the scene has springs beyond the lattice and that the formulation needs to know
-// how they lie at rest.
+// springs. Otherwise each group of springs (to face, edge or corner neighbours) has one stiffness and one
+// rest length, and the bits count the springs of each group. FACES, EDGES and CORNERS say which groups the
+// scene has or, with ALL_GROUPS, may have. OFF_LATTICE_REST says that the scene has springs that are not of
+// the lattice and that the formulation needs to know how they lie at rest.
 //
 // Every list has the same number of slots. An unused slot holds the particle itself, which exerts no force on
 // itself. So lists can be read in whole chunks, before it is known how many slots are used.
@@ -31,7 +31,7 @@ UNIFORM int particles;
 UNIFORM int slot_stride;
 // X_j - X_i and the rest deficit of a lattice spring, by direction code. Not used with ON_POSITIONS.
 UNIFORM Vec4 rest[32];
-// For lists without SECONDARY: each group's first slot, and 1 or 0 for whether the scene has the group.
+// For lists without SECONDARY, per group: the first slot, and 1 if the scene has the group, otherwise 0.
 UNIFORM int first_slot[3];
 UNIFORM int slots[3];
 UNIFORM Real rest_length[3];
@@ -54,12 +54,12 @@ Vec4 listed_pull(Point here, Place at, Real spring_length) {
     return unit_pull(between(here, point_of(index)), at_rest, spring_length);
 }
 
-// How many springs of `group` a particle has: one of the counters in its `bits`, packed as in GroupCounters.
+// How many springs of `group` a particle has: one of three counters in its `bits`, of 3, 4 and 4 bits.
 uint count_of(uint bits, const int group) {
     return group == 0 ? bits & 7u : group == 1 ? bits >> 3 & 15u : bits >> 7 & 15u;
 }
 
-// Sum of the spring forces of `group`, which has `most` slots if the scene has such springs.
+// Sum of a particle's spring forces of `group`. A particle has at most `most` springs of the group.
 Vec3 pull_of_group(Point here, int i, uint bits, const int group, const int most) {
     precise Vec3 sum = Vec3(0);
     Place at = PLACE(i, first_slot[group]);

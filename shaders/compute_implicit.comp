@@ -1,8 +1,8 @@
 // One invocation per voxel: its neighbours are at fixed offsets in the grid, and its mask says which of them
 // exist. FACES, EDGES and CORNERS say which groups of springs the scene has. ORIGINS says that only the work
-// groups with an active voxel are dispatched, VOTE that a subgroup runs code without masks if its particles
-// all have every neighbour. TILE is defined if neighbours come from shared memory, SUBGROUPS if subgroups can
-// vote.
+// groups with an active voxel are dispatched. VOTE says that a subgroup runs code without masks if all its
+// particles have every neighbour. TILE is defined if neighbours come from shared memory, SUBGROUPS if
+// subgroups can vote.
 //
 // Guard words lie before the first voxel and after the last one: the neighbours of any voxel, inside the
 // lattice or not, are words that may be read.
@@ -30,7 +30,7 @@ layout(std430, binding = 9) restrict readonly buffer Origins { ivec4 origins[]; 
 UNIFORMS(ImplicitUniforms, 19)
 UNIFORM ivec3 grid_dims;
 UNIFORM int grid_first_word;
-// Rest length by mask bit / 2: opposite directions share one.
+// Rest lengths by mask bit / 2: opposite directions share one.
 UNIFORM Real rest_length[13];
 UNIFORM Real group_stiffness[3];
 END_UNIFORMS
@@ -86,8 +86,8 @@ Point tile_point(int cell) {
 #endif
 
 // Sum of the particle's spring forces. Every neighbour is read, present or not, so that no fetch waits for
-// the mask. The pull of an absent neighbour is then dropped by a selection, so that a NaN in an inactive
-// voxel does not spread. `whole`: the particle has every neighbour of the groups that are compiled in.
+// the mask. A selection then drops the force of an absent neighbour, so that a NaN in an inactive voxel does
+// not spread. `whole`: the particle has every neighbour of the groups that are compiled in.
 Vec3 implicit_force(const bool whole, int index, int cell, Point here, uint bits) {
     precise Vec3 force = Vec3(0);
     precise Vec3 group;

@@ -1,6 +1,6 @@
 // Checks that every particle's position is finite, and that its increment is within the limit
 // (inverse_largest). There is one invocation per texel or, with STORAGE_BUFFERS, invocations stride over the
-// words of compute.glsl. BY_INCREMENTS is as in motion.glsl.
+// words of compute.glsl. BY_INCREMENTS says that the state has increments.
 #include "neighbours.h"
 #include "portable.h"
 #include "uniforms.glsl"
@@ -21,8 +21,8 @@ layout(binding = 0) uniform sampler2D position;
 layout(binding = 1) uniform sampler2D other;
 #endif
 
-// The number of the first check that failed and, in Vulkan, the number of the next check: a recorded check
-// does not know its number (next_check.comp).
+// The number of the first check that failed and, in Vulkan, the number of the next check: a check that is
+// recorded once and replayed does not know its number (next_check.comp).
 layout(std430, binding = 3) buffer Found {
     uint found;
 #ifdef VULKAN
@@ -48,7 +48,8 @@ void check(Vec4 here, Vec3 before_or_increment) {
 #ifndef BY_INCREMENTS
     increment = here.xyz - increment;
 #endif
-    // The check is in float32 even for a float64 state, so a position beyond its range counts as not finite.
+    // The check is in float32 even for a float64 state, so a position beyond the range of float32 counts as
+    // not finite.
     precise vec3 share = vec3(increment * inverse_largest);
     // Floats are compared by their bits, since a compiler may assume that there is no NaN. As integers, the
     // bits of positive floats have the floats' order, and those of NaN are the largest.

@@ -1,6 +1,6 @@
 // Updates particles whose springs changed, one invocation per particle. It writes the particle's bits and,
 // with LISTS, its list; with PER_SPRING also the constants of each spring, and with OFF_LATTICE_REST the rest
-// vectors of springs beyond the lattice.
+// vectors of springs that are not of the lattice.
 layout(local_size_x = 64) in;
 
 layout(binding = 0, rgba32f) uniform image2D position;
@@ -14,8 +14,8 @@ layout(binding = 2, rg32f) writeonly uniform image2DArray spring;
 layout(binding = 3, rgba32f) writeonly uniform image2DArray off_lattice_rest;
 #endif
 
-// A particle's texel (x in the lower half, y in the upper half), its bits, and where its list begins and
-// ends.
+// A particle's texel (x in the lower half, y in the upper half), its bits, and where its list begins and ends
+// in the buffers below.
 layout(std430, binding = 0) readonly buffer Particles { uvec4 particles[]; };
 layout(std430, binding = 1) readonly buffer Neighbours { uint neighbours[]; };
 layout(std430, binding = 2) readonly buffer Springs { vec2 springs[]; };
@@ -24,7 +24,7 @@ layout(std430, binding = 3) readonly buffer OffLatticeRests { vec4 off_lattice_r
 uniform int particle_count;
 
 void main() {
-    // Invocations stride, since the number of groups has a limit.
+    // Invocations stride, since the number of work groups has a limit.
     for (uint n = gl_GlobalInvocationID.x; n < uint(particle_count);
          n += gl_NumWorkGroups.x * gl_WorkGroupSize.x) {
         uvec4 particle = particles[n];

@@ -3,7 +3,8 @@
 
 layout(local_size_x = 64) in;
 
-// A word has four numbers of 32 bits, or eight in float64. The particle's bits are its fourth or seventh one.
+// A word has four numbers of 32 bits, or eight in float64. The particle's bits are the fourth number, or the
+// seventh in float64.
 #ifdef VOXSPRING_FLOAT64
 const uint word_numbers = 8u, place_of_bits = 6u;
 #else
@@ -18,7 +19,7 @@ UNIFORM int count;
 END_UNIFORMS
 
 void main() {
-    // Invocations stride, since the number of groups has a limit.
+    // Invocations stride, since the number of work groups has a limit.
     for (uint n = gl_GlobalInvocationID.x; n < uint(count); n += gl_NumWorkGroups.x * gl_WorkGroupSize.x)
         words[word_numbers * edited[n].x + place_of_bits] = edited[n].y;
 }

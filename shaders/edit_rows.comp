@@ -1,5 +1,6 @@
-// Writes new lists of some particles, one invocation per slot of a row. SECONDARY and OFF_LATTICE_REST are as
-// in compute_explicit.comp. With SQUARED, new rest lengths come as squares (measured.glsl).
+// Writes new lists of some particles, one invocation per slot of a particle. SECONDARY says that there is a
+// list of springs' constants, and OFF_LATTICE_REST that there is a list of rest offsets. With SQUARED, new
+// rest lengths come as squares (measured.glsl).
 #ifdef ADDRESSED
 #extension GL_EXT_buffer_reference : require
 #extension GL_EXT_buffer_reference_uvec2 : require

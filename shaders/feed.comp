@@ -4,7 +4,8 @@
 
 layout(local_size_x = 64) in;
 
-// FedWord of backends/layout/records/feed.h.
+// A particle (backends/layout/records/feed.h). `rest` is its rest position, or 0 if words have displacements;
+// `word` is the index of its word.
 struct FedWord {
     Vec3 rest;
     uint word;

@@ -1,10 +1,11 @@
-// Each fragment steps one particle. A neighbour takes two fetches: its entry in the list, and its texel.
+// Each fragment steps one particle. A neighbour takes two fetches: its entry in the particle's list, and its
+// texel.
 //
 // With PER_SPRING each spring has its stiffness and rest length, and a particle's bits count all neighbours.
-// Otherwise each group has one stiffness and one rest length, and the bits count the neighbours of each group
-// in COUNT_BITS bits. FACES, EDGES and CORNERS say which groups the scene has. OFF_LATTICE_REST is defined if
-// it has springs beyond the lattice and the formulation needs to know how they lie at rest. A row of texels
-// has 1 << WIDTH_BITS particles.
+// Otherwise each group of springs (to face, edge or corner neighbours) has one stiffness and one rest length,
+// and the bits count the neighbours of each group in COUNT_BITS bits. FACES, EDGES and CORNERS say which
+// groups the scene has. OFF_LATTICE_REST is defined if the scene has springs that are not of the lattice and
+// the formulation needs to know how they lie at rest. A row of texels has 1 << WIDTH_BITS particles.
 #include "measured.glsl"
 #include "particle.glsl"
 
@@ -18,8 +19,9 @@ layout(binding = 8) uniform sampler2DArray off_lattice_rest;
 uniform float rest_length[3];
 uniform float group_stiffness[3];
 
-// Packs offset + 1 of each direction into two bits per axis: the first 16 directions into one number, the
-// others into another. Shifts are cheaper than a table from which each fragment reads a different element.
+// Packs offset + 1 of each direction into two bits per axis: the first 16 directions into one vector of
+// numbers, the others into a second one. Shifts are cheaper than a table from which each fragment reads a
+// different element.
 #define PACK_FIRST(bit, dx, dy, dz) | (bit < 16 ? uvec3(ivec3(dx, dy, dz) + 1) << (2 * bit & 31) : uvec3(0))
 #define PACK_OTHER(bit, dx, dy, dz) | (bit < 16 ? uvec3(0) : uvec3(ivec3(dx, dy, dz) + 1) << (2 * bit & 31))
 #define PACK(part) uvec3(0) FACE_NEIGHBOURS(part) EDGE_NEIGHBOURS(part) CORNER_NEIGHBOURS(part)

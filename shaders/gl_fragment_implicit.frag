@@ -13,8 +13,8 @@ void main() {
     Particle particle = own_particle();
     ivec2 texel = particle.texel;
     uint bits = bits_of(particle);
-    // Offsets in texels to the voxels below and above this one. In the first and the last slice one of them
-    // is invalid, and no mask bit uses it.
+    // Offsets in texels to the voxels at z - 1 and z + 1. In the first and the last slice one of them is
+    // invalid, and no mask bit uses it.
     ivec2 below = texel.x >= slice_width ? ivec2(-slice_width, 0) : ivec2(last_column, -slice_height);
     ivec2 above = texel.x < last_column ? ivec2(slice_width, 0) : ivec2(-last_column, slice_height);
     float compliance = MATERIALS ? texelFetch(material, texel, 0).x : 0.0;

@@ -1,4 +1,5 @@
-// Adds the hash of an array's words, or of a texture's components, to the sums. Invocations stride over them.
+// Adds the hash of an array's words, or of a texture's components, to `sums`. Invocations stride over the
+// words or components.
 #include "state_hash.h"
 #include "uniforms.glsl"
 

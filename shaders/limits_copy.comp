@@ -1,5 +1,5 @@
-// Reads and writes memory, to measure its rate. An invocation reads one word of 16 bytes, or two if READS
-// is 2. With WRITES it also writes a word; with IN_PLACE that word replaces the second one.
+// Reads and writes memory, to measure its bandwidth. An invocation reads one word of 16 bytes, or two if
+// READS is 2. With WRITES it also writes a word; with IN_PLACE that word replaces the second one.
 #include "uniforms.glsl"
 
 #ifdef VULKAN

@@ -1,4 +1,4 @@
-// Reads one or two texels and, with WRITES, writes one.
+// Reads one or two texels and, with WRITES, writes one, to measure the memory's bandwidth.
 layout(binding = 0) uniform sampler2D first;
 layout(binding = 1) uniform sampler2D second;
 uniform float impossible;  // a sum that never occurs, which the compiler cannot know

@@ -2,7 +2,7 @@
 // Lists are vertical: slot s of all particles lies together, and slot s + 1 begins `slot_stride` elements
 // later.
 //
-//     neighbours         list entries (neighbours.h) or, by positions, only indices
+//     neighbours         list entries (neighbours.h) or, with ON_POSITIONS, only indices
 //     constants          stiffness and rest length of each spring
 //     off_lattice_rests  X_j - X_i and the rest deficit, where an entry says OWN_DIRECTION
 //

@@ -14,7 +14,7 @@ UNIFORM int offset;
 END_UNIFORMS
 
 void main() {
-    // Invocations stride, since the number of groups has a limit.
+    // Invocations stride, since the number of work groups has a limit.
     for (uint n = gl_GlobalInvocationID.x; n < uint(count); n += gl_NumWorkGroups.x * gl_WorkGroupSize.x) {
         uint at = n * uint(stride) + uint(offset);
         lengths[at] = measured_or_zero(lengths[at]);

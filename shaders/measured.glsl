@@ -1,4 +1,4 @@
-// Makes a rest length from its square, as inverse_root() measures lengths.
+// Makes a rest length from its square by inverse_root(), as a step does with lengths of springs.
 #include "inverse_root.h"
 
 #ifdef VOXSPRING_FLOAT64

@@ -5,7 +5,7 @@ layout(std430, binding = 1) restrict readonly buffer Normals { vec4 normals[]; }
 uniform vec4 to_eye[3];   // rows of a matrix to camera space: x to the right, y up, z towards the viewer
 uniform vec4 to_clip[4];  // rows of a matrix to clip space
 
-// Maps a vertex's value to the range of colours, 0 to 1: value times x plus y.
+// Maps a vertex's value to the range of colours, 0 to 1: the value times colour_scale.x plus colour_scale.y.
 uniform vec3 colour_scale;
 
 out vec3 surface_normal;

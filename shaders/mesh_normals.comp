@@ -3,7 +3,7 @@
 // which smooths the steps between slices of voxels. The normals are not normalised.
 layout(local_size_x = 64) in;
 
-// Positions of vertices; in a smoothing pass their normals.
+// Positions of vertices or, in a smoothing pass, their normals.
 layout(std430, binding = 0) restrict readonly buffer Places { vec4 places[]; };
 layout(std430, binding = 1) restrict readonly buffer Faces { uvec4 faces[]; };
 // Tables of BodyMesh: the faces around each vertex.

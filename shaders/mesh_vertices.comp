@@ -1,8 +1,8 @@
-// Where the vertices of a body's surface are: each vertex follows up to eight particles. One invocation per
-// vertex.
+// Computes where the vertices of a body's surface are, one invocation per vertex. Each vertex moves by the
+// mean displacement of up to eight particles.
 layout(local_size_x = 64) in;
 
-// BodyMesh::Vertex of harness/drawing/body_mesh.h.
+// A vertex (BodyMesh::Vertex): its place at rest, and the `count` particles that it follows.
 struct Vertex {
     float rest[3];
     uint count;

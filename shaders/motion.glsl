@@ -1,8 +1,9 @@
-// What a step does to a particle, however its shader finds it and its neighbours: the scene's terms, and the
-// integrators.
+// What a step does to a particle, however a shader finds the particle and its neighbours: the scene's terms,
+// and the integrators.
 //
-// Terms are constants (terms.glsl): what the scene lacks is folded away. A formulation (formulation.h) is
-// ON_POSITIONS, BY_INCREMENTS or neither of these; PAPER and COMPENSATED each stand for one formulation.
+// Terms are constants (terms.glsl), so a compiler folds away those that the scene lacks. A formulation
+// (formulation.h) is ON_POSITIONS, BY_INCREMENTS or neither of these; PAPER and COMPENSATED each stand for
+// one formulation.
 //
 // Everything here and in files that include this is `precise`. Otherwise a compiler might fuse one
 // multiply-add where a term is compiled in and another where it is left out, and skipping a term would change
@@ -20,11 +21,12 @@ UNIFORM Vec3 gravity;
 UNIFORM Real time_step_squared;
 UNIFORM Real shortest_squared;
 UNIFORM Vec3 spacing;
-UNIFORM Real inverse_mass;  // that of all particles, if not MATERIALS
+UNIFORM Real inverse_mass;  // of every particle, unless MATERIALS
 END_UNIFORMS
 
-// The motion of a particle. here: x or u, by the formulation. before: `here` of the previous step or, by
-// increments, the increment v. here_low, before_low: parts beyond their precision, for COMPENSATED only.
+// The motion of a particle. here: position x or displacement u, by the formulation. before: `here` of the
+// previous step or, with BY_INCREMENTS, the increment v. here_low, before_low: the parts beyond the precision
+// of `here` and `before`, for COMPENSATED only.
 struct Motion {
     Vec3 here, before;
     Vec3 here_low, before_low;
@@ -37,8 +39,8 @@ Motion integrate(Motion now, Vec3 force, Real inverse_mass, bool pinned) {
     Motion next = now;
     Vec3 acceleration = GRAVITY ? gravity : Vec3(0);
 #ifdef BY_INCREMENTS
-    // Without damping the increment term is zero. We pass a literal zero because the compiler may not fold a
-    // `precise` product with zero.
+    // Without damping the damping term is zero. We pass literal zeros, because the compiler may not fold a
+    // `precise` product of the increment with zero.
     precise Vec3 change = increment_change(DAMPING ? now.before : Vec3(0), force, inverse_mass, acceleration,
                                            DAMPING ? damping : Real(0), time_step_squared);
 #ifdef COMPENSATED

@@ -1,5 +1,5 @@
-// What a fragment does for its particle, however it finds the neighbours: it reads, adds up forces,
-// integrates and writes.
+// What a fragment does for its particle, however it finds the neighbours: it reads the state, adds up forces,
+// integrates and writes the next state.
 #include "motion.glsl"
 #include "pull.glsl"
 
@@ -19,7 +19,7 @@ layout(binding = 1) uniform sampler2D previous_position;
 layout(binding = 2) uniform sampler2D position_low;
 layout(binding = 3) uniform sampler2D increment_low;
 #endif
-// xyz: the force on the particle beside that of springs and gravity.
+// xyz: the force on the particle besides those of springs and gravity.
 layout(binding = 4) uniform sampler2D load;
 // x: compliance, 1 / stiffness; y: 1 / mass.
 layout(binding = 5) uniform sampler2D material;

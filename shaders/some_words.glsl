@@ -1,6 +1,6 @@
-// Words of some particles, for a pass that visits only those. COMPENSATED is as in motion.glsl. With TEXELS
-// the state lies in textures, as in particle.glsl, and a word is a texel, x in its lower half and y in the
-// upper half.
+// Words of some particles, for a pass that visits only those. COMPENSATED says that words have low parts.
+// With TEXELS the state lies in textures, as in particle.glsl, and the index of a word is a texel, x in the
+// lower half and y in the upper half.
 #include "portable.h"
 
 #ifdef TEXELS

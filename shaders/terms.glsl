@@ -7,7 +7,8 @@ layout(constant_id = 4) const bool GRAVITY = true;
 layout(constant_id = 5) const bool PINS = true;
 layout(constant_id = 6) const bool LOADS = true;
 layout(constant_id = 7) const bool MATERIALS = true;
-// Lattice springs are stressed at rest, and the formulation is by increments, whose forces need that stress.
+// Whether lattice springs are stressed at rest, and the formulation is by increments, whose forces need that
+// stress.
 layout(constant_id = 8) const bool DEFICITS = true;
 // Groups of springs.
 layout(constant_id = 9) const bool FACES = true;

@@ -12,7 +12,7 @@ layout(binding = 0, rgba32f) writeonly uniform image2D loads;
 layout(std430, binding = 6) restrict writeonly buffer Loads { Real loads[]; };
 #endif
 
-// HeldWord of backends/layout/records/tool.h.
+// A held particle (backends/layout/records/tool.h): where it was when the tool took hold, and its own load.
 struct HeldWord {
     Vec3 anchor;
     uint word;
@@ -28,7 +28,7 @@ UNIFORM Vec3 moved;
 END_UNIFORMS
 
 void main() {
-    // Invocations stride, since the number of groups has a limit.
+    // Invocations stride, since the number of work groups has a limit.
     for (uint n = gl_GlobalInvocationID.x; n < uint(count); n += gl_NumWorkGroups.x * gl_WorkGroupSize.x) {
         uint word = held[n].word;
         precise Vec3 force = hold_force(held[n].anchor, WORD(word).xyz, LOW(word), moved, stiffness);

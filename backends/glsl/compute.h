@@ -1,5 +1,5 @@
-// What backends that step by compute shaders keep in storage buffers, for any API: shaders/compute.glsl and
-// what includes it.
+// The storage buffers of backends that step by compute shaders, in OpenGL and Vulkan alike. The shaders are
+// those that include shaders/compute.glsl.
 #pragma once
 
 #include <array>
@@ -22,14 +22,14 @@ enum Binding : unsigned {
     increments_low,
     loads,
     inverse_masses,
-    first_own_binding,
-    held_words = 11,  ///< for shaders/tool.comp
+    first_own_binding,  ///< from here on: buffers that only one kind of addressing has
+    held_words = 11,    ///< for shaders/tool.comp
     held_forces,
 };
 inline constexpr int storage_blocks = 13;
 
-/// What a step needs besides springs and the state, one element per word. A list is empty if the shader does
-/// not use it.
+/// What a step needs besides springs and the state, one element per word (a particle or, on a grid, a voxel).
+/// A list is empty if the shader does not use it.
 template <class Real>
 struct Operands {
     std::vector<layout::Vector<Real>> loads;
@@ -46,12 +46,12 @@ std::uint64_t compute_bytes(const Problem& problem, const Options& options,
 /// Arranges work groups in rows of a length that every driver accepts. The result may have some more groups
 /// than `groups`.
 glm::ivec3 rows_of_groups(int groups);
-inline constexpr int max_groups = 65535;  ///< along an axis, accepted by every driver
+inline constexpr int max_groups = 65535;  ///< the most work groups along an axis that every driver accepts
 
 /// Empty, or why work groups of `group` exceed `limits`.
 std::string work_group_refusal(glm::ivec3 group, const WorkGroupLimits& limits);
 
-/// The number of work groups of 64 invocations that stride over `count` things, as in
+/// The number of work groups of 64 invocations that stride over `count` items, as in
 /// shaders/divergence_check.comp, measure.comp and edit*.comp.
 unsigned striding_groups(std::size_t count);
 

@@ -20,7 +20,7 @@ constexpr unsigned found_binding = 3;  // as in shaders/divergence_check.comp
 template <class Real>
 std::string ComputeBackend<Real>::unsupported(const Problem& problem) const {
     std::string why;
-    device_->use("looking for limits", [&] {
+    device_->use("reading the device's limits", [&] {
         why = work_group_refusal(group_, device_->work_group_limits());
         if (why.empty()) why = refused_layout(problem);
         if (!why.empty()) return;
@@ -53,8 +53,8 @@ void ComputeBackend<Real>::upload_state(const Problem& problem, const State& sta
         const layout::PackedState<Real> packed =
             layout::pack<Real>(problem, state, placement, layout_.bits, formulation());
         put_vector(words_[0], packed.current);
-        // Formulations by increments have no previous state. For them only the size of this array matters: a
-        // step writes every particle's word before any step reads it.
+        // Formulations by increments have no previous state. For them only this array's size and its words
+        // without a particle matter: a step writes every particle's word before any step reads it.
         put_vector(words_[1], by_increments(formulation()) ? packed.current : packed.previous);
         for (std::unique_ptr<Array>& low : low_) put_vector(low, packed.current_low);
         put_vector(increment_, packed.increment);
@@ -78,8 +78,8 @@ void ComputeBackend<Real>::upload(const Problem& problem, const State& state) {
         start_ = {};
         const std::size_t words_before = layout_.placement.words;
         layout_ = lay_out(problem);
-        // How long steps take is not measured again for a body of the same size, as when it is uploaded for
-        // each repetition.
+        // How long steps take is measured again only for a body of another size, not for a body that is
+        // uploaded anew for each repetition.
         if (layout_.placement.words != words_before) device_->forget_pace();
         upload_state(problem, state);
         make_step();
@@ -183,12 +183,12 @@ void ComputeBackend<Real>::reset_to_step_zero() {
 template <class Real>
 bool ComputeBackend<Real>::keep_start() {
     bool kept = false;
-    device_->use("keeping the start", [&] {
+    device_->use("copying the state at step 0", [&] {
         const auto state = state_arrays();
         std::uint64_t bytes = 0;
         for (const auto* const array : state) bytes += bytes_of(*array);
         const auto free = device_->free_memory_bytes();
-        if (free && bytes > *free / 2) return;  // half of it is left to other programs
+        if (free && bytes > *free / 2) return;  // half of the free memory is left to other programs
         device_->wait();                        // a rewind() may still read an earlier copy
         start_ = {};
         for (std::size_t n = 0; n < state.size(); ++n) {
@@ -196,7 +196,7 @@ bool ComputeBackend<Real>::keep_start() {
         }
         kept = true;
     });
-    device_->check("keeping the start");
+    device_->check("copying the state at step 0");
     return kept;
 }
 
@@ -300,7 +300,7 @@ std::unique_ptr<Feed> ComputeBackend<Real>::feed(const std::vector<std::uint32_t
         const auto state = [&](std::size_t current) -> Arrays {
             return {{words, words_[current].get()}, {words_low, low_[current].get()}};
         };
-        device_->use("feeding a picture", [&] {
+        device_->use("preparing to show displacements", [&] {
             made = device_->feed(fed, buffer, formulation_defines(formulation()), {state(0), state(1)});
         });
     }

@@ -1,6 +1,6 @@
-// The host of the compute shaders in shaders/, for OpenGL and Vulkan: the state in arrays, steps, edits of
-// particles' bits, the tool and the divergence monitor. device.h is the device; implicit.cpp and explicit.cpp
-// say how particles find their neighbours.
+// The host's code for the compute shaders in shaders/, for OpenGL and Vulkan: the state in arrays, steps,
+// edits of particles' bits, the tool and the divergence monitor. device.h is the interface of the device.
+// implicit.cpp and explicit.cpp add the two ways in which particles find their neighbours.
 #pragma once
 
 #include <array>
@@ -56,7 +56,7 @@ protected:
     /// Where the particles of a problem lie, and what a step dispatches.
     struct Layout {
         layout::Placement placement;
-        std::vector<std::uint32_t> bits;  ///< one per particle
+        std::vector<std::uint32_t> bits;  ///< per particle: the bits in its word (neighbours.h)
         glm::ivec3 groups{0};             ///< work groups of a step, along each axis
     };
 
@@ -66,8 +66,7 @@ protected:
 
     const Options& options() const { return options_; }
     Formulation formulation() const { return options_.formulation; }
-    /// Whether everything is compiled in, with neutral values where the problem lacks a term (tuning
-    /// `terms`).
+    /// Whether terms=all: all terms are compiled in, with neutral values for those that the problem lacks.
     bool all_terms() const { return options_.tuning.at("terms") == "all"; }
     const Device& device() const { return *device_; }
 
@@ -76,9 +75,11 @@ protected:
     /// Empty, or why a problem cannot be run. Does not check whether its words fit into an array.
     virtual std::string refused_layout(const Problem& problem) const = 0;
     virtual layout::Placement place(const Problem& problem) const = 0;
-    /// Uploads what the step's shader reads besides the buffers of shaders/compute.glsl. No step may run.
+    /// Returns where particles lie, and uploads what the step's shader reads besides the buffers of
+    /// shaders/compute.glsl. No step may be running.
     virtual Layout lay_out(const Problem& problem) = 0;
-    /// The step's shader, with only the constants that are not in shaders/terms.glsl. Called after lay_out().
+    /// The step's shader, with values for only those of its constants that are not in shaders/terms.glsl.
+    /// Called after lay_out().
     virtual Shader shader(const Problem& problem) const = 0;
     virtual void set_uniforms(Uniforms& uniforms, const Problem& problem) = 0;
     virtual void enqueue_edit(const Problem& edited, const SpringEdit& edit) = 0;
@@ -104,10 +105,12 @@ protected:
     /// Waits for everything enqueued, then makes all lists of the edited problem anew. The particles keep
     /// their places in memory.
     void lay_out_anew();
-    /// Writes new bits of particles. Every step copies the bits from the words that it reads.
+    /// Writes new bits of particles to the current words. Every step copies the bits from the words that it
+    /// reads.
     void write_bits(std::span<const std::uint32_t> particles, std::span<const std::uint32_t> bits);
     /// Replaces squares of rest lengths by rest lengths as the device measures them (physics/inverse_root.h):
-    /// `count` elements of the array, the first at `offset`, each `stride` after the one before. Waits.
+    /// `count` elements of the array, the first at `offset`, each `stride` after the one before. Waits until
+    /// they are measured.
     void measure(const Array& squares, std::size_t count, int stride, int offset);
     /// Like measure(), for numbers in the host's memory.
     void measure_numbers(std::span<Real> squares);
@@ -135,12 +138,12 @@ private:
     std::unique_ptr<Device> device_;  // outlives the arrays
     std::array<std::unique_ptr<Array>, 2> words_, low_;
     std::unique_ptr<Array> increment_, increment_low_, load_, inverse_mass_;
-    std::unique_ptr<Array> held_, forces_;  // of the tool; null if there is none
+    std::unique_ptr<Array> held_, forces_;  // of the particles that the tool holds; null if there is no tool
     std::unique_ptr<Array> found_;          // for shaders/divergence_check.comp
     std::map<unsigned, std::unique_ptr<Array>> own_;
     std::map<unsigned, AddressedList> addressed_;       // the lists whose addresses are in own_
-    std::array<std::unique_ptr<Array>, 6> start_;       // copies of state_arrays()
-    std::array<std::shared_ptr<Pass>, 2> step_, tool_;  // by the words_ that they read
+    std::array<std::unique_ptr<Array>, 6> start_;       // for rewind(): copies of state_arrays() at step 0
+    std::array<std::shared_ptr<Pass>, 2> step_, tool_;  // index: which of words_ they read
 
     const Problem* problem_ = nullptr;
     Layout layout_;

@@ -57,7 +57,8 @@ inline std::size_t bytes_of(const std::unique_ptr<Array>& array) {
 /// Arrays by binding. One is null or absent if the shader has no use for it.
 using Arrays = std::map<unsigned, const Array*>;
 
-/// The neighbour lists of all particles, slot by slot, in one or more arrays.
+/// A list of all particles' neighbours, slot by slot (slot n has every particle's n-th neighbour), in one or
+/// more arrays.
 struct AddressedList {
     std::vector<std::unique_ptr<Array>> parts;  ///< each has whole slots
     std::vector<std::uint64_t> addresses;       ///< device address of each slot
@@ -74,11 +75,12 @@ struct Shader {
 };
 
 /// Keeps compiled programs by a key that tells how they are specialised, since an edit may need an earlier
-/// one again.
+/// program again.
 template <class Program>
 class ProgramCache {
 public:
-    /// The program with this key. If it is null, the caller has to make it and to store it here.
+    /// The program with this key. If the result is null, the caller has to make the program and assign it to
+    /// the result.
     std::shared_ptr<const Program>& of(const std::string& key) {
         constexpr std::size_t max_programs = 16;
         if (programs_.size() == max_programs && !programs_.contains(key)) programs_.clear();
@@ -100,7 +102,7 @@ struct Dispatch {
     glm::uvec3 groups{1};
 };
 
-/// The dispatches of a step in their order. The index is that of the array of words that the step reads.
+/// The dispatches of a step in their order. The index says which of the two arrays of words the step reads.
 using Dispatches = std::array<std::vector<Dispatch>, 2>;
 
 /// A device with one queue, in which everything happens in the order of the calls. Whatever one dispatch or
@@ -123,8 +125,8 @@ public:
     /// Empty, or why the device cannot fetch this many words in the way that the options ask for.
     virtual std::string refused_words(std::size_t) const { return {}; }
 
-    /// Runs `work`, which uses the device. If the device fails meanwhile, this throws a DeviceError that
-    /// names `doing`, for example "uploading".
+    /// Runs `work`, which uses the device. If the API throws in `work`, this throws a DeviceError that names
+    /// `doing`, for example "uploading".
     virtual void use(const char* doing, const std::function<void()>& work) const = 0;
     /// Throws DeviceError if the device has reported an error since the last call.
     virtual void check(const char* doing) const = 0;
@@ -134,14 +136,14 @@ public:
     /// rest, so that the device no longer uses any of them. Does nothing if the API itself sees to this.
     virtual void abandon() noexcept {}
 
-    /// Makes an array with these values. It has at least one byte, even without values.
+    /// Makes an array with these values, of which there is at least one byte.
     virtual std::unique_ptr<Array> make(std::span<const std::byte> values) = 0;
     virtual std::unique_ptr<Array> make_zeros(std::size_t bytes) = 0;
     /// Replaces the values of an array.
     virtual void overwrite(Array& array, std::span<const std::byte> values) = 0;
-    /// Copies the first values of an array to `values`.
+    /// Copies the first values of an array to `values`, once everything enqueued has run.
     virtual void download(const Array& array, std::span<std::byte> values) = 0;
-    /// Makes another array with the same values. Waits.
+    /// Makes another array with the same values, and waits until it has them.
     virtual std::unique_ptr<Array> copy_of(const Array& array) = 0;
     virtual void copy(const Array& from, Array& to) = 0;
     /// A list in arrays that shaders reach by the addresses of its slots, if BufferLimits::has_addresses.
@@ -149,19 +151,19 @@ public:
         return {};
     }
 
-    /// `arrays` must outlive the pass.
+    /// Makes a pass of `shader` with these values. `arrays` must outlive the pass.
     virtual std::shared_ptr<Pass> pass(const Shader& shader, const Uniforms& uniforms,
                                        const Arrays& arrays) = 0;
     /// Sets other values of the uniforms, for what is enqueued from here on.
     virtual void set(Pass& pass, const Uniforms& uniforms) = 0;
-    /// Enqueues work groups of 64 invocations that stride over `count` things. `sent`: the values of further
-    /// arrays, by binding, which exist for this dispatch alone.
+    /// Enqueues work groups of 64 invocations that stride over `count` items. `sent`: the values of further
+    /// arrays, by binding, which exist only for this dispatch.
     virtual void dispatch_once(const Shader& shader, std::size_t count, const Uniforms& uniforms,
                                const Arrays& arrays,
                                const std::map<unsigned, std::span<const std::byte>>& sent) = 0;
 
-    /// Whether a check is recorded once and replayed, so that the device has to count checks
-    /// (shaders/next_check.comp). Otherwise the uniform `check_number` is set before each check.
+    /// Whether a check for divergence is recorded once and replayed, so that the device has to count the
+    /// checks (shaders/next_check.comp). Otherwise the uniform `check_number` is set before each check.
     virtual bool records_checks() const = 0;
     /// Sets the dispatches that later steps consist of.
     virtual void step_by(Dispatches step) = 0;
@@ -173,7 +175,7 @@ public:
         check_every_ = every;
         check_by(std::move(check));
     }
-    /// Forgets how long steps take. Called before a body of another size is stepped.
+    /// Forgets the measured time of steps. Called before a body of another size is stepped.
     virtual void forget_pace() {}
     virtual void step(int count) = 0;
     /// Makes one step. Returns how many invocations its shaders had; empty if the driver cannot count them.
@@ -185,7 +187,8 @@ public:
     /// The time spent on compiling shaders since the latest call of this function.
     CompileTime take_compile_time() { return std::exchange(compile_time_, {}); }
 
-    /// Seconds, on the host's clock, that `count` dispatches take. They go through `cycle` again and again.
+    /// Seconds, on the host's clock, that `count` dispatches take: those of `cycle`, again and again. All
+    /// passes of `cycle` have the same shader.
     virtual double seconds_of(const std::vector<Dispatch>& cycle, int count) = 0;
     virtual bool has_float64() const = 0;
     /// Whether the time of a launch differs from process to process.

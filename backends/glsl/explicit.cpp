@@ -16,14 +16,14 @@
 namespace voxspring::glsl {
 namespace {
 
-constexpr const char* no_addresses = "the device has no addresses of buffers (bufferDeviceAddress)";
+constexpr const char* no_addresses = "the device does not support addresses of buffers (bufferDeviceAddress)";
 
 bool asks_for_addresses(const Options& options) {
     const auto lists = options.tuning.find("lists");
     return lists != options.tuning.end() && lists->second == "addressed";
 }
 
-/// The number of slots that each list has.
+/// The number of slots that each list has: the room for a particle's neighbours.
 std::uint32_t list_slots(const Problem& problem) {
     return layout::grouped_list_refusal(problem).empty() ? layout::slots_by_groups(problem)
                                                          : layout::slots_by_springs(problem);
@@ -58,8 +58,8 @@ private:
         return explicit_bytes(problem, this->options());
     }
     std::string refused_layout(const Problem& problem) const override {
-        // This refuses nothing in formulations on positions: their entries have no direction, and so room for
-        // more particles than any driver has memory for.
+        // In formulations on positions this refuses nothing. Their list entries have no direction code, and
+        // so room for more particles than any driver has memory for.
         if (std::string why = layout::list_entry_refusal(problem, this->formulation()); !why.empty())
             return why;
         return lists_refusal(problem, this->options(), buffer_limits());
@@ -169,7 +169,7 @@ private:
     }
 
     const std::size_t block_;
-    ListKind kind_;  // which of the lists exist
+    ListKind kind_;  // which lists exist beside that of neighbours
     layout::ExplicitStep<Real> step_{};
     bool by_address_ = false;
 };
@@ -188,7 +188,7 @@ std::vector<std::pair<const char*, std::uint64_t>> list_bytes(const Problem& pro
         layout::list_size(problem.particle_count(), list_slots(problem), layout::ListLayout::vertical);
     const std::size_t real = scalar_bytes(options.precision);
     return {{"neighbour lists", elements * sizeof(std::uint32_t)},
-            {"lists of springs' constants", kind.secondary ? elements * 2 * real : 0},
+            {"lists of springs' stiffness and rest length", kind.secondary ? elements * 2 * real : 0},
             {"lists of rest offsets", kind.off_lattice_rest ? elements * 4 * real : 0}};
 }
 

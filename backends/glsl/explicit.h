@@ -11,11 +11,12 @@
 
 namespace voxspring::glsl {
 
-/// Which lists a problem needs.
+/// Which lists a problem needs beside that of neighbours.
 struct ListKind {
     /// Whether springs differ within a group. The secondary list then has their stiffness and rest length.
     bool secondary = false;
-    /// Whether a list has rest offsets of springs beyond the lattice: if the formulation needs them.
+    /// Whether a list has the rest offsets of springs that are not of the lattice. Formulations on positions
+    /// do not need it.
     bool off_lattice_rest = false;
 };
 ListKind list_kind(const Problem& problem, Formulation formulation);

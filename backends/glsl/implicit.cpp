@@ -39,7 +39,8 @@ VoxelGroups groups_of(const Lattice& lattice, layout::BlockShape shape) {
 template <class Real>
 std::vector<Real> compliances(const Problem& problem, const layout::Placement& placement, bool all_terms) {
     std::vector<Real> compliance = layout::pack_compliance<Real>(problem, placement);
-    // With one material the shader uses stiffness by group, which compliances of 1 leave as it is.
+    // With one material the shader multiplies by the stiffness of each group, which compliances of 1 leave as
+    // it is.
     if (compliance.empty() && all_terms) compliance.assign(placement.words, 1);
     return compliance;
 }
@@ -51,7 +52,7 @@ std::string too_long(const Lattice& lattice, layout::BlockShape shape) {
     for (int axis = 0; axis < 3; ++axis) {
         if (groups[axis] > max_groups)
             return std::to_string(groups[axis]) + " work groups along " + "xyz"[axis] + " exceed the " +
-                   std::to_string(max_groups) + " that every driver takes";
+                   std::to_string(max_groups) + " that every driver accepts";
     }
     return {};
 }
@@ -113,8 +114,9 @@ private:
         return layout;
     }
 
-    /// With the vote (`interior`), the constants include the extents of the grid. That makes steps 1% to 10%
-    /// faster with the vote and no faster without it (gl/README.md), but needs one program per lattice.
+    /// With interior=vote the constants include the extents of the grid, so that each size of a grid needs a
+    /// program. Steps are 1% to 10% faster with these constants; with interior=mask they would be no faster
+    /// (gl/README.md).
     Shader shader(const Problem& problem) const override {
         const glm::ivec3 dims = votes_ ? problem.lattice.dims : glm::ivec3(0);
         const std::size_t first = votes_ ? place(problem).first : 0;
@@ -137,7 +139,7 @@ private:
         uniforms.set("grid_first_word", step.first);
         uniforms.set("rest_length", step.rest_length);
         uniforms.set("rest_deficit", step.deficit);
-        std::array<Real, 3> stiffness{1, 1, 1};  // with materials it comes from the particles
+        std::array<Real, 3> stiffness{1, 1, 1};  // with several materials, particles give the stiffness
         if (!problem.has_materials()) std::copy_n(step.stiffness, 3, stiffness.begin());
         uniforms.set("group_stiffness", stiffness);
     }

@@ -15,9 +15,9 @@ std::uint64_t implicit_bytes(const Problem& problem, const Options& options);
 /// Empty, or why work groups cannot cover the lattice.
 std::string too_long(const Lattice& lattice, layout::BlockShape shape);
 
-/// Whether subgroups vote on skipping masks (tuning `interior`). With `auto` they do so for the formulations
-/// in which the vote was faster in OpenGL on an H200 (gl/README.md), but never in software: Mesa computes
-/// both branches for every subgroup.
+/// Whether subgroups vote on skipping masks (tuning `interior`). With interior=auto they vote in the
+/// formulations in which that was faster in OpenGL on an H200 (gl/README.md), but never on a software device:
+/// Mesa computes both branches for every subgroup.
 bool votes(const Options& options, bool is_software);
 
 }  // namespace voxspring::glsl

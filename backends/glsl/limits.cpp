@@ -7,7 +7,7 @@ namespace {
 
 constexpr CopyPass copies[] = {{2, false, false}, {2, true, false}, {2, true, true}, {1, true, false}};
 
-/// The rate of multiply-adds. Each invocation makes as many rounds as the uniform `rounds` says.
+/// Multiply-adds per second. Each invocation makes as many rounds of them as the uniform `rounds` says.
 template <class Real>
 double operations_per_second(Device& device, Precision precision) {
     constexpr auto side = std::size_t(arithmetic_side);

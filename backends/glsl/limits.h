@@ -1,4 +1,4 @@
-// What the programs that measure a device's limits do, for any API.
+// What the programs that measure the limits of an OpenGL or Vulkan device do.
 #pragma once
 
 #include <algorithm>
@@ -19,14 +19,15 @@ inline constexpr std::size_t footprints[] = {std::size_t(3) << 20, std::size_t(1
 inline constexpr std::size_t copied_word = 16;  ///< bytes
 inline constexpr std::size_t copy_group = 256;  ///< as in limits_copy.comp
 
-/// Extents along x and y for limits_arithmetic.comp: of all invocations, more than any card has in flight,
-/// and of a work group. Each invocation makes at least `rounds` rounds, so its output does not matter.
+/// limits_arithmetic.comp has arithmetic_side^2 invocations, more than any card runs at once, in work groups
+/// of arithmetic_group^2. Each makes at least `rounds` rounds, so that the time to write its output does not
+/// matter.
 inline constexpr int arithmetic_side = 1024, arithmetic_group = 16;
 inline constexpr int rounds = 4;
 inline constexpr int operations_per_round = 64;
 
-/// The patience for measuring a launch. It is longer than usual: a launch takes the host's time, so other
-/// programs on its cores slow many batches.
+/// The patience for measuring a launch, with more time than usual: a launch takes the host's time, so that
+/// other programs on the host's cores slow many batches.
 inline constexpr Patience launch_patience{.in_all = 0.15};
 
 /// Measures what a device reaches with dispatches and a barrier after each, as a ComputeBackend steps.

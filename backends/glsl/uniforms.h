@@ -57,7 +57,7 @@ UniformValue uniform_value(const T& value) {
     }
 }
 
-/// Uniforms of one shader. Those that the shader does not have are ignored.
+/// Values of a shader's uniforms. Values for which the shader has no uniform are ignored.
 class Uniforms {
 public:
     template <class T>

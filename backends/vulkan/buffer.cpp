@@ -23,7 +23,7 @@ Buffer::Buffer(const Device& device, std::size_t bytes, Place place) : bytes_(by
                                                                         : vk::MemoryPropertyFlags();
     const auto types = memory_types(device.physical().getMemoryProperties(), needs.memoryTypeBits, wanted,
                                     preferred, needs.size);
-    if (types.empty()) throw DeviceError("no memory that is " + vk::to_string(wanted));
+    if (types.empty()) throw DeviceError("the device has no type of memory that is " + vk::to_string(wanted));
     const vk::MemoryAllocateFlagsInfo by_address(vk::MemoryAllocateFlagBits::eDeviceAddress);
     for (std::size_t n = 0; n < types.size(); ++n) {
         try {

@@ -16,7 +16,7 @@ enum class Place : std::uint8_t {
     device,  ///< the device's own memory
     /// The device's own memory, which shaders may also reach by its address (BufferLimits::has_addresses).
     addressed,
-    host,    ///< written by the host, read once by shaders; on the device if the host can write there
+    host,    ///< memory that the host writes and shaders read once; the device's own if the host can write it
     staging  ///< memory that the host reads and writes fast, for copies
 };
 
@@ -24,7 +24,7 @@ enum class Place : std::uint8_t {
 class Buffer {
 public:
     Buffer() = default;
-    /// A size of no bytes makes no buffer at all.
+    /// If `bytes` is 0, no Vulkan buffer is made.
     Buffer(const Device& device, std::size_t bytes, Place place);
 
     vk::Buffer get() const { return *buffer_; }
@@ -43,16 +43,16 @@ private:
     std::byte* host_ = nullptr;
 };
 
-/// Keeps buffers for data that the host hands over once (Place::host), and uses them again: an edit needs
-/// some small ones, and a driver takes longer to allocate memory than a device takes to make the edit.
+/// Keeps buffers for data that the host hands over once (Place::host), and uses them again. An edit needs
+/// some small buffers, and a driver takes longer to allocate memory than a device takes to make the edit.
 class BufferPool {
 public:
     /// `device` must outlive the pool. The pool may be destroyed before the buffers that it returned.
     explicit BufferPool(const Device& device) : device_(device), spare_(std::make_shared<Spare>()) {}
 
     /// A buffer that begins with `bytes` and that the device can read; an empty buffer if `bytes` is empty.
-    /// The buffer may be larger than `bytes`; what follows is undefined. The last owner must release it only
-    /// after the device has read it. The pool keeps no buffer of more than 1 MiB.
+    /// The buffer may be larger than `bytes`; its further bytes are undefined. The last owner must release it
+    /// only after the device has read it. The pool keeps no buffer of more than 1 MiB.
     std::shared_ptr<const Buffer> holding(std::span<const std::byte> bytes);
 
 private:

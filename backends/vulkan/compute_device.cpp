@@ -11,8 +11,9 @@
 namespace voxspring::vulkan {
 namespace {
 
-/// A recording has at most 2^max_power steps: few enough that it takes little memory, and that recording it
-/// pays off soon. A submission has about most_steps_a_submission steps or, if steps are long, fewer (Pace).
+/// A recording (a command buffer that is replayed) has at most 2^max_power steps: few enough that it takes
+/// little memory, and that recording it pays off soon. A submission has at most most_steps_a_submission steps
+/// or, if steps are long, fewer (Pace).
 constexpr int max_power = 8;
 constexpr int most_steps_a_submission = 512;
 
@@ -282,7 +283,7 @@ private:
         count_steps(count);
         if (is_check_due()) queue_.enqueue(check_->recorded[current()]);
     }
-    /// Hands over `count` steps, in submissions of pace_.steps() steps.
+    /// Hands over `count` steps, in submissions of at most pace_.steps() steps.
     void enqueue_steps(int count) {
         int unsubmitted = 0;
         while (count > 0) {
@@ -305,19 +306,19 @@ private:
     vulkan::Device device_;
     vk::raii::QueryPool marks_;
     glsl::ProgramCache<Program> programs_;
-    Buffer dummy_buffer_;  // bound where a shader has no use for a buffer
+    Buffer dummy_buffer_;  // bound in place of buffers that a shader declares but does not use
     BufferPool sent_once_;
     Queue queue_;
     Pace pace_;
     std::array<Commands, 2> mark_;
     std::shared_ptr<RecordedSteps> step_;
-    std::shared_ptr<RecordedChecks> check_;  // null: never checked
+    std::shared_ptr<RecordedChecks> check_;  // null: the state is not checked
 };
 
 }  // namespace
 
 std::unique_ptr<glsl::Device> make_compute_device(const Options& options) {
-    return guarded("starting", [&] { return std::make_unique<ComputeDevice>(options.precision); });
+    return guarded("opening the device", [&] { return std::make_unique<ComputeDevice>(options.precision); });
 }
 
 const Buffer& buffer_of(const glsl::Array& array) { return static_cast<const BufferArray&>(array).buffer; }

@@ -1,5 +1,5 @@
-// Vulkan as a device of the shared host of compute shaders (glsl/compute_backend.h): steps are recorded once
-// and replayed (README.md).
+// Vulkan as a device (glsl/device.h) for the host code that all compute shaders share
+// (glsl/compute_backend.h). Steps are recorded once and replayed (README.md).
 #pragma once
 
 #include <memory>
@@ -9,7 +9,7 @@
 
 namespace voxspring::vulkan {
 
-/// Makes the device. Throws Unavailable if there is no usable one.
+/// Makes the device. Throws Unavailable if no device is usable.
 std::unique_ptr<glsl::Device> make_compute_device(const Options& options);
 
 /// The vulkan::Device of a backend of this folder.

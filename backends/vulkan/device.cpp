@@ -19,8 +19,8 @@ namespace {
 constexpr std::uint32_t needed_version = VK_API_VERSION_1_2;
 constexpr const char* validation_layer = "VK_LAYER_KHRONOS_validation";
 
-/// The loader's only entry point. Its library stays loaded, because drivers start threads, and have
-/// destructors that run at exit.
+/// Opens the loader and returns its only entry point. The loader stays loaded, because drivers start threads,
+/// and have destructors that run at exit.
 PFN_vkGetInstanceProcAddr open_loader() {
     const char* chosen = std::getenv("VOXSPRING_VULKAN_LOADER");
     const std::string library = chosen != nullptr && *chosen != '\0' ? chosen : "libvulkan.so.1";
@@ -147,7 +147,7 @@ DeviceKind kind_of(const vk::PhysicalDeviceProperties& properties) {
     }
 }
 
-/// Empty, or why a device cannot be used. `asked_for`: the user has named it.
+/// Empty, or why a device cannot be used. `asked_for`: whether the user has named the device.
 std::string refusal(const vk::raii::PhysicalDevice& physical, Precision precision, bool asked_for) {
     const auto properties = physical.getProperties();
     if (properties.apiVersion < needed_version) return "does not support Vulkan 1.2";
@@ -186,7 +186,7 @@ std::vector<ListedDevice> listed_with_refusals() {
         const std::vector<std::size_t> tried = devices_to_try(all, asked);
         for (std::size_t n = 0; n < all.size(); ++n) {
             all[n].refusal = std::find(tried.begin(), tried.end(), n) == tried.end()
-                                 ? "does not match '" + asked + "'"
+                                 ? "does not match the requested device '" + asked + "'"
                                  : refusal(devices[n], Precision::float32, !asked.empty());
         }
         return all;
@@ -301,7 +301,7 @@ std::uint64_t Device::free_memory_bytes() const {
 std::vector<std::uint32_t> memory_types(const vk::PhysicalDeviceMemoryProperties& memory,
                                         std::uint32_t allowed, vk::MemoryPropertyFlags wanted,
                                         vk::MemoryPropertyFlags preferred, std::uint64_t bytes) {
-    constexpr std::uint64_t share = 8;  // more than 1 / share of a heap is a large share
+    constexpr std::uint64_t share = 8;  // more than 1/8 of a heap is a large share
     std::vector<std::uint32_t> types, others;
     for (std::uint32_t type = 0; type < memory.memoryTypeCount; ++type) {
         const vk::MemoryType& known = memory.memoryTypes[type];

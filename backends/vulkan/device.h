@@ -16,9 +16,9 @@ namespace voxspring::vulkan {
 using glsl::BufferLimits;
 
 /// Types of memory in which to try to allocate `bytes` bytes, in this order: the types among `allowed` that
-/// have `wanted` and `preferred`, then those that have only `wanted`. `preferred` does not count if the bytes
-/// are a large share of the heap: the part of a card's memory that the host sees is often 256 MiB, and other
-/// programs need it too.
+/// have `wanted` and `preferred`, then those that have only `wanted`. `preferred` does not count if `bytes`
+/// is a large share of the heap: the part of a card's memory that the host sees is often only 256 MiB, and
+/// other programs need it too.
 std::vector<std::uint32_t> memory_types(const vk::PhysicalDeviceMemoryProperties& memory,
                                         std::uint32_t allowed, vk::MemoryPropertyFlags wanted,
                                         vk::MemoryPropertyFlags preferred, std::uint64_t bytes);
@@ -47,8 +47,8 @@ public:
     const vk::PhysicalDeviceProperties& properties() const { return properties_; }
     const vk::PhysicalDeviceLimits& limits() const { return properties_.limits; }
     const BufferLimits& buffer_limits() const { return buffer_limits_; }
-    /// Bytes of the device's memory that this process may still take: the number that the driver gives
-    /// (VK_EXT_memory_budget), or else the size of the whole memory.
+    /// Bytes that this process may still take from the device's memory, in the heap that has most: the number
+    /// that the driver gives (VK_EXT_memory_budget), or else the size of the heap.
     std::uint64_t free_memory_bytes() const;
     bool has_pipeline_statistics() const { return has_pipeline_statistics_; }
     bool has_float64() const { return has_float64_; }

@@ -47,7 +47,7 @@ VkBool32 Messages::receive(VkDebugUtilsMessageSeverityFlagBitsEXT, VkDebugUtilsM
         const std::lock_guard lock(self->mutex_);
         if (self->first_.empty()) self->first_ = data->pMessage;
     } catch (...) {
-        // No exception may cross the driver.
+        // An exception must not pass through the driver.
         ++unreported;
     }
     return VK_FALSE;

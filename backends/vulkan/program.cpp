@@ -131,7 +131,7 @@ Pass::Pass(const Device& of, std::shared_ptr<const Program> program, std::shared
         sizes.emplace_back(vk::DescriptorType::eUniformBuffer, std::uint32_t(module.blocks().size()));
     pool_ = {device, vk::DescriptorPoolCreateInfo({}, 1, sizes)};
     const vk::DescriptorSetLayout layout = program_->set_layout();
-    // release() because the pool frees the set.
+    // The set gives up its ownership by release(), because the pool frees it.
     set_ = vk::raii::DescriptorSets(device, vk::DescriptorSetAllocateInfo(*pool_, layout)).front().release();
 
     const auto write = [&](std::uint32_t binding, vk::DescriptorType type,
@@ -141,9 +141,10 @@ Pass::Pass(const Device& of, std::shared_ptr<const Program> program, std::shared
     for (const std::uint32_t binding : module.storage()) {
         const auto found = buffers.find(binding);
         const bool there = found != buffers.end() && found->second != nullptr && found->second->bytes() > 0;
-        // The buffers of an upload were checked before it began. This checks buffers that an edit makes.
+        // Buffers of an upload were checked before the upload began. This checks the buffers that an edit
+        // makes.
         if (there) {
-            const std::string why = of.buffer_limits().too_large("an array", found->second->bytes());
+            const std::string why = of.buffer_limits().too_large("buffers", found->second->bytes());
             if (!why.empty()) throw DeviceError(why);
         }
         write(binding, vk::DescriptorType::eStorageBuffer,

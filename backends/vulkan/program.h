@@ -42,7 +42,8 @@ using Buffers = std::map<std::uint32_t, const Buffer*>;
 /// A program with its uniforms and its buffers, all of which must outlive commands recorded with it.
 class Pass {
 public:
-    /// Enqueues the values of the uniforms. `dummy` is bound where a binding has no buffer.
+    /// Also enqueues the values of the uniforms. `dummy` is bound to each binding for which there is no
+    /// buffer.
     Pass(Queue& queue, std::shared_ptr<const Program> program, const glsl::Uniforms& uniforms,
          const Buffers& buffers, const Buffer& dummy);
     /// A pass whose uniforms are in a buffer already.

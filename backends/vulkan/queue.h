@@ -15,12 +15,13 @@ namespace voxspring::vulkan {
 
 using Commands = vk::raii::CommandBuffer;
 
-/// Commands run in the order in which they are enqueued. Every recording ends with a barrier for whatever may
-/// read what it wrote, so no two command buffers overlap where it matters.
+/// Commands run in the order in which they are enqueued. Every recording that writes to buffers ends with a
+/// barrier for everything that may read them later, so later command buffers see what it wrote.
 class Queue {
 public:
-    /// The number of submissions that may be enqueued and not known to be finished; beyond it the host waits
-    /// for the oldest one. It is large enough that steps handed over one by one keep the device busy.
+    /// The most submissions that may be unfinished as far as the host knows. Beyond this number the host
+    /// waits for the oldest one. The number is large enough that steps handed over one by one keep the device
+    /// busy.
     static constexpr std::uint64_t max_submissions = 64;
 
     /// `device` must outlive the queue.
@@ -34,7 +35,7 @@ public:
     /// Records commands that can be enqueued again and again, even before earlier runs have finished.
     Commands record(const std::function<void(const Commands&)>& write) const;
 
-    /// The commands go with the next submit(), and must exist until they have run.
+    /// Enqueues commands for the next submit(). They must exist until they have run.
     void enqueue(const Commands& commands) { enqueued_.push_back(*commands); }
     /// Records commands that run once. The queue keeps them until they have run.
     void enqueue_once(const std::function<void(const Commands&)>& write);
@@ -42,7 +43,7 @@ public:
     void submit();
     /// Waits for everything that is enqueued.
     void wait();
-    /// Drops what was not submitted, and waits for the rest unless the device is lost.
+    /// Drops commands that were not submitted, and waits for the others unless the device is lost.
     void abandon() noexcept;
     /// Keeps an object alive until everything enqueued by now has run.
     void keep(std::shared_ptr<const void> object);

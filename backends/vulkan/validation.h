@@ -1,4 +1,4 @@
-// Whether validation layers are active, and how many of their messages became no error.
+// Whether validation layers are wanted, and how many of their messages became no error.
 #pragma once
 
 namespace voxspring::vulkan {
@@ -7,8 +7,8 @@ namespace voxspring::vulkan {
 /// that layer is installed, its messages become DeviceErrors of the backend (messages.h).
 bool wants_validation();
 
-/// How many messages in this process became no error, because no check followed them, such as one about
-/// objects that were never destroyed. They are on stderr.
+/// How many instances in this process had a message that became no error, because no check followed it, such
+/// as a message about objects that were never destroyed. Each such instance writes its first one to stderr.
 int unreported_messages();
 
 }  // namespace voxspring::vulkan
