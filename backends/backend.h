@@ -22,7 +22,7 @@ namespace voxspring {
 enum class Precision : std::uint8_t { float32, float64 };
 std::string to_string(Precision precision);
 
-/// Api::name of the backends that step on threads of the host's processor.
+/// The name (Api::name) of the API whose backends step on threads of the host's processor.
 inline constexpr const char* host_api = "cpu";
 
 /// How a backend is to be built. Whatever changes the numbers or the speed is here and is recorded in the
@@ -30,8 +30,8 @@ inline constexpr const char* host_api = "cpu";
 struct Options {
     Precision precision = Precision::float32;
     Formulation formulation = Formulation::position;
-    /// Values of tuning parameters by name. Has every parameter that the backend registered
-    /// (BackendEntry::tuning), each with an accepted value.
+    /// Values of tuning parameters by name. There is an accepted value for every parameter that the backend
+    /// registered (BackendEntry::tuning).
     std::map<std::string, std::string> tuning;
 };
 
@@ -50,13 +50,13 @@ class DeviceError : public std::runtime_error {
     using std::runtime_error::runtime_error;
 };
 
-/// What a backend runs on.
+/// What a backend runs on, and what it can do.
 struct Capabilities {
     std::string api;     ///< "CPU", "OpenGL 4.5 core", "CUDA 13.0"
     std::string device;  ///< as its driver names it
     std::string driver;  ///< the driver's version, or a CPU backend's SIMD target
     std::string uuid;    ///< UUID of the physical device; empty if it has none
-    /// What takes the time stamps of timed(): "steady_clock", "GL_TIMESTAMP", "CUDA event".
+    /// The clock that gives the time stamps of timed(): "steady_clock", "GL_TIMESTAMP", "CUDA event".
     std::string clock;
     bool deterministic = true;  ///< two runs give the same bits
     /// The highest clock rate of each unit of the device ("sm", "memory"), if the driver tells.
@@ -106,8 +106,8 @@ public:
 
     /// Allocates memory, copies `problem` and `state` to the device and goes to step 0. May be called again,
     /// with the same problem or another one. Returns when the device has everything. `problem` must exist
-    /// unchanged until the next upload() or destruction. An empty list of `state` gives the same bits as a
-    /// list of zeros.
+    /// unchanged until the next upload() or the backend's destruction. An empty list of `state` gives the
+    /// same bits as a list of zeros.
     virtual void upload(const Problem& problem, const State& state) = 0;
 
     /// Enqueues a change of springs, which is made after the steps enqueued so far and before later ones. May
@@ -123,7 +123,7 @@ public:
     /// Enqueues `count` steps. May return before they have run.
     virtual void step(int count) = 0;
 
-    /// Waits for everything enqueued. Late errors surface here.
+    /// Waits for everything enqueued. Throws for errors of enqueued work that were not thrown before.
     virtual void synchronize() = 0;
 
     /// Synchronizes, then copies the state out in canonical order, with one element per particle in both

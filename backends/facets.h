@@ -23,8 +23,8 @@ namespace voxspring {
 struct DivergenceMonitor {
     /// The farthest that a particle may move in one step: |x(t) - x(t - dt)|, in units of length.
     double largest_increment = 0;
-    /// Checks are due after every multiple of this many steps, or as soon afterwards as the backend can make
-    /// them without slowing down. 0: never.
+    /// A check is due whenever the number of steps is a multiple of this. The backend makes it then, or as
+    /// soon afterwards as it can without slowing down. 0: never.
     int every = 0;
 };
 

@@ -34,7 +34,8 @@ std::string to_string(Addressing addressing);
 
 /// What the harness knows of a backend before any device is touched.
 struct BackendEntry {
-    /// Also the name of its file, the `backend` field of a result, and the name of its test.
+    /// The backend's name, which is also that of its file and of its test, and the `backend` field of a
+    /// result.
     std::string name;
     /// The API that it is written in (Api::name). Backends of one API share a driver.
     std::string api = host_api;

@@ -1,5 +1,6 @@
-// Which tiles of a lattice may be left out of a step, and whether it pays to find out: the rules of the
-// tuning parameter `rest`, for every backend that has it. How such tiles are found is up to each backend.
+// Which tiles (small parts of a lattice) may be left out of a step, and whether it pays to find out: the
+// rules of the tuning parameter `rest`, for every backend that has it. How such tiles are found is up to each
+// backend.
 #pragma once
 
 #include <cstddef>
@@ -43,8 +44,8 @@ public:
 
     explicit RestPolicy(const Parameters& parameters) : parameters_(parameters) {}
 
-    /// To be called before the first step. `checks`: tiles are checked at first. `chooses`: the policy may
-    /// change that later.
+    /// To be called before the first step. `checks`: whether tiles are checked at first. `chooses`: whether
+    /// the policy may change this later.
     void start(bool checks, bool chooses);
 
     /// What a step does with tiles at rest: "step", "skip", or "skip_or_step" if that may change.

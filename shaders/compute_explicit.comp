@@ -29,7 +29,8 @@ layout(local_size_x = BLOCK) in;
 UNIFORMS(ExplicitUniforms, 19)
 UNIFORM int particles;
 UNIFORM int slot_stride;
-// X_j - X_i and the rest deficit of a lattice spring, by direction code. Not used with ON_POSITIONS.
+// X_j - X_i (X: position at rest) and the rest deficit of a lattice spring, by direction code. Not used with
+// ON_POSITIONS.
 UNIFORM Vec4 rest[32];
 // For lists without SECONDARY, per group: the first slot, and 1 if the scene has the group, otherwise 0.
 UNIFORM int first_slot[3];

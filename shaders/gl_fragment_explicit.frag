@@ -13,7 +13,7 @@
 layout(binding = 6) uniform usampler2DArray neighbour;
 // Layer k: stiffness and rest length of each particle's spring k. The length is squared unless BY_INCREMENTS.
 layout(binding = 7) uniform sampler2DArray spring;
-// Layer k: X_j - X_i and the rest deficit, if entry k says OWN_DIRECTION.
+// Layer k: X_j - X_i (X: position at rest) and the rest deficit, if entry k has the code OWN_DIRECTION.
 layout(binding = 8) uniform sampler2DArray off_lattice_rest;
 
 uniform float rest_length[3];

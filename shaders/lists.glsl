@@ -4,7 +4,7 @@
 //
 //     neighbours         list entries (neighbours.h) or, with ON_POSITIONS, only indices
 //     constants          stiffness and rest length of each spring
-//     off_lattice_rests  X_j - X_i and the rest deficit, where an entry says OWN_DIRECTION
+//     off_lattice_rests  X_j - X_i (X: position at rest) and the rest deficit, for entries with OWN_DIRECTION
 //
 // With ADDRESSED (Vulkan) a list may be larger than a storage buffer: the bindings hold the address of each
 // slot, so that no index needs 64 bits. The file that includes this one enables the extensions.

@@ -6,7 +6,8 @@ layout(local_size_x = 64) in;
 // Positions of vertices or, in a smoothing pass, their normals.
 layout(std430, binding = 0) restrict readonly buffer Places { vec4 places[]; };
 layout(std430, binding = 1) restrict readonly buffer Faces { uvec4 faces[]; };
-// Tables of BodyMesh: the faces around each vertex.
+// The faces around each vertex: vertex n has face_of_vertex[first_face[n]] up to the one before
+// face_of_vertex[first_face[n + 1]].
 layout(std430, binding = 2) restrict readonly buffer FirstFace { uint first_face[]; };
 layout(std430, binding = 3) restrict readonly buffer FaceOfVertex { uint face_of_vertex[]; };
 layout(std430, binding = 4) restrict writeonly buffer Normals { vec4 normals[]; };

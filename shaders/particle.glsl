@@ -6,10 +6,11 @@
 // The stencil test comes before the shader: a masked texel costs no invocation.
 layout(early_fragment_tests) in;
 
-// xyz: x, or u = x - X; w: the particle's bits (neighbours.h).
+// xyz: position x, or displacement u = x - X, where X is the position at rest; w: the particle's bits
+// (neighbours.h).
 layout(binding = 0) uniform sampler2D position;
 #ifdef BY_INCREMENTS
-// xyz: v = u - u_previous.
+// xyz: increment v = u - u_previous.
 layout(binding = 1) uniform sampler2D increment;
 #else
 layout(binding = 1) uniform sampler2D previous_position;

@@ -5,13 +5,14 @@
 // `steps` (-1, 0 or 1) times the spacing. For 0 steps the result is a zero that the compiler knows.
 Real spaced(int steps, Real spacing) { return steps == 0 ? Real(0) : steps > 0 ? spacing : -spacing; }
 
-// Rest deficits (spring.h) of lattice springs, by mask bit / 2.
+// Rest deficits of lattice springs, by mask bit / 2: squared rest length minus squared distance at rest
+// (spring.h).
 UNIFORMS(PullUniforms, 17)
 UNIFORM Real rest_deficit[13];
 END_UNIFORMS
 #define DEFICIT(bit) (DEFICITS ? rest_deficit[(bit) / 2] : Real(0))
 
-// X_j - X_i of a lattice spring, and its rest deficit.
+// X_j - X_i of a lattice spring, where X is a position at rest, and the spring's rest deficit.
 #define REST_OF(bit, dx, dy, dz) \
     Vec4(spaced(dx, spacing.x), spaced(dy, spacing.y), spaced(dz, spacing.z), DEFICIT(bit))
 
@@ -22,7 +23,8 @@ Vec4 unit_pull(Vec3 relative, Vec4 rest, Real rest_length) {
 #ifdef ON_POSITIONS
     precise Vec3 offset = relative;
 #else
-    // The compiler folds away the subtraction of a zero, but not the addition of a zero.
+    // X_j - X_i is subtracted, not X_i - X_j added: the compiler folds away the subtraction of a zero, but
+    // not the addition of a zero.
     precise Vec3 offset = relative - rest.xyz;
 #endif
     precise Real squared = squared_length(offset.x, offset.y, offset.z, shortest_squared);

@@ -10,7 +10,7 @@ layout(constant_id = 7) const bool MATERIALS = true;
 // Whether lattice springs are stressed at rest, and the formulation is by increments, whose forces need that
 // stress.
 layout(constant_id = 8) const bool DEFICITS = true;
-// Groups of springs.
+// Whether the scene has springs to face, edge and corner neighbours.
 layout(constant_id = 9) const bool FACES = true;
 layout(constant_id = 10) const bool EDGES = true;
 layout(constant_id = 11) const bool CORNERS = true;

@@ -91,7 +91,8 @@ private:
     const std::vector<std::uint32_t> particles_;
 };
 
-/// `target`: the instruction set in use; `threads`: how many run a step.
+/// Capabilities of a CPU backend. `target`: the instruction set in use; `threads`: how many threads run a
+/// step.
 Capabilities cpu_capabilities(const std::string& target, int threads);
 
 /// The processor's model name as /proc/cpuinfo gives it, or "unknown CPU".

@@ -159,7 +159,7 @@ public:
     void edit(const Problem& edited, const SpringEdit& edit) override {
         take(edited);
         links_.follow(edited, edit);
-        // Edits leave unused list entries behind. Once the lists have doubled, they are made anew.
+        // Edits leave unused list entries behind. Once the lists have more than doubled, they are made anew.
         if (links_.size() > 2 * uploaded_size_ + 4096) list_springs_anew();
     }
 
@@ -214,8 +214,9 @@ public:
         const std::uint64_t written = (increments ? 2 : 1) * parts * vector;
         const std::uint64_t lists =
             ends * sizeof(Link<Real>) + 2 * problem.springs.size() * sizeof(RestState<Real>);
-        // The counts are those of cpu_reference, except that each spring is evaluated from both ends, and its
-        // force is added to one end each time.
+        // Operations at each end of a spring: 3 for the difference of its ends, and 6 more with low parts; 3
+        // for the offset, if it is made from displacements; 20 or 10 for the force density; 3 for the force;
+        // 3 to add it.
         const std::uint64_t spring =
             3 + split * 6 + (on_positions(formulation_) ? 0 : 3) + (increments ? 20 : 10) + 3 + 3;
         return {.bytes = particles * (2 * parts * vector + written + others) + lists,

@@ -32,7 +32,8 @@ namespace hn = hwy::HWY_NAMESPACE;
 constexpr std::size_t sums = 10;
 
 /// Runs `sums` multiply-adds of a register, `count` times, with result[0] as factor and result[1] as term.
-/// Returns the number of scalar multiply-adds. Puts a result into result[1], so that none is optimised away.
+/// Returns the number of scalar multiply-adds. Puts a sum into result[1], so that the compiler does not leave
+/// out the work.
 template <class T>
 HWY_INLINE std::size_t multiply_add(std::size_t count, T* result) {
     const hn::ScalableTag<T> tag;

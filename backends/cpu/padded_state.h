@@ -54,7 +54,7 @@ struct PaddedState {
     Array<T> inverse_mass, compliance;
 
     PaddedState() = default;
-    /// `state` is the state of an even step.
+    /// `state` counts as the state after an even step.
     PaddedState(const Problem& problem, const Options& options, const State& state);
 
     /// The state after an even (`current` 0) or an odd step (`current` 1), in canonical order.

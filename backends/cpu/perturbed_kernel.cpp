@@ -166,7 +166,8 @@ HWY_INLINE void step_register(const Task& task, std::ptrdiff_t i) {
         }
     };
     if constexpr (perturbed) {
-        // One random number stands for the rounding of the force and of the acceleration that it is part of.
+        // One random number per axis stands for the rounding of the force and of the acceleration that
+        // contains it.
         const V noise = random.numbers(for_force);
         const V size = (forces.size + absolute(forces.force)) * inverse_mass + absolute(gravity);
         const L unit(task.rounding.unit + task.rounding.root_error);

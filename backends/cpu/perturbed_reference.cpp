@@ -156,7 +156,7 @@ private:
 
     bool random() const { return perturbation_.kind == Kind::random; }
 
-    /// A number that all particles share: rounded to the backend's precision, or perturbed at random.
+    /// A number that many particles share: rounded to the backend's precision, or perturbed at random.
     double parameter(double value, std::uint64_t which) const {
         if (!random()) return stored_parameter(value);
         RoundingBits bits = rounding_;

@@ -65,7 +65,7 @@ struct Card {
     bool software = false;
 };
 
-/// The card of `device`. Throws Unavailable if `device` may not be used beside the card that this process
+/// The card of `device`. Throws Unavailable if `device` is hardware other than the card that this process
 /// measures.
 Card card_of(EGLDeviceEXT device) {
     Card card;

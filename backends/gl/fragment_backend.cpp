@@ -33,7 +33,7 @@ std::size_t target_count_of(Formulation formulation) {
 }
 std::size_t frame_count_of(Formulation formulation) { return by_increments(formulation) ? 2 : 3; }
 
-/// The vector of a particle's texel in one target of the frame at t - age dt.
+/// The vector of a particle's texel in target `target` of the frame for time t - age dt.
 glm::vec3 stored(Formulation formulation, const Problem& problem, const State& state, std::size_t particle,
                  std::size_t age, std::size_t target) {
     if (by_increments(formulation)) {
@@ -392,7 +392,7 @@ void FragmentBackend::enqueue_step() {
 
 void FragmentBackend::enqueue_tool() const {
     glBindImageTexture(0, load_.get(), 0, GL_FALSE, 0, GL_WRITE_ONLY, rgba32f.internal);
-    // As in write(), image stores may overtake the fetches of the step before.
+    // Image stores may overtake the texture fetches of the step before. This barrier makes them wait.
     glMemoryBarrier(GL_SHADER_IMAGE_ACCESS_BARRIER_BIT);
     held_.bind(glsl::held_words);
     held_forces_.bind(glsl::held_forces);

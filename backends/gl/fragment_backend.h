@@ -184,7 +184,7 @@ private:
     StorageBuffer held_, held_forces_;  // of the particles that the tool holds; empty if there is no tool
     // These programs are made when they are first needed, and kept over uploads.
     Program measure_program_, monitor_program_, feed_program_, tool_program_, hash_program_;
-    Buffer found_;  // for shaders/divergence_check.comp
+    Buffer found_;  // number of the first check for divergence that failed
 
     const Problem* problem_ = nullptr;
     std::uint64_t held_bytes_ = 0;

@@ -26,7 +26,7 @@ GLuint one(void (*create)(GLsizei, GLuint*)) {
 Buffer make_buffer(const Context& context) { return {context, one(glCreateBuffers)}; }
 Framebuffer make_framebuffer(const Context& context) { return {context, one(glCreateFramebuffers)}; }
 VertexArray make_vertex_array(const Context& context) { return {context, one(glCreateVertexArrays)}; }
-// Not glCreateQueries: in Mesa 22.3 it refuses the targets of ARB_pipeline_statistics_query.
+// glCreateQueries() is not used: in Mesa 22.3 it refuses the targets of ARB_pipeline_statistics_query.
 Query make_query(const Context& context) { return {context, one(glGenQueries)}; }
 
 }  // namespace voxspring::gl

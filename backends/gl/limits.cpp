@@ -27,7 +27,7 @@ double seconds(Enqueue enqueue) {
     return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
 }
 
-/// Three frames of one size that draws step through, like the frames of a FragmentBackend.
+/// Three frames of one size. Draws step through them as a FragmentBackend does through its frames.
 class Frames {
 public:
     Frames(const Context& context, glm::ivec2 size) : size_(size) {

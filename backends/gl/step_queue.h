@@ -1,5 +1,5 @@
-// Limits how many steps a driver may have queued. Without a limit it keeps commands, and memory, for all
-// steps that are enqueued.
+// Limits how many steps a driver may have queued. Without a limit a driver keeps the commands of all enqueued
+// steps in memory.
 #pragma once
 
 #include <epoxy/gl.h>

@@ -139,7 +139,7 @@ private:
     std::array<std::unique_ptr<Array>, 2> words_, low_;
     std::unique_ptr<Array> increment_, increment_low_, load_, inverse_mass_;
     std::unique_ptr<Array> held_, forces_;  // of the particles that the tool holds; null if there is no tool
-    std::unique_ptr<Array> found_;          // for shaders/divergence_check.comp
+    std::unique_ptr<Array> found_;          // number of the first check for divergence that failed
     std::map<unsigned, std::unique_ptr<Array>> own_;
     std::map<unsigned, AddressedList> addressed_;       // the lists whose addresses are in own_
     std::array<std::unique_ptr<Array>, 6> start_;       // for rewind(): copies of state_arrays() at step 0

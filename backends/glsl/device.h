@@ -54,7 +54,7 @@ private:
 inline std::size_t bytes_of(const std::unique_ptr<Array>& array) {
     return array != nullptr ? array->bytes() : 0;
 }
-/// Arrays by binding. One is null or absent if the shader has no use for it.
+/// Arrays by binding. An array is null or absent if the shader has no use for it.
 using Arrays = std::map<unsigned, const Array*>;
 
 /// A list of all particles' neighbours, slot by slot (slot n has every particle's n-th neighbour), in one or
@@ -167,8 +167,8 @@ public:
     virtual bool records_checks() const = 0;
     /// Sets the dispatches that later steps consist of.
     virtual void step_by(Dispatches step) = 0;
-    /// Begins to count steps anew. The next step reads words 0. From here on the state is checked after every
-    /// multiple of `every` steps; 0: never.
+    /// Begins to count steps anew. The next step reads the first of the two arrays of words. From here on the
+    /// state is checked after every multiple of `every` steps; 0: never.
     void reset_to_step_zero(Dispatches check, int every) {
         steps_ = 0;
         current_ = 0;

@@ -56,7 +56,8 @@ vk::raii::Instance create_instance(const vk::raii::Context& loader, Messages* me
         extensions.push_back(VK_KHR_PORTABILITY_ENUMERATION_EXTENSION_NAME);
         info.flags |= vk::InstanceCreateFlagBits::eEnumeratePortabilityKHR;
     }
-    // Also checks hazards between dispatches, which tells whether the barriers are enough.
+    // With this feature the layer also checks hazards between dispatches, which tells whether the barriers
+    // are enough.
     constexpr std::array features = {vk::ValidationFeatureEnableEXT::eSynchronizationValidation};
     const vk::ValidationFeaturesEXT validation(features, {});
     vk::DebugUtilsMessengerCreateInfoEXT messenger;

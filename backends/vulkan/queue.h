@@ -39,7 +39,7 @@ public:
     void enqueue(const Commands& commands) { enqueued_.push_back(*commands); }
     /// Records commands that run once. The queue keeps them until they have run.
     void enqueue_once(const std::function<void(const Commands&)>& write);
-    /// Hands over what is enqueued, if anything. May wait.
+    /// Submits the enqueued commands, if there are any. Waits if more than max_submissions are unfinished.
     void submit();
     /// Waits for everything that is enqueued.
     void wait();

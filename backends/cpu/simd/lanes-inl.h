@@ -1,4 +1,4 @@
-// Class Lanes: a SIMD register that the formulas of spring.h take as they take a float.
+// Class Lanes: a SIMD register that can stand in for a scalar in the formulas of spring.h.
 //
 // Include this file after hwy/foreach_target.h. Each SIMD target gets a separate copy of everything here and
 // of spring.h, in namespace voxspring::HWY_NAMESPACE: a template that is compiled once, for the baseline,
