@@ -20,7 +20,8 @@ std::optional<Choice> choice_of_auto(const Options& options,
 std::string Backend::unsupported(const Problem& problem) const {
     // tool() changes nothing here. It is not const because callers may change the backend through its result.
     const bool has_tool = const_cast<Backend*>(this)->tool() != nullptr;
-    return problem.has_tool() && !has_tool ? "the backend does not support tools" : std::string();
+    return problem.has_tool() && !has_tool ? "the backend does not support a tool that holds particles"
+                                           : std::string();
 }
 
 Timing Backend::timed(const std::function<void()>& run) {

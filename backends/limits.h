@@ -18,7 +18,7 @@ enum class Precision : std::uint8_t;
 struct Bandwidth {
     double footprint_bytes = 0;
     double written_share = 0;     ///< share of the moved bytes that the pass writes
-    double bytes_per_second = 0;  ///< read and written
+    double bytes_per_second = 0;  ///< bytes read and written per second
 
     bool operator==(const Bandwidth&) const = default;
 };
@@ -121,7 +121,7 @@ template <class SecondsOf>
 double min_seconds(SecondsOf seconds_of, const Patience& patience = {}) {
     const auto [long_enough, in_all, min_batches, first_count] = patience;
     constexpr int max_count = 1 << 20;  // in case a clock stands still
-    seconds_of(1);                      // pays for what happens only on a first run
+    seconds_of(1);                      // a first run may take longer than others
     int count = first_count;
     int batches = 0;
     double sum = 0;

@@ -53,8 +53,8 @@ struct BackendEntry {
     /// The relative error of the backend's roots and divisions, if options ask for approximations. Empty
     /// function: no more than the rounding error of its precision.
     std::function<double(const Options&)> root_error = {};
-    /// Returns an empty string, or why these values do not go together ("rest=flush requires increment or
-    /// compensated"). Empty function: all values go together.
+    /// Returns an empty string, or why these values do not go together ("rest=flush requires
+    /// formulation=increment or formulation=compensated"). Empty function: all values go together.
     std::function<std::string(const Options&)> refused_options = {};
 
     /// This backend's tuning parameters that only decide whether needless work is left out.

@@ -411,7 +411,7 @@ TEST_F(SimulationOfOne, WhatIsRefusedChangesNothing) {
     simulation.step(4);
     twin.step(4);
     faults.has_tool = false;
-    EXPECT_EQ(simulation.take_hold(top, 2, 1), "the backend does not support tools");
+    EXPECT_EQ(simulation.take_hold(top, 2, 1), "the backend does not support a tool that holds particles");
     EXPECT_FALSE(simulation.problem().has_tool());
     expect_alike(simulation, twin);
     faults = {.refuses = true};

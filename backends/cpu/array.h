@@ -21,7 +21,8 @@ template <class T>
 Array<T> filled(std::ptrdiff_t size, T value) {
     Array<T> array = hwy::AllocateAligned<T>(std::size_t(size));
     if (array == nullptr) {
-        throw DeviceError("cannot allocate " + std::to_string(std::size_t(size) * sizeof(T)) + " bytes");
+        throw DeviceError("cannot allocate " + std::to_string(std::size_t(size) * sizeof(T)) +
+                          " bytes of memory");
     }
     prefer_huge_pages(array.get(), std::size_t(size) * sizeof(T));
     // Each thread writes first to about the part that it will step. The system then puts that part into the

@@ -413,7 +413,7 @@ private:
     Vectors increment_, increment_low_, load_;
     std::vector<Real> inverse_mass_;
     Vec3 tool_moved_{0};
-    Vectors tool_forces_;  ///< of the latest step, in the order of Tool::particles
+    Vectors tool_forces_;  ///< the tool's forces in the latest step, in the order of Tool::particles
 };
 
 std::uint64_t bytes(const Problem& problem, const Options& options) {

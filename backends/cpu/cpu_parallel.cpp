@@ -512,7 +512,7 @@ private:
     const Problem* problem_ = nullptr;
     std::int64_t step_ = 0;  ///< since upload()
     std::array<T, 3> tool_moved_{};
-    std::vector<std::array<T, 3>> tool_forces_;  ///< of the latest step, in the order of Tool::particles
+    std::vector<std::array<T, 3>> tool_forces_;  ///< in the latest step, in the order of Tool::particles
     PaddedState<T> state_;
     std::uint32_t bits_ = 0;  ///< mask bits of the directions to visit
     std::vector<Block> blocks_;

@@ -98,7 +98,8 @@ std::vector<Candidate> candidates() {
         software.push_back({"EGL surfaceless", EGL_PLATFORM_SURFACELESS_MESA, EGL_NO_DEVICE_EXT});
     }
     hardware.insert(hardware.end(), software.begin(), software.end());
-    if (hardware.empty()) throw Unavailable("no OpenGL: EGL offers neither a device nor surfaceless Mesa");
+    if (hardware.empty())
+        throw Unavailable("no OpenGL: EGL offers neither a device nor Mesa's surfaceless platform");
     return hardware;
 }
 
@@ -192,7 +193,7 @@ private:
                                  const GLchar* message, const void* log);
 
     std::mutex mutex_;
-    std::string first_;  ///< the first message since the last check; the rest follow from it
+    std::string first_;  ///< the first message since the last check; later ones follow from it
 };
 
 void Context::ErrorLog::attach() {
@@ -287,7 +288,8 @@ Context::Context(const SurfaceContext& window)
 void Context::describe(const std::string& uuid, bool software) {
     GLint timer_bits = 0;
     glGetQueryiv(GL_TIMESTAMP, GL_QUERY_COUNTER_BITS, &timer_bits);
-    if (timer_bits == 0) throw Unavailable("no OpenGL: " + text(GL_RENDERER) + " has no GL_TIMESTAMP");
+    if (timer_bits == 0)
+        throw Unavailable("no OpenGL: " + text(GL_RENDERER) + " has no time stamps (GL_TIMESTAMP)");
     errors_->attach();
     glGetIntegerv(GL_MAX_TEXTURE_SIZE, &max_texture_size_);
     glGetIntegerv(GL_MAX_ARRAY_TEXTURE_LAYERS, &max_array_texture_layers_);

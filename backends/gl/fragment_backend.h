@@ -189,8 +189,8 @@ private:
     const Problem* problem_ = nullptr;
     std::uint64_t held_bytes_ = 0;
     std::int64_t steps_ = 0;          // since upload()
-    DivergenceMonitor monitor_;       // for this run
-    DivergenceMonitor next_monitor_;  // for the next run
+    DivergenceMonitor monitor_;       // in use since the latest upload() or rewind()
+    DivergenceMonitor next_monitor_;  // in use from the next upload() or rewind() on
     glm::ivec2 size_{0};
     std::vector<std::uint32_t> texel_;
     std::size_t current_ = 0;

@@ -24,7 +24,7 @@ public:
     void allocate(const Context& context, std::size_t bytes, const std::byte* values = nullptr);
     /// Copies out the first values, once everything enqueued has run.
     void download(std::span<std::byte> values) const;
-    // The next three functions do the same with a std::vector.
+    // The next three functions take a std::vector instead of a span of bytes.
     template <class T>
     void upload(const Context& context, const std::vector<T>& values) {
         upload(context, std::as_bytes(std::span(values)));

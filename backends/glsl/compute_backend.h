@@ -149,8 +149,8 @@ private:
     Layout layout_;
     std::uint64_t held_bytes_ = 0;
     CompileTime compile_time_;
-    DivergenceMonitor monitor_;       // for this run
-    DivergenceMonitor next_monitor_;  // for the next run
+    DivergenceMonitor monitor_;       // in use since the latest upload() or rewind()
+    DivergenceMonitor next_monitor_;  // in use from the next upload() or rewind() on
 };
 extern template class ComputeBackend<float>;
 extern template class ComputeBackend<double>;

@@ -97,7 +97,7 @@ private:
         if (std::string why = implicit_refusal(problem); !why.empty()) return why;
         const std::size_t shared = const_device().work_group_limits().shared_bytes;
         if (tiled_ && tile_bytes() > shared)
-            return "a tile needs " + std::to_string(tile_bytes()) +
+            return "a tile (tile=shared) needs " + std::to_string(tile_bytes()) +
                    " bytes of shared memory, but a work group may have at most " + std::to_string(shared);
         return too_long(problem.lattice, shape_);
     }

@@ -16,8 +16,8 @@ namespace voxspring::glsl {
 /// within the limits of all drivers.
 inline constexpr std::size_t footprints[] = {std::size_t(3) << 20, std::size_t(12) << 20,
                                              std::size_t(48) << 20, std::size_t(192) << 20};
-inline constexpr std::size_t copied_word = 16;  ///< bytes
-inline constexpr std::size_t copy_group = 256;  ///< as in limits_copy.comp
+inline constexpr std::size_t copied_word = 16;  ///< bytes per word that limits_copy.comp copies
+inline constexpr std::size_t copy_group = 256;  ///< invocations per work group, as in limits_copy.comp
 
 /// limits_arithmetic.comp has arithmetic_side^2 invocations, more than any card runs at once, in work groups
 /// of arithmetic_group^2. Each makes at least `rounds` rounds, so that the time to write its output does not

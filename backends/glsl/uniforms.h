@@ -21,7 +21,7 @@ public:
     std::span<const std::byte> bytes() const { return bytes_; }
     std::size_t element_bytes() const { return element_bytes_; }
     std::size_t count() const { return bytes_.size() / element_bytes_; }
-    int components() const { return components_; }  ///< of an element
+    int components() const { return components_; }  ///< numbers per element
     bool is_whole() const { return whole_; }
 
 private:

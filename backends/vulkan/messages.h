@@ -30,7 +30,7 @@ private:
                                                   void* messages);
 
     std::mutex mutex_;
-    std::string first_;  ///< the first message since the last check; the rest follow from it
+    std::string first_;  ///< the first message since the last check; later ones follow from it
 };
 
 }  // namespace voxspring::vulkan
