@@ -57,9 +57,9 @@ private:
     const DeviceNumber before_;
 };
 
-/// Empty, or why a process that measures the card with the UUID `measured` skips the device with the UUID
-/// `uuid`. A software device is never skipped. Hardware is skipped unless the UUIDs are equal or `measured`
-/// is empty.
+/// An empty string, or why a process that measures the card with the UUID `measured` skips the device with
+/// the UUID `uuid`. A software device is never skipped. Hardware is skipped unless the UUIDs are equal or
+/// `measured` is empty.
 std::string reason_to_pass_over(const std::string& uuid, bool software, const std::string& measured);
 
 }  // namespace voxspring

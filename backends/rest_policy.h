@@ -23,7 +23,7 @@ enum class Rest : std::uint8_t {
 /// The value of the tuning parameter `rest`. rest=auto means `step` with terms=all, otherwise `choose`.
 Rest rest_of(const Options& options);
 
-/// Empty, or why `rest` does not go with the formulation (BackendEntry::refused_options).
+/// An empty string, or why `rest` does not go with the formulation (BackendEntry::refused_options).
 std::string refused_rest(const Options& options);
 
 /// Whether a body at rest stays at rest, because neither gravity nor a load acts on it.

@@ -44,7 +44,7 @@ namespace {
 
 using namespace cpu_parallel;
 
-/// Empty, or why `problem` cannot run.
+/// An empty string, or why `problem` cannot run.
 template <class T>
 std::string refusal(const Problem& problem) {
     const glm::ivec3 d = problem.lattice.dims;

@@ -26,7 +26,7 @@ Root root_of(const Options& options);
 /// The relative error of square roots and divisions on the SIMD target in use, in addition to rounding.
 double root_error(const Options& options);
 
-/// Empty, or why these options do not go together.
+/// An empty string, or why these options do not go together.
 std::string refused_options(const Options& options);
 
 /// The tuning `sleep`: a tile falls asleep (its particles stop) only if they move by less than this per step,

@@ -98,7 +98,7 @@ protected:
 
     /// Bytes of device memory that upload() takes (BackendEntry::bytes).
     virtual std::uint64_t bytes_needed(const Problem& problem) const = 0;
-    /// Empty, or why the backend cannot run `problem`, however much memory the device has.
+    /// An empty string, or why the backend cannot run `problem`, however much memory the device has.
     virtual std::string refused(const Problem& problem) const = 0;
     /// Returns where particles lie. Also creates the textures that the fragment shader reads besides the
     /// state, loads and materials, and binds them to texture units from first_own_unit on.

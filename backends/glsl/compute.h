@@ -48,15 +48,15 @@ std::uint64_t compute_bytes(const Problem& problem, const Options& options,
 glm::ivec3 rows_of_groups(int groups);
 inline constexpr int max_groups = 65535;  ///< the most work groups along an axis that every driver accepts
 
-/// Empty, or why work groups of `group` exceed `limits`.
+/// An empty string, or why work groups of `group` exceed `limits`.
 std::string work_group_refusal(glm::ivec3 group, const WorkGroupLimits& limits);
 
 /// The number of work groups of 64 invocations that stride over `count` items, as in
 /// shaders/divergence_check.comp, measure.comp and edit*.comp.
 unsigned striding_groups(std::size_t count);
 
-/// Empty, or why an upload of `needed` bytes is refused. `free` bytes are free, and the backend will free
-/// `held` bytes first. If the driver does not tell `free`, nothing is refused in advance.
+/// An empty string, or why an upload of `needed` bytes is refused. `free` bytes are free, and the backend
+/// will free `held` bytes first. If the driver does not tell `free`, nothing is refused in advance.
 std::string memory_refusal(std::uint64_t needed, std::uint64_t held, std::optional<std::uint64_t> free);
 
 }  // namespace voxspring::glsl

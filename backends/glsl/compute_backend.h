@@ -72,7 +72,7 @@ protected:
 
     /// Bytes of device memory that upload() takes (BackendEntry::bytes).
     virtual std::uint64_t bytes_needed(const Problem& problem) const = 0;
-    /// Empty, or why a problem cannot be run. Does not check whether its words fit into an array.
+    /// An empty string, or why a problem cannot be run. Does not check whether its words fit into an array.
     virtual std::string refused_layout(const Problem& problem) const = 0;
     virtual layout::Placement place(const Problem& problem) const = 0;
     /// Returns where particles lie, and uploads what the step's shader reads besides the buffers of

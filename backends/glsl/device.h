@@ -35,7 +35,7 @@ struct BufferLimits {
     std::string limit = {};      ///< the API's name for this limit
     bool has_addresses = false;  ///< shaders can reach arrays by their addresses
 
-    /// Empty, or why one array cannot have `bytes` bytes. The reason calls the array `what`.
+    /// An empty string, or why one array cannot have `bytes` bytes. The reason calls the array `what`.
     std::string too_large(const std::string& what, std::uint64_t bytes) const;
 };
 
@@ -122,7 +122,7 @@ public:
     virtual std::optional<std::uint64_t> free_memory_bytes() const = 0;
     /// Whether subgroups can vote.
     virtual bool can_vote() const { return true; }
-    /// Empty, or why the device cannot fetch this many words in the way that the options ask for.
+    /// An empty string, or why the device cannot fetch this many words in the way that the options ask for.
     virtual std::string refused_words(std::size_t) const { return {}; }
 
     /// Runs `work`, which uses the device. If the API throws in `work`, this throws a DeviceError that names

@@ -31,7 +31,7 @@ std::vector<std::pair<const char*, std::uint64_t>> list_bytes(const Problem& pro
 /// list is too large for an array, or the tuning `lists` asks for it. lists_refusal() must accept `problem`.
 bool by_address(const Problem& problem, const Options& options, const BufferLimits& limits);
 
-/// Empty, or why a device cannot hold the lists of a problem.
+/// An empty string, or why a device cannot hold the lists of a problem.
 std::string lists_refusal(const Problem& problem, const Options& options, const BufferLimits& limits);
 
 }  // namespace voxspring::glsl

@@ -12,7 +12,7 @@ namespace voxspring::glsl {
 /// Bytes of memory that upload() of a backend with implicit addressing takes.
 std::uint64_t implicit_bytes(const Problem& problem, const Options& options);
 
-/// Empty, or why work groups cannot cover the lattice.
+/// An empty string, or why work groups cannot cover the lattice.
 std::string too_long(const Lattice& lattice, layout::BlockShape shape);
 
 /// Whether subgroups vote on skipping masks (tuning `interior`). With interior=auto they vote in the
