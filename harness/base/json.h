@@ -54,6 +54,7 @@ public:
     const std::string& file() const;
     /// The value as compact JSON.
     std::string text() const;
+    const nlohmann::json& json() const { return *value_; }
 
 private:
     friend class JsonObject;
@@ -97,6 +98,15 @@ private:
 /// Parses `text`, which must be an object. Messages about syntax errors name `file`, line and column.
 /// Repeated keys in an object, nesting beyond 32 levels and numbers that overflow a double are refused.
 JsonObject parse_json(std::string_view text, const std::string& file);
+
+// Each source that parses JSON or CBOR by itself compiles the parser again, which takes a tenth to a third of its compilation.
+
+/// The value of `text`, which this program wrote. Throws nlohmann::json::parse_error.
+nlohmann::json json_of(std::string_view text);
+
+/// A message between processes as CBOR, and the message of such bytes. The latter throws nlohmann::json::parse_error.
+std::vector<std::uint8_t> cbor_of(const nlohmann::json& message);
+nlohmann::json message_of(const std::vector<std::uint8_t>& cbor);
 
 /// `value` as JSON text: in one line if `indent` is -1, otherwise with `indent` blanks per level. Bytes that
 /// are not UTF-8, which names of files or devices may have, become U+FFFD: nlohmann::json::dump() alone would

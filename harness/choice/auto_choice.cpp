@@ -11,6 +11,7 @@
 
 #include "auto_rule_files.h"  // generated
 #include "backends/outpaced.h"
+#include "harness/base/json.h"
 #include "harness/results/capabilities.h"
 #include "harness/results/result.h"
 
@@ -62,7 +63,7 @@ std::string options_of(const std::string& text) {
 const std::vector<Rule>& rules() {
     static const std::vector<Rule> list = [] {
         std::vector<Rule> all;
-        const nlohmann::json file = nlohmann::json::parse(auto_rule_files.at("auto_rules.json"));
+        const nlohmann::json file = json_of(auto_rule_files.at("auto_rules.json"));
         const auto bound = [](const nlohmann::json& value) {
             return value.is_null() ? any_number : value.get<double>();
         };

@@ -33,7 +33,7 @@ std::optional<nlohmann::json> object_of(std::string_view line) {
     if (line.size() < rest || !line.starts_with(check_key) ||
         line.substr(check_key.size(), hash_digits) != hash_of(line.substr(rest)))
         return std::nullopt;
-    return nlohmann::json::parse(line);
+    return json_of(line);
 }
 
 /// The text for a missing value, when only one of two compared objects has a key.
@@ -157,7 +157,7 @@ void Journal::read(const std::string& text, const nlohmann::json& study) {
         if (object->value("journal", 0) != version)
             throw BadInput(file_.string(), "journal", json_text(*object),
                            "version " + std::to_string(version));
-        const nlohmann::json now = nlohmann::json::parse(json_text(study));  // as the file would store it
+        const nlohmann::json now = json_of(json_text(study));  // as the file would store it
         for (const auto& [key, value] : now.items()) {
             const nlohmann::json there = object->at("study").value(key, nlohmann::json());
             if (there == value) continue;

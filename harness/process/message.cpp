@@ -11,6 +11,7 @@
 #include <vector>
 
 #include "harness/base/clock.h"
+#include "harness/base/json.h"
 
 namespace voxspring {
 namespace {
@@ -73,7 +74,7 @@ void receive_bytes(int socket, void* bytes, std::size_t count, const Deadline& u
 
 /// Messages are CBOR, which holds every double, NaN and infinity included. The length is sent first.
 void send_message(int socket, const nlohmann::json& message) {
-    const std::vector<std::uint8_t> bytes = nlohmann::json::to_cbor(message);
+    const std::vector<std::uint8_t> bytes = cbor_of(message);
     const std::uint64_t size = bytes.size();
     send_bytes(socket, &size, sizeof size);
     send_bytes(socket, bytes.data(), bytes.size());
@@ -84,7 +85,7 @@ nlohmann::json receive_message(int socket, const Deadline& until) {
     receive_bytes(socket, &size, sizeof size, until);
     std::vector<std::uint8_t> bytes(size);
     receive_bytes(socket, bytes.data(), bytes.size(), until);
-    return nlohmann::json::from_cbor(bytes);
+    return message_of(bytes);
 }
 
 void send_descriptor(int socket, int descriptor) {

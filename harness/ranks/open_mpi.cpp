@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "harness/base/bad_input.h"
+#include "harness/base/json.h"
 #include "open_mpi_found.h"  // generated
 
 #ifdef VOXSPRING_HAS_MPI
@@ -141,7 +142,7 @@ std::unique_ptr<OpenMpi> OpenMpi::join() {
 }
 
 void OpenMpi::send_json(int to, int tag, const nlohmann::json& message) {
-    Posted& posted = posted_.emplace_back(Posted{nlohmann::json::to_cbor(message)});
+    Posted& posted = posted_.emplace_back(Posted{cbor_of(message)});
     posted.sending = start_to_send(to, tag, posted.bytes.data(), posted.bytes.size());
 }
 
@@ -153,7 +154,7 @@ bool OpenMpi::has_sent_all() {
 nlohmann::json OpenMpi::receive_json(const Arrived& message, int tag) const {
     std::vector<std::uint8_t> bytes(message.bytes);
     receive(message.from, tag, bytes.data(), bytes.size());
-    return nlohmann::json::from_cbor(bytes);
+    return message_of(bytes);
 }
 
 }  // namespace voxspring

@@ -63,10 +63,14 @@ bool is_builtin(const std::string& scene) {
 
 /// Whether `file` is the result of a study that was not interrupted.
 bool is_finished(const std::filesystem::path& file) {
-    std::ifstream text(file);
-    const nlohmann::json result = nlohmann::json::parse(text, nullptr, false);
-    return result.is_object() && result.contains("context") && result.at("context").is_object() &&
-           !result.at("context").value("voxspring", nlohmann::json::object()).contains("unfinished");
+    std::stringstream text;
+    text << std::ifstream(file).rdbuf();
+    try {
+        const nlohmann::json context = json_of(text.str()).at("context");
+        return !context.value("voxspring", nlohmann::json::object()).contains("unfinished");
+    } catch (const nlohmann::json::exception&) {
+        return false;
+    }
 }
 
 /// The study after the command line's options have been applied.

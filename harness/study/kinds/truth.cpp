@@ -18,6 +18,7 @@
 #include "continuum_files.h"  // generated
 #include "harness/base/bad_input.h"
 #include "harness/base/interruption.h"
+#include "harness/base/json.h"
 #include "harness/base/text.h"
 #include "harness/results/print.h"
 #include "harness/results/row_fields.h"
@@ -109,7 +110,7 @@ const TruthCase& truth_case(const std::string& name, const std::string& where) {
 }
 
 ContinuumAnswer continuum_answer(const TruthCase& of, const std::string& strain) {
-    static const nlohmann::json all = nlohmann::json::parse(continuum_files.at("continuum.json"));
+    static const nlohmann::json all = json_of(continuum_files.at("continuum.json"));
     const nlohmann::json& one = all.at(of.name);
     const nlohmann::json& laws = one.at("deflection").at(strain);
     const auto value = [&](const char* law) { return laws.at(law).at("value").get<double>(); };
