@@ -12,6 +12,7 @@
 #include "backends/glsl/explicit.h"
 #include "backends/registry.h"
 #include "backends/vulkan/compute_device.h"
+#include "backends/vulkan/queue.h"
 #include "tests/required.h"
 #include "tests/shader_support.h"
 #include "tests/support.h"

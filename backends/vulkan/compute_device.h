@@ -5,9 +5,12 @@
 #include <memory>
 
 #include "backends/glsl/device.h"
-#include "backends/vulkan/queue.h"
 
 namespace voxspring::vulkan {
+
+class Buffer;
+class Device;
+class Queue;
 
 /// Makes the device. Throws Unavailable if no device is usable.
 std::unique_ptr<glsl::Device> make_compute_device(const Options& options);
