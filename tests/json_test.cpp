@@ -198,7 +198,7 @@ TEST(Json, CompressedFilesAreUnpacked) {
     }
     EXPECT_THAT(refusal([&] { read_json(damaged); }), HasSubstr("damaged.json.gz: a damaged gzip file"));
     EXPECT_THAT(refusal([&] { read_json(write("bomb.json.gz", std::string((16 << 20) + 1, ' '))); }),
-                HasSubstr("more when unpacked is not accepted; expected a file of at most 16777216"));
+                HasSubstr("more bytes when unpacked is not accepted; expected a file of at most 16777216"));
 }
 
 }  // namespace

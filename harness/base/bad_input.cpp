@@ -7,12 +7,12 @@
 namespace voxspring {
 namespace {
 
-/// `text` without control characters, cut after `longest` bytes.
+/// `text` with control characters escaped ("\x0a"), cut after about `longest` bytes.
 std::string printable(std::string_view text, std::size_t longest) {
     std::string out;
     for (const char c : text) {
         if (out.size() >= longest) {
-            // A cut inside a UTF-8 sequence would leave half a character.
+            // Removes the last UTF-8 character, since the cut may have left only half of it.
             while (!out.empty() && (static_cast<unsigned char>(out.back()) & 0xC0u) == 0x80u) out.pop_back();
             if (!out.empty() && (static_cast<unsigned char>(out.back()) & 0x80u) != 0) out.pop_back();
             return out + "...";

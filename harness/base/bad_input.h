@@ -1,4 +1,4 @@
-// BadInput: what a user wrote cannot be used. The program then exits with code 2.
+// BadInput, the exception for input of a user that cannot be used. The program then exits with code 2.
 #pragma once
 
 #include <filesystem>
@@ -8,7 +8,7 @@
 
 namespace voxspring {
 
-/// Tells the constructor of BadInput that the key is missing.
+/// The argument that tells the constructor of BadInput that a key is missing.
 struct Missing {};
 inline constexpr Missing missing;
 
@@ -16,8 +16,8 @@ inline constexpr Missing missing;
 /// The message is one line of printable characters: control characters are escaped and long values are cut.
 class BadInput : public std::runtime_error {
 public:
-    /// `file` is the file or argument that was read, `key` the place in it (empty: all of it), `value` the
-    /// text found there, and `accepted` what would have been accepted.
+    /// `file` is the file or argument that was read. `key` is the place in `file` (empty: the whole of it),
+    /// `value` the text found in that place, and `accepted` a description of what would be accepted.
     BadInput(std::string_view file, std::string_view key, std::string_view value, std::string_view accepted);
     /// For a `key` that is missing.
     BadInput(std::string_view file, std::string_view key, Missing, std::string_view accepted);
@@ -28,8 +28,8 @@ class TooLarge : public BadInput {
     using BadInput::BadInput;
 };
 
-/// Throws BadInput, which says that `accepted` was expected, unless `file` is a regular file. A pipe or a
-/// device might never end.
+/// Throws BadInput, which says that `accepted` was expected, unless `file` is a regular file. Pipes and
+/// devices are refused because reading them might never end.
 void require_regular_file(const std::filesystem::path& file, std::string_view accepted);
 
 }  // namespace voxspring

@@ -1,4 +1,4 @@
-// The clock of durations.
+// The clock by which durations are measured.
 #pragma once
 
 #include <chrono>

@@ -9,8 +9,8 @@
 
 namespace voxspring {
 
-/// Sets of the indices below `count`. A set is named by its smallest index. At first each index is a set by
-/// itself.
+/// A partition of the indices below `count` into sets. of() returns the smallest index of the set that has
+/// `i`, and join() merges the sets of two indices. At first each index is a set by itself.
 class DisjointSets {
 public:
     explicit DisjointSets(std::size_t count) : parent_(count) {

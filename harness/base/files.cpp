@@ -21,8 +21,8 @@
 namespace voxspring {
 namespace {
 
-// The path of the temporary file that is being written. It is an array because the signal handler that
-// removes the file must not use a std::string.
+// The path of the temporary file that write_atomically() is writing. It is an array because a signal handler
+// removes the file, and must not use a std::string.
 char unfinished_file[PATH_MAX];
 volatile std::sig_atomic_t unfinished_file_is_known = 0;
 
@@ -41,8 +41,8 @@ public:
     ~Unfinished() { unfinished_file_is_known = 0; }
 };
 
-/// A path that no file has: `path` and a suffix. The suffix has the ID of this process, so that no other
-/// process picks the same path.
+/// Returns a path that no file has: `path` and a suffix. The suffix contains the ID of this process, so that
+/// no other process picks the same path.
 std::string unused_name_beside(const std::filesystem::path& path) {
     std::error_code error;
     const std::string stem = path.string() + "." + std::to_string(getpid()) + "-";
@@ -52,15 +52,15 @@ std::string unused_name_beside(const std::filesystem::path& path) {
     return stem + std::to_string(number);
 }
 
-/// Whether `path` is a pipe or a device. These are written in place, because a file cannot replace them.
+/// Whether `path` is a pipe or a device. Pipes and devices are written in place, not replaced by a new file.
 bool is_pipe_or_device(const std::filesystem::path& path) {
     struct stat status {};
     return stat(path.c_str(), &status) == 0 && !S_ISREG(status.st_mode) && !S_ISDIR(status.st_mode);
 }
 
-/// The file that `path` leads to, through any number of symbolic links. That file need not exist.
+/// The file that `path` leads to through at most 40 symbolic links. That file need not exist.
 std::filesystem::path behind_links(std::filesystem::path path) {
-    constexpr int most = 40;  // the number of links that Linux follows
+    constexpr int most = 40;  // Linux follows as many links
     std::error_code error;
     for (int links = 0; links < most && std::filesystem::is_symlink(path, error); ++links) {
         const std::filesystem::path target = std::filesystem::read_symlink(path, error);
@@ -106,10 +106,10 @@ void write_atomically(const std::filesystem::path& asked, const std::string& tex
     }
     const std::filesystem::path path = behind_links(asked);
     const std::string temporary = unused_name_beside(path);
-    // Registered before the file exists, since a signal may come as soon as the file is created.
+    // The path is registered before the file exists, since a signal may come as soon as the file is created.
     const Unfinished unfinished(temporary);
-    // The kernel takes the umask off 0666, as for any new file. We could not read the umask without changing
-    // it for all threads.
+    // The kernel removes the bits of the umask from 0666. This program cannot do so itself, since reading the
+    // umask means changing it for all threads.
     const int file = open(temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
     if (file < 0) fail("cannot write");
     const bool done = write_all(file, text) && fsync(file) == 0;

@@ -1,4 +1,4 @@
-// Writes files so that no reader ever sees half of one, and identifies the program by its file.
+// Writes files such that no reader sees an incomplete one, and identifies the program by a hash of its file.
 #pragma once
 
 #include <filesystem>
@@ -8,27 +8,27 @@
 namespace voxspring {
 
 /// Replaces `path` by `text` in one step: a reader sees the old file or the new one. If `path` is a symbolic
-/// link, the file behind it is replaced. A pipe or a device is written in place. If writing fails, throws
-/// std::system_error and leaves a file at `path` as it was.
+/// link, the file that the link leads to is replaced. A pipe or a device is written in place. If writing
+/// fails, throws std::system_error and leaves the old file as it was.
 void write_atomically(const std::filesystem::path& path, const std::string& text);
 
-/// Removes the temporary file of a write_atomically() that is under way: for the handler of a signal that
-/// ends the process.
+/// Removes the temporary file that write_atomically() is writing, if there is one. The handler of a signal
+/// that ends the process calls this.
 void remove_unfinished_file();
 
 /// Writes all of `text` to an open file. Returns false, with errno set, if not all of it could be written.
 bool write_all(int file, std::string_view text);
-/// Flushes the folder of `file`: files created, renamed or removed there then survive a loss of power, as far
-/// as the file system can ensure it.
+/// Syncs the folder of `file` to the disk. Files that were created, renamed or removed in the folder are then
+/// still so after a loss of power, as far as the file system can ensure that.
 void sync_folder_of(const std::filesystem::path& file);
 
-/// Throws BadInput unless `path` ends in `extension` and can be written: a pipe, a device, or a file (no
-/// folder) in a folder where files can be created. `option` is the name of the argument in the message.
+/// Throws BadInput unless `path` ends in `extension` and is either a pipe, a device, or a path at which a
+/// file can be created. Permission to write to a pipe or a device is not checked. The message names `option`.
 void check_writable(const std::filesystem::path& path, const std::string& option,
                     const std::string& extension);
 
-/// The hash of the executable's file. Unlike the commit's hash, it also changes with the compiler, the flags
-/// and code that is not committed. The file is read once per process.
+/// The hash of the file of this program. Unlike the commit's hash, this hash also changes with the compiler,
+/// the flags and code that is not committed. The file is read once per process.
 const std::string& fingerprint_of_executable();
 
 }  // namespace voxspring

@@ -14,7 +14,7 @@ volatile std::sig_atomic_t ends_at_once = 0;
 
 void say(std::string_view message) { (void)!write(STDERR_FILENO, message.data(), message.size()); }
 
-/// The signal's handler: it calls async-signal-safe functions only.
+/// The signal handler. It calls async-signal-safe functions only.
 void note(int) {
     signals_caught = signals_caught + 1;
     if (ends_at_once != 0 || signals_caught > 1) {

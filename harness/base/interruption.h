@@ -1,13 +1,13 @@
-// Ctrl-C: the work in flight is finished, and no further work is begun.
+// Handling of Ctrl-C: the work in progress is finished, and no further work is begun.
 #pragma once
 
 #include <csignal>
 
 namespace voxspring {
 
-/// While this object lives, the first SIGINT or SIGTERM is noted and reported. The next one ends the process
-/// at once, and removes the file that write_atomically() has not finished. With `at_once` the first signal
-/// already ends the process: for work that leaves nothing to finish.
+/// While this object lives, the first SIGINT or SIGTERM makes interrupted() true and prints a message. The
+/// next one removes the file that write_atomically() has not finished, and ends the process at once. With
+/// `at_once` already the first signal ends the process: for work that has nothing to finish.
 class CaughtInterruptions {
 public:
     explicit CaughtInterruptions(bool at_once = false);
@@ -18,13 +18,13 @@ public:
 private:
     struct sigaction interrupt_ {
     }, terminate_{};      ///< the previous actions, to be restored
-    bool ended_at_once_;  ///< `at_once` of the enclosing CaughtInterruptions
+    bool ended_at_once_;  ///< `at_once` of the enclosing CaughtInterruptions, if any
 };
 
-/// Whether a signal has been caught since the latest CaughtInterruptions began.
+/// Whether a signal has been caught since the latest construction of a CaughtInterruptions.
 bool interrupted();
 
-/// The exit code that a shell reports for a program that SIGINT ended.
+/// The exit code of an interrupted program: a shell reports the same code if SIGINT has killed a program.
 constexpr int interrupted_exit_code = 130;
 
 }  // namespace voxspring

@@ -28,7 +28,7 @@ std::string child_path(const std::string& parent, const std::string& key) {
     return parent.empty() ? key : parent + "." + key;
 }
 
-/// Parses `text`. Also refuses what the grammar allows but no user can mean, such as a key given twice.
+/// Parses `text`. Also refuses some text that JSON's grammar allows: a key given twice, or too deep nesting.
 json parsed(std::string_view text, const std::string& file) {
     std::vector<std::set<std::string>> keys(max_depth + 1);  // the keys of the open object at each depth
     const auto check = [&](int depth, json::parse_event_t event, const json& value) {
@@ -46,12 +46,12 @@ json parsed(std::string_view text, const std::string& file) {
     try {
         return json::parse(text, check);
     } catch (const json::parse_error& error) {
-        // Line and column are counted here: the parser's column is 0 just after the end of a line.
+        // Line and column are counted here, since the parser reports column 0 just after the end of a line.
         const std::string_view read = text.substr(0, std::min(error.byte, text.size()));
         const auto line = 1 + std::count(read.begin(), read.end(), '\n');
         const auto column = std::max<std::size_t>(read.size() - (read.rfind('\n') + 1), 1);
-        // The message is "[...] parse error at line 3, column 7: syntax error while parsing ... - WHAT;
-        // expected ..."
+        // The parser's message is "[...] parse error at line 3, column 7: syntax error while parsing ... -
+        // WHAT; expected EXPECTED". Only WHAT and EXPECTED are passed on.
         const std::string message = error.what();
         const auto expected = message.find("; expected "), dash = message.find(" - ");
         const auto what = dash == std::string::npos ? message.find(": ") + 2 : dash + 3;
@@ -96,8 +96,8 @@ double JsonValue::number(double low, double high) const {
 std::int64_t JsonValue::integer(std::int64_t low, std::int64_t high) const {
     const std::string accepted = "a whole number from " + std::to_string(low) + " to " + std::to_string(high);
     if (!is_number()) refuse(accepted);
-    // The comparison is exact: `low` and `high` are within +-(2^53 - 1), and no integer beyond a bound is
-    // rounded to that bound.
+    // Comparing doubles is exact here: `low` and `high` are within +-(2^53 - 1), so conversion to double
+    // rounds no integer outside [low, high] to one of the bounds.
     const auto number = value_->get<double>();
     if (!(number >= double(low) && number <= double(high)) || std::floor(number) != number) refuse(accepted);
     return static_cast<std::int64_t>(number);
@@ -238,7 +238,7 @@ JsonObject read_json(const std::filesystem::path& file) {
     int count = 0;
     for (char buffer[1 << 16]; (count = gzread(stream.get(), buffer, sizeof buffer)) > 0;) {
         text.append(buffer, std::size_t(count));
-        if (text.size() > max_file_bytes) refuse("more when unpacked", small_enough);
+        if (text.size() > max_file_bytes) refuse("more bytes when unpacked", small_enough);
     }
     int status = Z_OK;
     gzerror(stream.get(), &status);

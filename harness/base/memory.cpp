@@ -9,15 +9,15 @@
 namespace voxspring {
 namespace {
 
-/// The limit in `file`, in bytes; no_memory_limit if there is no such file or it says "max".
+/// The limit in `file`, in bytes; no_memory_limit if there is no such file or the file says "max".
 std::uint64_t limit_in(const std::filesystem::path& file) {
     std::ifstream stream(file);
     std::uint64_t bytes = 0;
     return stream >> bytes ? bytes : no_memory_limit;
 }
 
-/// The smallest limit, in bytes, that the files `name` of `group`, of the groups above it and of `root` give.
-/// `root` is where the control groups are mounted; a container may see its group there.
+/// The smallest limit, in bytes, in the files `name` of `group`, of the groups above it and of `root`. `root`
+/// is the folder in which control groups are mounted; in a container it may be the container's own group.
 std::uint64_t min_limit(const std::filesystem::path& root, std::filesystem::path group,
                         const std::string& name) {
     std::uint64_t limit = limit_in(root / name);

@@ -18,7 +18,7 @@ namespace {
 
 bool is_terminal() { return isatty(STDERR_FILENO) != 0; }
 
-/// The pause between two lines if standard error is not a terminal.
+/// The time between two lines if standard error is not a terminal.
 Seconds pause() {
     constexpr double otherwise = 10, shortest = 0.01, longest = 1e6;
     const char* asked = std::getenv("VOXSPRING_PROGRESS_SECONDS");
@@ -29,7 +29,7 @@ Seconds pause() {
 void overwrite_line(const std::string& line) {
     winsize size{};
     const bool known = ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 0;
-    // The line is cut to the terminal's width: one that wraps could not be overwritten.
+    // The line is cut to the terminal's width, since a line that wraps could not be overwritten.
     std::cerr << "\r\x1b[K" << line.substr(0, (known ? size.ws_col : 80) - 1u) << std::flush;
 }
 
@@ -47,7 +47,8 @@ void Ticker::start(Seconds first, Seconds between) {
     if (thread_.joinable()) return;
     between_ = between;
     next_ = Clock::now() + first;
-    // The ticker's thread blocks all signals: they go to the thread that works, whose waits they interrupt.
+    // The new thread inherits that all signals are blocked. Signals then go to the thread that does the work,
+    // and interrupt its system calls.
     sigset_t all, before;
     sigfillset(&all);
     pthread_sigmask(SIG_SETMASK, &all, &before);
@@ -58,7 +59,7 @@ void Ticker::start(Seconds first, Seconds between) {
 void Ticker::run(const std::stop_token& stopped) {
     std::unique_lock lock(mutex_);
     while (!stopped.stop_requested()) {
-        const auto until = next_;  // `next_` may be postponed meanwhile
+        const auto until = next_;  // a copy, since postpone() may change `next_` during the wait
         changed_.wait_until(lock, stopped, until, [] { return false; });
         if (stopped.stop_requested() || Clock::now() < next_) continue;
         postpone();
@@ -154,7 +155,7 @@ void Progress::end(int rows) {
     ticker_.postpone();
 }
 
-/// Shows that a long task still goes on.
+/// Called periodically: shows the current task and, from a second on, for how long it has been running.
 void Progress::tick() {
     if (what_.empty()) return;
     const double took = seconds_since(what_begin_);

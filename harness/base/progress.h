@@ -1,5 +1,5 @@
-// Reports what the program does and how far it is, on standard error. On a terminal one line is overwritten;
-// elsewhere a line is added every ten seconds (or every VOXSPRING_PROGRESS_SECONDS).
+// Reports on standard error what the program does and how far it is. On a terminal one line is overwritten.
+// In a pipe or a file one line is added every ten seconds (or every VOXSPRING_PROGRESS_SECONDS seconds).
 #pragma once
 
 #include <condition_variable>
@@ -18,7 +18,7 @@ namespace voxspring {
 /// A duration as text: "3 h 20 min", "12 min", "45 s".
 std::string duration_text(double seconds);
 
-/// Calls a function periodically from a separate thread, which receives no signals.
+/// Calls the function `tick` periodically from a separate thread. That thread blocks all signals.
 class Ticker {
 public:
     explicit Ticker(std::function<void()> tick) : tick_(std::move(tick)) {}
@@ -26,13 +26,13 @@ public:
     Ticker& operator=(const Ticker&) = delete;
     ~Ticker() = default;
 
-    /// The first call is made after `first`, each further one `between` later. Does nothing if the thread
-    /// already runs.
+    /// Starts the thread. It makes the first call after `first`, and each further call `between` after the
+    /// previous one. Does nothing if the thread already runs.
     void start(Seconds first, Seconds between);
     void stop() { thread_ = {}; }
-    /// Postpones the next call as if a call had been made now. The caller holds mutex().
+    /// Postpones the next call until `between` from now. The caller must hold mutex().
     void postpone() { next_ = Clock::now() + between_; }
-    /// The mutex, which is held while the function is called.
+    /// The mutex that the thread holds while it calls the function.
     std::mutex& mutex() { return mutex_; }
 
 private:
@@ -46,8 +46,8 @@ private:
     std::jthread thread_;  ///< declared last, so destroyed first: it uses all other members
 };
 
-/// Progress of tasks done one after the other, some of which cannot say how far they are. A task that takes
-/// less than a second is not reported.
+/// Reports tasks that are done one after the other, even tasks that cannot say how far they are. On a
+/// terminal the first report comes a second after the first begin().
 class Activity {
 public:
     Activity() = default;
@@ -55,12 +55,12 @@ public:
     Activity& operator=(const Activity&) = delete;
     ~Activity() { end(); }
 
-    /// Task `what` begins now; how long it takes is unknown.
+    /// Reports from now on that the task `what` is in progress.
     void begin(const std::string& what);
-    /// `fraction` of the current task is done, from 0 to 1; `detail` is shown behind its name. The time left
-    /// is estimated from the time taken so far.
+    /// Reports that `fraction` of the current task is done, from 0 to 1. `detail` is shown after the name of
+    /// the task. The time left is estimated from the time taken so far.
     void done(double fraction, const std::string& detail);
-    /// No task is under way any more: removes the line from a terminal.
+    /// Reports no task any more. Removes the line from a terminal.
     void end();
 
 private:
@@ -73,9 +73,9 @@ private:
     Ticker ticker_{[this] { write(); }};  ///< declared last, so destroyed first: it uses all other members
 };
 
-/// Progress of a study. If standard error is no terminal, a line is also written for each finished scene. The
-/// time left is a guess: it assumes that the remaining work is as fast as the finished work, although
-/// backends differ.
+/// Reports the progress of a study. If standard error is not a terminal, a line is also written for each
+/// finished scene. The time left is a guess: it assumes that the remaining work goes as fast as the finished
+/// work, although backends differ in speed.
 class Progress {
 public:
     struct Scene {
@@ -92,12 +92,12 @@ public:
     ~Progress();
 
     void begin(const std::string& scene);
-    /// The current scene is at task `what`, and `done` of `total` is finished. What the first call reports as
-    /// finished was done by an earlier run, and does not count for the speed of this run.
+    /// Reports that the current scene is at the task `what`, with `done` of `total` units of work finished.
+    /// The units that the first call reports as finished count as work of an earlier run, not of this one.
     void show(const std::string& what, int done, int total);
-    /// Corrects the number of cases of scene number `scene`, counted from 0: only `cases` cases can run.
+    /// Corrects the number of cases of scene number `scene`, counted from 0, to `cases`.
     void expect(std::size_t scene, int cases);
-    /// The scene is finished and has given `rows` rows.
+    /// Reports that the current scene is finished and has given `rows` rows of the result.
     void end(int rows);
 
 private:
@@ -110,9 +110,9 @@ private:
     std::vector<Scene> scenes_;
     std::size_t number_ = 0;  ///< number of the current scene, from 1
     std::string heading_, what_;
-    int done_ = 0, total_ = 0;  ///< as in show()
+    int done_ = 0, total_ = 0;  ///< the arguments of the latest show()
     Clock::time_point scene_begin_, begin_, what_begin_;
-    double work_at_begin_ = -1;  ///< negative: nothing has been shown yet
+    double work_at_begin_ = -1;  ///< work_done() at the first show(); negative before that
     bool terminal_;
     Ticker ticker_{[this] { tick(); }};  ///< declared last, so destroyed first: it uses all other members
 };

@@ -15,7 +15,7 @@ double begin_of(int bin) { return histogram_begin * std::pow(10, double(bin) / b
 int bin_of(double seconds) {
     int bin =
         int(std::floor(bins_per_decade * std::log10(std::max(seconds, histogram_begin) / histogram_begin)));
-    // The logarithm is rounded. These corrections put a value at an edge into the bin that begins there.
+    // The logarithm is rounded. These corrections put a value at an edge into the bin that begins with it.
     if (seconds >= begin_of(bin + 1)) ++bin;
     if (seconds < begin_of(bin)) --bin;
     return std::clamp(bin, 0, bin_count - 1);

@@ -7,16 +7,16 @@
 
 namespace voxspring {
 
-/// A fraction as "12%" or "1.3%".
+/// A fraction as a percentage: 0.12 as "12%", 0.013 as "1.3%".
 std::string percent_text(double fraction);
 
-/// The words with commas between them.
+/// The words with ", " between them.
 std::string joined(const std::vector<std::string>& words);
 
 /// A count with its noun: "1 step", "0 steps", "12 steps".
 std::string counted(std::uint64_t count, const std::string& noun);
 
-/// Three significant digits with an SI prefix: "1.25 ms", "487 G/s".
+/// `value` with three significant digits and an SI prefix: "1.25 ms", "487 G/s".
 std::string si(double value, const std::string& unit);
 
 /// "1.25": `value` with `digits` digits after the point.
@@ -25,7 +25,7 @@ std::string fixed_text(double value, int digits);
 /// `value` with two significant digits, like "1.2e-05".
 std::string error_text(double value);
 
-/// `word`, quoted for a shell if necessary.
+/// `word` as a shell reads it: in quotes if it has characters that a shell treats specially.
 std::string shell_word(const std::string& word);
 
 }  // namespace voxspring

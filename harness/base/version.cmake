@@ -1,4 +1,4 @@
-# Run at each build: writes OUTPUT from INPUT (version.h.in), and only if something in it changed.
+# Run at each build: makes OUTPUT (version.h) from INPUT (version.h.in). OUTPUT is rewritten only if its content changes.
 execute_process(COMMAND git rev-parse --short=12 HEAD WORKING_DIRECTORY ${SOURCE} OUTPUT_VARIABLE commit
                 OUTPUT_STRIP_TRAILING_WHITESPACE ERROR_QUIET RESULT_VARIABLE failed)
 if(failed)
