@@ -9,7 +9,8 @@
 
 namespace voxspring {
 
-/// NVML, opened for one card. NVML's header is not needed, since its binary interface is stable.
+/// NVML, opened for one card. Functions are found by name, so that building does not need NVML's header. The
+/// binary interface of NVML is stable.
 struct Card::Library {
     static constexpr int success = 0, too_small = 7;
 
@@ -35,7 +36,8 @@ struct Card::Library {
     }
     int (*shutdown() const)() { return find<int()>("nvmlShutdown"); }
 
-    /// What the function `name` reports about the card; empty if there is no such function or no answer.
+    /// What NVML's function `name` reports about the card; empty if there is no such function, or if it
+    /// fails.
     template <class Value>
     std::optional<Value> ask(const char* name, auto... arguments) const {
         Value value = 0;
@@ -43,8 +45,8 @@ struct Card::Library {
         if (function == nullptr || function(device, arguments..., &value) != success) return std::nullopt;
         return value;
     }
-    /// Like ask(), for a function that reports two values: the present one, and the one after the next
-    /// restart. Returns the present one.
+    /// Like ask(), for a function that reports two values of a setting: the present one, and the one after
+    /// the next restart. Returns the present value.
     template <class Value>
     std::optional<Value> ask_now(const char* name) const {
         Value now = 0, later = 0;
@@ -76,7 +78,7 @@ std::optional<double> Card::power_watts() const {
 }
 
 std::vector<std::string> Card::throttle_reasons() const {
-    // The bits are nvmlClocksEventReason*. 0x1, an idle card, is left out.
+    // The bits are NVML's nvmlClocksEventReason*. The bit 0x1, an idle card, is left out.
     constexpr std::pair<unsigned long long, const char*> reasons[] = {
         {0x2, "clocks set by a user"},
         {0x4, "power limit"},
@@ -115,7 +117,7 @@ std::optional<std::vector<pid_t>> Card::processes() const {
     };
     const auto list = library_->find<int(void*, unsigned*, void*)>("nvmlDeviceGetComputeRunningProcesses_v3");
     if (list == nullptr) return std::nullopt;
-    // NVML fills no list that is too short, so this one has room to spare.
+    // NVML refuses to fill a list that is too short, so the list begins with more room than most cards need.
     std::vector<Process> found(64);
     for (int tries = 0; tries < 3; ++tries) {
         auto count = unsigned(found.size());

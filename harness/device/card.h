@@ -1,4 +1,4 @@
-// A graphics card as its driver's management library sees it, outside of any context.
+// The clock, energy, settings and processes of a graphics card, read without creating a context on it.
 #pragma once
 
 #include <sys/types.h>
@@ -11,10 +11,10 @@
 
 namespace voxspring {
 
-/// One card, observed through NVML, NVIDIA's management library. Loading NVML opens no device to compute on.
+/// One card, observed through NVML, NVIDIA's management library. NVML needs no CUDA context.
 class Card {
 public:
-    /// The card with this UUID. Throws std::runtime_error, with the reason, if it cannot be watched.
+    /// The card with this UUID. Throws std::runtime_error, with the reason, if NVML cannot observe the card.
     explicit Card(const std::string& uuid);
     Card(const Card&) = delete;
     Card& operator=(const Card&) = delete;
@@ -24,15 +24,17 @@ public:
     std::optional<unsigned> clock_mhz() const;
     /// The energy used since the driver was loaded, in joules; empty if the driver does not count it.
     std::optional<double> energy_joules() const;
-    /// The power drawn, in watts; since Ampere the mean of the last second. Empty if it is not reported.
+    /// The power drawn, in watts; on Ampere and later cards the mean of the last second. Empty if the driver
+    /// does not report it.
     std::optional<double> power_watts() const;
-    /// Why the clock is lower than it could be, in the driver's terms. That the card is idle does not count
-    /// as a reason.
+    /// The reasons that the driver reports for a lowered clock, as text for users. An idle card is not
+    /// counted as a reason.
     std::vector<std::string> throttle_reasons() const;
-    /// Settings and temperature of the card: `power_limit_watts`, `ecc`, `mig`, `temperature_celsius`,
-    /// without those that the driver does not report.
+    /// Settings and temperature of the card as a JSON object with the keys `power_limit_watts`, `ecc`, `mig`
+    /// and `temperature_celsius`. A key that the driver does not report is absent.
     nlohmann::json settings() const;
-    /// The ids of the processes that compute on the card, as the driver numbers them; empty if not reported.
+    /// The process IDs, as the driver numbers processes, of all that compute on the card; empty if the driver
+    /// does not report them.
     std::optional<std::vector<pid_t>> processes() const;
 
 private:

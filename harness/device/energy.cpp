@@ -39,10 +39,10 @@ private:
     const Card card_;
 };
 
-/// The energy counter of one processor package, which wraps to zero after `range`.
+/// The energy counter of one processor package. It wraps to zero after `range` microjoules.
 struct Package {
     std::filesystem::path counter;
-    /// In microjoules; `before` is `range` times the number of wraps.
+    /// All in microjoules: `last` is the latest value, `before` is `range` times the number of wraps so far.
     std::uint64_t range = 0, last = 0, before = 0;
 };
 
@@ -53,9 +53,9 @@ std::optional<std::uint64_t> number_in(const std::filesystem::path& path) {
     return number;
 }
 
-/// The folder of each package's counter, by the package's name. Linux may show the same counter of a package
-/// twice: through the processor's registers (intel-rapl) and through memory (intel-rapl-mmio). Then the
-/// folder of the registers is taken.
+/// The folder of each processor package's energy counter, by the package's name. Linux may show the counter
+/// of a package twice: read through the processor's registers (intel-rapl) and read through memory
+/// (intel-rapl-mmio). In that case the result has the folder of intel-rapl.
 std::map<std::string, std::filesystem::path> package_folders(const std::string& folder) {
     std::map<std::string, std::filesystem::path> packages;
     std::error_code none;
@@ -105,7 +105,7 @@ private:
     std::vector<Package> packages_;
 };
 
-/// Reads a meter every few milliseconds, on a separate thread, until it is stopped.
+/// Reads a meter about every 10 ms, on a separate thread, until end() is called.
 class Sampling {
 public:
     explicit Sampling(EnergyMeter& meter)
@@ -116,13 +116,14 @@ public:
     Sampling& operator=(const Sampling&) = delete;
     ~Sampling() = default;
 
-    /// The seconds between the first and the latest change of the counter.
+    /// The seconds between the first and the latest change of the energy counter.
     double measured_seconds() const { return measured_; }
-    /// Stops and returns what was measured. Rethrows what the meter threw. Throws on too few changes.
+    /// Stops reading, and returns what was measured. Rethrows an exception of the meter. Throws
+    /// std::runtime_error if the counter changed fewer than two times.
     EnergyUse end() {
         thread_ = {};
         if (error_) std::rethrow_exception(error_);
-        if (leaps_.size() < 2) throw std::runtime_error("the energy counter moved fewer than two times");
+        if (leaps_.size() < 2) throw std::runtime_error("the energy counter was updated less than twice");
         EnergyUse use;
         use.seconds = leaps_.back().seconds - leaps_.front().seconds;
         use.watts = (leaps_.back().joules - leaps_.front().joules) / use.seconds;
@@ -191,7 +192,8 @@ EnergyUse measure_energy(EnergyMeter& meter, double lead_seconds, double seconds
     work_for(lead_seconds);
     Sampling sampling(meter);
     work_for(seconds);
-    // Time before the counter's first change and after its last one is not measured, so more work is needed.
+    // The time before the counter's first change and after its last one is not measured. So a little more
+    // work is needed until `seconds` are measured.
     for (const auto begin = Clock::now();
          sampling.measured_seconds() < seconds && seconds_since(begin) < max_leap_seconds;)
         work();

@@ -1,4 +1,5 @@
-// The energy that a device uses while it works: its counter, checked against its sampled power.
+// Measures the energy that a device uses while it works: by its energy counter, which is checked against
+// samples of its power.
 #pragma once
 
 #include <functional>
@@ -19,9 +20,11 @@ public:
     EnergyMeter& operator=(const EnergyMeter&) = delete;
     virtual ~EnergyMeter() = default;
 
-    /// The energy used since some past moment, in joules. Throws std::runtime_error if it is not reported.
+    /// The energy used since some past moment, in joules. Throws std::runtime_error if the energy cannot be
+    /// read.
     virtual double joules() = 0;
-    /// The power drawn now, in watts, not derived from joules(); empty if the device does not report it.
+    /// The power drawn now, in watts, as the device itself reports it (not derived from joules()). Empty if
+    /// it reports none.
     virtual std::optional<double> watts() { return std::nullopt; }
     virtual std::optional<unsigned> clock_mhz() { return std::nullopt; }
     virtual std::vector<std::string> throttle_reasons() { return {}; }
@@ -33,35 +36,36 @@ public:
 /// reason, if the device's energy cannot be measured.
 std::unique_ptr<EnergyMeter> energy_meter_of(const Capabilities& capabilities);
 
-/// A meter for the sum of all processor packages. `folder` is where Linux shows their counters. Throws
-/// std::runtime_error if there are none, or if they may not be read.
+/// A meter of the energy of all processor packages together. `folder` is the folder in which Linux shows
+/// their counters. Throws std::runtime_error if there are no counters, or if one may not be read.
 std::unique_ptr<EnergyMeter> rapl_meter(const std::string& folder = "/sys/class/powercap");
 
 /// A device's power and clock over a stretch of time in which its load did not change.
 struct EnergyUse {
     double seconds = 0;
     double watts = 0;                          ///< mean, from the energy counter
-    std::optional<double> sampled_watts = {};  ///< mean of EnergyMeter::watts(); empty: none
+    std::optional<double> sampled_watts = {};  ///< mean of EnergyMeter::watts(); empty: no samples
     std::optional<unsigned> min_mhz = {}, max_mhz = {};
-    std::vector<std::string> throttled = {};  ///< reasons for a lowered clock at any moment
+    std::vector<std::string> throttled = {};  ///< all reasons for a lowered clock that were seen
 };
 
+/// How long measure_energy() may work beyond the time asked for, to see a further update of the counter.
 constexpr double max_leap_seconds = 0.5;
 
 /// Calls `work` repeatedly: first for `lead_seconds` without measuring, so that clocks and averages settle,
 /// and then until `seconds` are measured. The energy counter is updated only every few tens of milliseconds,
-/// so the mean power is computed from its first update to its last one. If updates are more than
-/// max_leap_seconds apart, the measured time may be shorter than `seconds`. Throws std::runtime_error if the
-/// counter changed fewer than two times.
+/// so the mean power is that from its first update to its last one. If updates are more than half of
+/// max_leap_seconds apart, this time may be shorter than `seconds`. Throws std::runtime_error if the counter
+/// was updated fewer than two times.
 EnergyUse measure_energy(EnergyMeter& meter, double lead_seconds, double seconds,
                          const std::function<void()>& work);
 
-/// The largest accepted difference between the power from the counter and the mean of the samples, as a
-/// fraction. Both come from one sensor, and over ten seconds of constant load they agree within this: the
-/// counter is updated at least a hundred times, and each sample is the mean of one second under that load. If
-/// they differ by more, one of them is wrong.
+/// The largest accepted difference between EnergyUse::sampled_watts and EnergyUse::watts, as a fraction of
+/// the latter. Both come from one sensor. Over ten seconds of constant load they agree within this fraction:
+/// the counter is updated at least a hundred times, and each sample is the mean power of a second. If they
+/// differ by more, one of them is wrong.
 constexpr double max_power_disagreement = 0.05;
-/// Whether counter and samples agree; true if there are no samples.
+/// Whether the powers from counter and samples agree; true if there are no samples.
 bool powers_agree(const EnergyUse& use);
 
 }  // namespace voxspring

@@ -16,7 +16,7 @@
 namespace voxspring {
 namespace {
 
-/// Calls `field` with the name and value of each limit but the bandwidths: a double, or an optional one.
+/// Calls field(name, value) for each limit except `bandwidth`. The value is a double or an optional double.
 template <class Limits, class Field>
 void visit(Limits& limits, const Field& field) {
     field("copy_bytes_per_second", limits.copy_bytes_per_second);
@@ -90,15 +90,16 @@ DeviceLimits best_of(const DeviceLimits& one, const DeviceLimits& other) {
 
 namespace {
 
-/// Whether fragment shaders run on a small part of the processors that compute shaders run on.
+/// Whether fragment shaders reach less than a quarter of the arithmetic rate of compute shaders. If so, the
+/// card runs them on only some of its processors.
 bool is_on_a_part(const DeviceLimits& limits) {
     return limits.float32_operations_per_second <
            limits.compute_shader_float32_operations_per_second.value_or(0) / 4;
 }
 
-/// The cache key of a device's limits: a hash of everything that they depend on. The number of OpenMP threads
-/// is part of it, since a processor's limits are measured with all of them and the footprints are multiples
-/// of that number.
+/// The key of a device's limits in the cache on disk: a hash of all that the limits depend on. The number of
+/// OpenMP threads is part of the key, because all of these threads measure a processor's limits, and because
+/// the sizes of the arrays that they move are multiples of that number.
 std::string name_in_cache(const Capabilities& device) {
     return "limits-" + hash_of(json_text({version_commit, device.api, device.device, device.driver,
                                           device.uuid, device.limits_of, omp_get_max_threads()}));
@@ -207,7 +208,7 @@ void print_limits(const nlohmann::json& limits, std::ostream& out) {
             out << "not measured: " << device.get<std::string>() << "\n";
             continue;
         }
-        // Clang 14 cannot capture a structured binding, hence the initializer.
+        // Clang 14 cannot capture the structured binding `device`, so the capture has an initializer.
         const auto value = [&limit = device](const char* name) { return limit.value(name, 0.0); };
         out << si(value("copy_bytes_per_second"), "B/s");
         if (value("cache_bytes") > 0) {

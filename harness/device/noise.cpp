@@ -14,9 +14,9 @@
 namespace voxspring {
 namespace {
 
-/// The widest gap between two groups of values, as a fraction of their median; 0 if the values do not form
-/// two groups. Each group has at least a quarter of the values, and the gap is several times as wide as
-/// either group.
+/// The widest gap between two groups of values, as a fraction of the median of all; 0 if the values do not
+/// form two groups. Each group must have at least a quarter of the values and at least two, and the gap must
+/// be more than three times as wide as either group.
 double parting(std::vector<double> values) {
     std::sort(values.begin(), values.end());
     const std::size_t fewest = std::max<std::size_t>(2, (values.size() + 3) / 4);
@@ -31,8 +31,8 @@ double parting(std::vector<double> values) {
 }
 
 /// The change from the median of the first third of the values to that of the last third, relative to the
-/// first median. It is 0 unless the Mann-Kendall trend test (Mann 1945) finds a trend at the 1% level, which
-/// takes at least six values.
+/// first median. The result is 0 unless the Mann-Kendall trend test (Mann 1945) finds a trend at the 1%
+/// level. That test finds none in fewer than six values.
 double drift(const std::vector<double>& values) {
     const std::size_t count = values.size(), third = count / 3;
     double rises = 0;
@@ -58,7 +58,7 @@ double spin_seconds() {
     for (int i = 0; i < tries; ++i) {
         const auto begin = Clock::now();
         std::uint64_t x = result;
-        // Each operation needs the result of the one before, so neither compiler nor core can overlap them.
+        // Each operation needs the result of the previous one, so neither compiler nor core can overlap them.
         for (int k = 0; k < additions; ++k) x = x * 6364136223846793005u + 1442695040888963407u;
         result = x;
         least = std::min(least, seconds_since(begin));
@@ -91,13 +91,13 @@ std::vector<std::string> reasons_of_noise(const Observed& observed) {
     const auto add = [&](const std::string& kind, const std::string& figure) {
         reasons.push_back(kind + " (" + figure + ")");
     };
-    // With fewer repetitions quartiles mean nothing.
+    // The quartiles of fewer than four repetitions mean nothing.
     constexpr std::size_t fewest = 4;
     if (observed.seconds.size() >= fewest) {
         const double spread = 2 * relative_spread(observed.seconds);
         if (spread > max_spread)
             add("the middle half of the repetitions spreads", "over " + percent(spread) + " of their median");
-        // If the values form two groups, their median only tells which group was more frequent.
+        // If the repetitions form two groups, their median only tells which group is larger.
         if (const double apart = parting(observed.seconds); apart > max_parting)
             add("its repetitions form two groups", percent(apart) + " apart");
         if (const double change = drift(observed.seconds); std::abs(change) > max_drift)
