@@ -10,7 +10,7 @@
 namespace voxspring {
 namespace {
 
-/// The family of an entry that does not state it: the first word of its API, "opengl" for "OpenGL 4.5 core".
+/// The family of an entry that has none: the first word of its API, such as "opengl" for "OpenGL 4.5 core".
 std::string family_of(const std::string& api) {
     std::string family = api.substr(0, api.find(' '));
     std::transform(family.begin(), family.end(), family.begin(),

@@ -16,7 +16,8 @@ constexpr std::array better_names = {"less", "more", "neither"};
 template <class Enum, std::size_t count>
 Enum value_of(const std::array<const char*, count>& names, const std::string& text) {
     const auto found = std::find(names.begin(), names.end(), text);
-    if (found == names.end()) throw std::out_of_range("no counter is measured in '" + text + "'");
+    if (found == names.end())
+        throw std::out_of_range("unknown unit or direction of a counter: '" + text + "'");
     return Enum(found - names.begin());
 }
 
@@ -34,7 +35,7 @@ std::string Counter::text() const {
 }
 
 void Counters::add(std::string name, std::optional<double> value, Unit unit, Better better) {
-    if (find(name) != nullptr) throw std::logic_error("a row has two counters " + name);
+    if (find(name) != nullptr) throw std::logic_error("a row already has a counter " + name);
     counters_.push_back({std::move(name), value, unit, better});
 }
 
@@ -46,7 +47,8 @@ const Counter* Counters::find(const std::string& name) const {
 
 double Counters::at(const std::string& name) const {
     const Counter* const found = find(name);
-    if (found == nullptr || !found->value) throw std::out_of_range("a row has no counter " + name);
+    if (found == nullptr || !found->value)
+        throw std::out_of_range("a row has no known value of the counter " + name);
     return *found->value;
 }
 

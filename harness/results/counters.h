@@ -1,5 +1,5 @@
-// Metrics of a row. The code that measures one adds it to Row::counters; files, tables and scripts then have
-// it without further code.
+// Counters: the metrics of a row of a result that have no member in Row. The code that measures a counter
+// adds it to Row::counters. Files, tables and scripts then have it without further code.
 #pragma once
 
 #include <cstdint>
@@ -20,7 +20,7 @@ std::string to_string(Better better);
 Better better_of(const std::string& text);
 
 struct Counter {
-    std::string name;             ///< the row's key in the file: "ghost_bytes"
+    std::string name;             ///< its key in the row's JSON: "ghost_bytes"
     std::optional<double> value;  ///< empty: not known
     Unit unit = Unit::number;
     Better better = Better::neither;
@@ -35,7 +35,8 @@ public:
     void add(std::string name, std::optional<double> value, Unit unit, Better better);
     /// The counter of this name; null if there is none.
     const Counter* find(const std::string& name) const;
-    /// The value of a counter. Throws std::out_of_range if there is none, or if it is not known.
+    /// The value of the counter `name`. Throws std::out_of_range if there is no such counter, or if its value
+    /// is not known.
     double at(const std::string& name) const;
 
     auto begin() const { return counters_.begin(); }

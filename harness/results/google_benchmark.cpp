@@ -21,7 +21,7 @@ struct Aggregate {
     Statistic of;
 };
 double median_of(const std::vector<double>& values) { return median(values); }
-/// The coefficient of variation; like Google Benchmark's it is 0 if the mean is 0.
+/// The coefficient of variation; 0 if the mean is 0, as in Google Benchmark.
 double variation(const std::vector<double>& values) {
     const double centre = mean(values);
     return centre == 0 ? 0 : standard_deviation(values) / centre;

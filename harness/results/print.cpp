@@ -29,7 +29,7 @@ private:
     std::vector<std::string> values_;
 };
 
-/// Cases by scene, in the order in which they were added.
+/// Names of cases, grouped by scene, in the order in which they were added.
 class CasesByScene {
 public:
     void add(const std::string& scene, const std::string& name) {
@@ -49,7 +49,7 @@ private:
     std::size_t count_ = 0;
 };
 
-/// The backends, cases and scenes that one reason holds for.
+/// The backends, cases and scenes that were skipped or failed for one reason.
 struct Unmeasured {
     Distinct backends, cases, scenes;
 };
@@ -86,7 +86,7 @@ void print_edits(const std::vector<Row>& rows, std::ostream& out, TableWidth wid
         width, out);
 }
 
-/// Prints a line about the cases that made fewer repetitions than the study asks for.
+/// Prints a line with the cases that have fewer repetitions than the study asks for, if there are any.
 void print_shortened(const std::vector<Row>& rows, int repetitions, std::ostream& out) {
     CasesByScene cases;
     for (const Row& row : rows) {
@@ -100,7 +100,7 @@ void print_shortened(const std::vector<Row>& rows, int repetitions, std::ostream
                        cases.text());
 }
 
-/// The rows of medians, by scene in the order of the study. In each scene the fastest is the first.
+/// The rows that are medians, grouped by scene in the order of the study. In each group the fastest is first.
 std::vector<std::vector<Row>> medians_by_scene(const std::vector<Row>& rows_of_result) {
     std::vector<std::vector<Row>> scenes;
     std::map<std::string, std::size_t> places;
@@ -142,7 +142,7 @@ StepTimes step_times_of(const std::vector<Row>& rows) {
 }
 
 std::string time_text(const Row& row, double seconds, const StepTimes& repetitions) {
-    constexpr double min_spread = 0.03;  // two runs' medians differ by this much anyway
+    constexpr double min_spread = 0.03;  // medians of two runs of one program differ by as much
     std::string text = row.noise_mark() + si(seconds, "s");
     const double spread = spread_of_case(row.case_name(), repetitions);
     if (spread >= min_spread) text += fmt::format(" +-{:.0f}%", 100 * spread);
@@ -155,7 +155,7 @@ double spread_of_case(const std::string& case_name, const StepTimes& repetitions
 }
 
 std::string ratio_text(double ratio, double spread, int decimals) {
-    constexpr double least_spread = 0.01;  // runs of one program differ by as much
+    constexpr double least_spread = 0.01;  // the ratios of two runs of one program differ by as much
     const double uncertain = 2 * std::max(spread, least_spread) * std::abs(ratio);
     if (!(uncertain > 0)) return fixed_text(ratio, decimals);
     const int place = std::max(int(std::floor(std::log10(uncertain))), -decimals);
@@ -195,12 +195,14 @@ void print_thresholds(const std::vector<Row>& rows, const Verdicts& verdicts, st
         if (found->second.verified() == false) unverified.add(row.identity.scene, row.label());
     }
     if (strained)
-        out << "* for a second run of the same steps, from a start in which every spring is strained: the "
-               "scene's start strains less than half of the springs by more than the threshold\n";
-    if (last_alone) out << "Only the last repetition of each time was judged.\n";
+        out << "* the threshold is that of a second run, which starts with every spring strained: the run "
+               "from the scene's start strains fewer than half of the springs by more than the threshold\n";
+    if (last_alone) out << "Only the state after the last repetition of each time was judged.\n";
     if (unverified.count() > 0)
-        out << fmt::format("{} of {} not verified, since no run strains half of the springs enough: {}\n",
-                           unverified.count(), counted(rows.size(), "time"), unverified.text());
+        out << fmt::format(
+            "{} of {} not verified, since no run strains half of the springs by more than the threshold: "
+            "{}\n",
+            unverified.count(), counted(rows.size(), "time"), unverified.text());
 }
 
 std::string names_in_short(const std::vector<std::string>& names) {
@@ -216,7 +218,7 @@ void print_noise(const std::vector<Row>& rows, std::ostream& out) {
     std::map<std::string, CasesByScene> by_kind;
     for (const Row& row : rows) {
         for (const std::string& reason : row.noisy) {
-            // The reason without the figure in parentheses at its end.
+            // `kind` is the reason without the figure in parentheses at its end.
             const std::string kind = reason.substr(0, reason.find(" ("));
             by_kind[kind].add(row.identity.scene, row.label() + reason.substr(kind.size()));
         }

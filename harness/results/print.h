@@ -1,4 +1,4 @@
-// A result as text for people.
+// Prints a result as text for people.
 #pragma once
 
 #include <concepts>
@@ -35,14 +35,14 @@ void print_cells(const std::vector<T>& rows, const std::vector<ColumnOf<T>>& col
     print_columns(headings, table, width, out);
 }
 
-/// The names of the rows' counters, in the order of their first appearance, and the text of one of them in a
-/// row.
+/// counter_names() returns the names of all counters of the rows, in the order of their first appearance.
+/// counter_cell() returns the text of the counter `name` of one row; "-" if the row has no such counter.
 std::vector<std::string> counter_names(const std::vector<const Row*>& rows);
 std::string counter_cell(const Row& row, const std::string& name);
 
-/// Prints one line per row: its scene and backend, `columns`, and the counters. While the table is too wide,
-/// the last counter is dropped. `first_counter` is Column::expendable of the first counter, which always
-/// stays if that is 0.
+/// Prints one line per row: its scene and backend, `columns`, and the counters. `first_counter` is
+/// Column::expendable of the first counter, and each further counter's is one more. So in a table that is too
+/// wide, the last counter is dropped before the others. With 0 the first counter is never dropped.
 template <std::derived_from<Row> T>
 void print_rows(const std::vector<T>& rows, const std::vector<ColumnOf<T>>& columns, TableWidth width,
                 std::ostream& out, int first_counter = 0) {
@@ -60,54 +60,55 @@ void print_rows(const std::vector<T>& rows, const std::vector<ColumnOf<T>>& colu
     print_cells(rows, all, width, out);
 }
 
-/// The time of a step in each repetition, in us, by the name of the case.
+/// The times of a step in us, one per repetition, by the name of the case (Row::case_name()).
 using StepTimes = std::map<std::string, std::vector<double>>;
 StepTimes step_times_of(const std::vector<Row>& rows);
 
-/// "~1.25 us +-6%": the time of a step. It begins with the mark of a row that is not to be trusted, and ends
-/// with relative_spread() of the repetitions if that is 3% or more.
+/// The time of a step as text: "~1.25 us +-6%". The text begins with "~" if the time is not to be trusted,
+/// and ends with relative_spread() of the repetitions if this spread is 3% or more.
 std::string time_text(const Row& row, double seconds, const StepTimes& repetitions);
 
-/// relative_spread() of the repetitions of a case; 0 if there are fewer than three.
+/// relative_spread() of the repetitions of a case; 0 if there are fewer than three repetitions.
 double spread_of_case(const std::string& case_name, const StepTimes& repetitions);
 
-/// A ratio of two times, rounded to the digits that are certain. The last digit stands for at most twice the
-/// `spread` of the ratio, where a spread below 1% counts as 1%. There are at most `decimals` decimals. 91.79
-/// with a spread of 4% is "92".
+/// A ratio of two times, rounded to the digits that are certain. `spread` is the relative uncertainty of the
+/// ratio; below 1% it counts as 1%. One unit of the last digit is at most twice that uncertainty, unless this
+/// would take more than `decimals` decimals. Example: 91.79 with a spread of 4% is "92".
 std::string ratio_text(double ratio, double spread, int decimals = 2);
 
-/// Prints one line per reason not to trust rows: how many rows, and which in a few words. The table marks
-/// each such row, and the file has its figures.
+/// Prints one line per reason not to trust times: how many rows have the reason, and which. Times of these
+/// rows have the mark "~" in the table.
 void print_noise(const std::vector<Row>& rows, std::ostream& out);
 
-/// The verdicts of a result, by the name of the case.
+/// The verdicts of a result, by the name of the case (Row::case_name()).
 using Verdicts = std::map<std::string, VerdictPart>;
 Verdicts verdicts_of(const Result& result);
 
-/// The largest accepted error of a row as a fraction of the body's motion, "2.9e-04". A "*" after it says
-/// that it belongs to the run from a strained start. "chaotic" means that no displacement is judged, "not
-/// verified" that a backend without springs might pass, and "-" that nothing is known.
+/// The largest accepted error of a row as a fraction of the body's motion, such as "2.9e-04". A "*" after the
+/// number says that the error is that of a second run, which starts with every spring strained. Other results
+/// are "chaotic" (no displacement is judged, or no motion is known), "not verified" (a backend without
+/// springs might pass) and "-" (there is no verdict).
 std::string threshold_text(const std::optional<VerdictPart>& verdict);
 std::string threshold_text(const Row& row, const Verdicts& verdicts);
 
-/// Says what the marks of threshold_text() mean, if a row has one, and whether only the last repetitions were
-/// judged.
+/// Prints what "*" and "not verified" in threshold_text() mean, if a row has them. Also prints a line if only
+/// the last repetition of a row was judged.
 void print_thresholds(const std::vector<Row>& rows, const Verdicts& verdicts, std::ostream& out);
 
-/// Prints the cases that were faster than their limit, if any. In these the limit is wrong, not the time.
+/// Prints the rows whose time is shorter than their limit, if any. Such a limit is wrong, not the time.
 void print_above_limit(const std::vector<Row>& rows, std::ostream& out);
 
-/// Prints what was skipped and what failed. A reason for skipping takes one line: how many backends, of what
-/// kind, on how many scenes. A reason for failure names every case that it holds for.
+/// Prints what was skipped and what failed. Each reason for skipping takes one line, with the backends and
+/// scenes in a few words. Each reason for failure is followed by the names of all its cases and scenes.
 void print_unmeasured(const Result& result, std::ostream& out);
 
-/// Names of backends in a few words: "cpu_parallel, cpu_reference", "10 cuda_* backends", "12 backends".
+/// Names of backends as short text: "cpu_parallel, cpu_reference", "10 cuda_* backends", "12 backends".
 std::string names_in_short(const std::vector<std::string>& names);
 
-/// Prints one row per case that passed, fastest first within a scene: time per step (median over the
-/// repetitions), particle and spring updates per second, errors, time as a multiple of the fastest, and the
-/// fraction of its limit that it reached. Then follow notes on the rows, the chaotic scenes, edits, the
-/// limits of the devices, and what was skipped or failed, with the reasons.
+/// Prints one line per case that passed, fastest first within a scene: time per step (the median of the
+/// repetitions), particle and spring updates per second, errors, the time as a multiple of the fastest
+/// case's, and the shortest possible time as a percentage of the time. Then follow notes on the rows, the
+/// chaotic scenes, edits, the limits of the devices, and what was skipped or failed, with the reasons.
 void print_table(const Result& result, std::ostream& out, TableWidth width = 0);
 
 }  // namespace voxspring

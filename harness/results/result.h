@@ -1,4 +1,4 @@
-// The result of a study in memory. It is JSON in files only: Google Benchmark's schema with our fields.
+// The result of a study in memory. A file has it as JSON in Google Benchmark's schema, with further fields.
 #pragma once
 
 #include <concepts>
@@ -14,7 +14,7 @@
 
 namespace voxspring {
 
-/// One list of a result, whatever the type of its rows.
+/// A list of rows of a result. ListOf, below, knows the type of the rows.
 class List {
 public:
     virtual ~List() = default;
@@ -39,28 +39,30 @@ public:
 
 class Result {
 public:
-    /// A result without rows, which has the lists that every result has.
+    /// A result without rows. It has the lists that every result has, all empty.
     Result();
 
-    /// The file's `context`: Google Benchmark's, and in it our `voxspring`.
+    /// The file's object `context`: Google Benchmark's fields, and our object `voxspring`.
     nlohmann::json context = nlohmann::json::object();
     nlohmann::json& own_context() { return context["voxspring"]; }
     const nlohmann::json& own_context() const { return context.at("voxspring"); }
 
-    /// The rows of a list, which is made if there is none. Throws std::bad_cast if its rows are not of type
-    /// T.
+    /// The rows of the list `list`, which is added if it does not exist. Throws std::bad_cast if the rows of
+    /// an existing list are not of type T.
     template <class T = Row>
     std::vector<T>& rows(const std::string& list) {
         std::unique_ptr<List>& found = lists_[list];
         if (!found) found = std::make_unique<ListOf<T>>();
         return dynamic_cast<ListOf<T>&>(*found).rows;
     }
-    /// Throws std::out_of_range if there is no such list, std::bad_cast if its rows are not of type T.
+    /// The rows of the list `list`. Throws std::out_of_range if there is no such list, and std::bad_cast if
+    /// its rows are not of type T.
     template <class T = Row>
     const std::vector<T>& rows(const std::string& list) const {
         return dynamic_cast<const ListOf<T>&>(*lists_.at(list)).rows;
     }
-    /// Adds a row that arrives as JSON, from a case's process or from a file.
+    /// Adds a row that comes as JSON, from a worker process or from a file. A list that does not exist is
+    /// added, with rows of type nlohmann::json.
     void add(const std::string& list, const nlohmann::json& row);
     const std::map<std::string, std::unique_ptr<List>>& lists() const { return lists_; }
 
@@ -68,7 +70,8 @@ private:
     std::map<std::string, std::unique_ptr<List>> lists_;
 };
 
-/// The file's JSON (results/schema.json). Units and directions of counters are in the context.
+/// The JSON of the file (results/schema.json). The unit of each counter, and whether less or more is better,
+/// are in the object `context`.
 void to_json(nlohmann::json& json, const Result& result);
 
 /// `context.voxspring`: the build (commit, whether the tree was clean, compilers, their flags) and the

@@ -34,7 +34,7 @@ void common_fields(Self& row, Fields& fields) {
     fields.optional("pattern", row.pattern);
 }
 
-/// Calls `visit(part, key)` for every part that may be absent. In JSON a part is present if its key is.
+/// Calls visit(part, key) for every part that may be absent. JSON has the part if it has this key.
 void each_part(auto& row, const auto& visit) {
     visit(row.workpiece, "particles");
     visit(row.errors, "error_relative_l2");

@@ -1,5 +1,5 @@
-// A row of a result (results/schema.json). Each part lists its keys once, for reading and writing
-// (row_fields.h).
+// A row of a result: what was measured in one case (results/schema.json). A row consists of parts. Each part
+// lists its JSON keys once, in `fields`, for reading and for writing (row_fields.h).
 #pragma once
 
 #include <cstdint>
@@ -30,7 +30,7 @@ struct Identity {
     }
 };
 
-/// The work that was run.
+/// The number of steps that were run, and the size of the body.
 struct Workpiece {
     int steps = 0;
     std::uint64_t particles = 0, springs = 0;
@@ -87,8 +87,8 @@ struct BenchmarkPart {
 struct LimitPart {
     std::optional<double> seconds = {};
     std::optional<std::string> limited_by = {};
-    std::optional<double> fraction = {};  ///< only in a row that is a time
-    /// What a step moves and computes, see StepWork; empty if steps leave out parts of the body.
+    std::optional<double> fraction = {};  ///< `seconds` over the measured time; only if is_time()
+    /// What a step moves and computes (see StepWork); empty if a step may leave out parts of the body.
     std::optional<std::uint64_t> bytes = {}, written_bytes = {}, footprint_bytes = {}, operations = {};
 
     static void fields(auto& part, auto& of) {
@@ -105,8 +105,9 @@ struct LimitPart {
 /// The time from the construction of a backend to its first step.
 struct StartPart {
     double construct_seconds = 0, compile_seconds = 0, upload_seconds = 0;
-    double ready_seconds = 0;                       ///< sum of the three, with no compiled kernel on disk
-    std::optional<double> warm_ready_seconds = {};  ///< with all compiled kernels on disk; not in older files
+    double ready_seconds = 0;  ///< sum of the three above, if no compiled kernel is on disk
+    /// Like `ready_seconds`, but with all compiled kernels on disk; not in older files.
+    std::optional<double> warm_ready_seconds = {};
 
     static void fields(auto& part, auto& of) {
         of.required("ready_seconds", part.ready_seconds);
@@ -117,7 +118,7 @@ struct StartPart {
     }
 };
 
-/// What a backend chose for a scene and a device.
+/// The tuning that a backend chose by itself for a scene and a device.
 struct ChoicePart {
     std::string chosen;                                      ///< Choice::tuning
     std::optional<double> predicted_seconds = std::nullopt;  ///< Choice::step_seconds
@@ -142,7 +143,7 @@ struct EditPart {
     }
 };
 
-/// How the errors of a timing study were computed.
+/// The reference run that the errors of a timing study were computed with.
 struct ReferencePart {
     std::uint64_t voxels = 0;
     int error_steps = 0;
@@ -155,10 +156,11 @@ struct ReferencePart {
     }
 };
 
-/// The errors of a run from a start in which every spring is strained.
+/// The errors of a verification run that starts with every spring strained.
 struct StrainedPart {
-    double share =
-        0;  ///< share of the springs that are strained, at the end, by more than the smaller tolerance
+    /// The share of the springs whose length at the end differs from the rest length by more than the smaller
+    /// of `tolerance` and `tolerance_rms` (strained_share()).
+    double share = 0;
     std::optional<double> error_max = {}, error_rms = {}, error_mean = {};
     std::optional<double> tolerance = {}, tolerance_rms = {}, tolerance_mean = {};
     std::optional<double> motion_max = {}, motion_rms = {};
@@ -180,23 +182,24 @@ struct StrainedPart {
 struct VerdictPart {
     bool passed = false, finite = false;
     std::optional<double> error_rms = {}, tolerance = {}, tolerance_rms = {};
-    /// Figures of the perturbed reference; empty if none was run.
+    /// Figures of runs of the reference that are rounded at random; empty if there were no such runs.
     std::optional<double> spread_max = {}, spread_rms = {}, motion_max = {}, motion_rms = {};
     std::optional<WorkCount> work = {};
-    // Not in older files, in which the last repetition alone was judged.
+    // The members from here on are not in older files. In these only the last repetition was judged.
     std::optional<int> repetitions_judged = {};
     std::optional<double> error_mean = {}, tolerance_mean = {};
-    /// Fraction of the springs that the run from the scene's own start strains.
+    /// StrainedPart::share of the run from the scene's own start.
     std::optional<double> strained_share = {};
-    /// A further run, from a strained start; only if strained_share is too small.
+    /// A second run, from a strained start; only if `strained_share` is below min_strained_share.
     std::optional<StrainedPart> strained_start = {};
 
-    /// Whether the state passed, and enough springs were strained that wrong springs would have failed.
-    /// Empty: not known.
+    /// Whether the state passed in a run that strained enough springs that wrong springs would have made it
+    /// fail. Empty: not known.
     std::optional<bool> verified() const;
-    /// The largest accepted rms error as a fraction of the body's rms motion. If the rms error is not judged:
+    /// The largest accepted rms error as a fraction of the body's rms motion. If the rms error is not judged,
     /// the largest accepted error of a particle as a fraction of the largest motion. If there is a run from
-    /// the strained start, the bound is that run's. Empty if no error is judged.
+    /// a strained start, these are figures of that run. Empty if no error is judged, or if the motion is not
+    /// known or 0.
     std::optional<double> threshold() const;
 
     static void fields(auto& part, auto& of) {
@@ -218,7 +221,7 @@ struct VerdictPart {
     }
 };
 
-/// A row of any list. Parts that its list does not have are absent.
+/// A row of any list of a result. Parts that the rows of its list do not have are absent.
 struct Row {
     Identity identity;
     std::optional<Workpiece> workpiece = {};
@@ -230,12 +233,12 @@ struct Row {
     std::optional<EditPart> edits = {};
     std::optional<ReferencePart> reference = {};
     std::optional<VerdictPart> verdict = {};
-    Counters counters = {};               ///< metrics that need no member
+    Counters counters = {};               ///< metrics without a member
     std::vector<std::string> noisy = {};  ///< reasons not to trust the time
     /// Range of the card's clock, which is read after each repetition.
     std::optional<unsigned> min_card_mhz = {}, max_card_mhz = {};
     std::optional<std::string> reason = {};   ///< why the case was skipped, failed or chosen
-    std::optional<std::string> pattern = {};  ///< in a choice: the pattern of backends that asked for it
+    std::optional<std::string> pattern = {};  ///< "auto..." as asked for; only in the list `auto`
 
     /// The time per step, in seconds. The row must have a benchmark.
     double step_seconds() const { return 1e-6 * benchmark.value().real_microseconds; }
@@ -243,16 +246,17 @@ struct Row {
     std::string label() const;
     /// SCENE/BACKEND/FORMULATION/PRECISION[/TUNING], without the suffix that Google Benchmark adds.
     std::string case_name() const;
-    /// "~" to precede a figure that is not to be trusted, otherwise empty.
+    /// "~", to be printed before a time that is not to be trusted, otherwise empty.
     std::string noise_mark() const { return noisy.empty() ? "" : "~"; }
-    /// Whether the row took less time than its limit. If so, the limit is wrong.
+    /// Whether the time of the row is shorter than its limit, which is then wrong.
     bool above_limit() const { return limit && limit->fraction && *limit->fraction > 1; }
-    /// "!" to follow the fraction of a limit that is wrong, otherwise empty.
+    /// "!", to be printed after LimitPart::fraction if the limit is wrong, otherwise empty.
     std::string limit_mark() const { return above_limit() ? "!" : ""; }
 };
 
 nlohmann::json to_json(const Row& row);
-/// Reads a row. A part whose first key is missing is absent. Other missing keys leave the defaults.
+/// Reads a row. A part is absent if the key that each_part() (row.cpp) names for it is missing. Any other
+/// missing key leaves the default.
 Row row_from_json(const nlohmann::json& json);
 std::vector<Row> rows_from_json(const nlohmann::json& list);
 

@@ -1,4 +1,4 @@
-// Rows as JSON. A type of row lists its keys once, in `fields`, for reading and for writing:
+// Reads and writes rows as JSON. A type of row lists its keys once, in `fields`, for both:
 //
 //     struct OverheadRow : Row {
 //         std::string handed_over = {};
@@ -18,7 +18,7 @@
 
 namespace voxspring {
 
-/// Writes the fields that a function `fields` lists.
+/// Writes the fields that a function `fields` lists to a JSON object.
 class RowWriter {
 public:
     explicit RowWriter(nlohmann::json& json) : json_(json) {}
@@ -45,7 +45,7 @@ public:
     void list(const char* key, const std::vector<std::string>& values) {
         if (!values.empty()) json_[key] = values;
     }
-    /// Each counter is a key, and `counters` describes them.
+    /// Each counter is written under its name. The key `counters` lists names, units and directions.
     void counters(const Counters& counters) {
         for (const Counter& one : counters) {
             nullable(one.name.c_str(), one.value);
@@ -53,14 +53,14 @@ public:
                 {{"name", one.name}, {"unit", to_string(one.unit)}, {"better", to_string(one.better)}});
         }
     }
-    /// The key is an object with the fields that `visit` lists.
+    /// The value of the key is an object with the fields that `visit` lists.
     template <class Visit>
     void object(const char* key, const Visit& visit) {
         RowWriter inner(json_[key]);
         visit(inner);
     }
 
-    /// The key is absent if there is no value, and otherwise an object.
+    /// The key is absent if there is no value. Otherwise its value is an object with the fields of T.
     template <class T>
     void optional_object(const char* key, const std::optional<T>& value) {
         if (value) object(key, [&](RowWriter& inner) { T::fields(*value, inner); });
@@ -70,7 +70,7 @@ private:
     nlohmann::json& json_;
 };
 
-/// Reads the fields that a function `fields` lists. A key that is missing or null leaves its value unchanged.
+/// Reads the fields that a function `fields` lists. If a key is missing or null, the member is unchanged.
 class RowReader {
 public:
     explicit RowReader(const nlohmann::json& json) : json_(json) {}
@@ -113,7 +113,7 @@ private:
     const nlohmann::json& json_;
 };
 
-/// A row of any type as JSON, and the reverse. A row that has no C++ type is JSON already.
+/// Convert a row of type T to JSON and back. T is nlohmann::json for rows that have no C++ type.
 template <class T>
 nlohmann::json json_of(const T& row) {
     if constexpr (std::same_as<T, nlohmann::json>) {

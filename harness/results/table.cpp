@@ -14,11 +14,12 @@ namespace voxspring {
 namespace {
 
 constexpr std::size_t min_name = 12;  ///< least number of characters of a shortened name
-constexpr std::size_t gap = 2;
+constexpr std::size_t gap = 2;        ///< number of blanks between columns
 
+/// The layout of a table.
 struct Laid {
-    std::vector<std::size_t> columns = {};  ///< indices of the columns that are left
-    std::vector<std::size_t> widths = {};   ///< of all columns
+    std::vector<std::size_t> columns = {};  ///< indices of the columns that are not dropped
+    std::vector<std::size_t> widths = {};   ///< widths of all columns
     std::size_t total() const {
         std::size_t sum = columns.empty() ? 0 : gap * (columns.size() - 1);
         for (const std::size_t c : columns) sum += widths[c];
@@ -26,7 +27,7 @@ struct Laid {
     }
 };
 
-/// Drops the most expendable column. Returns false if no expendable column is left.
+/// Drops the column with the highest Column::expendable. Returns false if none may be dropped.
 bool drop_one(Laid& laid, const std::vector<Column>& columns) {
     const auto worst = std::max_element(laid.columns.begin(), laid.columns.end(), [&](auto a, auto b) {
         return columns[a].expendable < columns[b].expendable;
@@ -36,7 +37,7 @@ bool drop_one(Laid& laid, const std::vector<Column>& columns) {
     return true;
 }
 
-/// Shortens the widest names until the table fits.
+/// Narrows the columns of names, the widest first, until the table fits or all have min_name characters.
 void narrow_names(Laid& laid, const std::vector<Column>& columns, std::size_t width) {
     while (laid.total() > width) {
         std::size_t* widest = nullptr;
@@ -52,7 +53,7 @@ void narrow_names(Laid& laid, const std::vector<Column>& columns, std::size_t wi
 
 using Rows = std::vector<std::vector<std::string>>;
 
-/// Wraps `text` into lines of at most `width` characters; a longer word has a line to itself.
+/// Wraps `text` into lines of at most `width` characters. A word that is longer has a line to itself.
 std::vector<std::string> wrapped(const std::string& text, std::size_t width) {
     std::vector<std::string> lines;
     std::istringstream words(text);
@@ -66,8 +67,8 @@ std::vector<std::string> wrapped(const std::string& text, std::size_t width) {
     return lines;
 }
 
-/// The width of the column: of its cells and of its heading, which is in one line or, with `wraps`, has one
-/// word per line.
+/// The width that column `c` needs for its cells and its heading. With `wraps` the heading has one word per
+/// line, otherwise it is one line.
 std::size_t width_of(const Column& column, const Rows& rows, std::size_t c, bool wraps) {
     std::size_t width = 0;
     for (const std::string& line : wrapped(column.heading, wraps ? 1 : column.heading.size()))
@@ -76,7 +77,7 @@ std::size_t width_of(const Column& column, const Rows& rows, std::size_t c, bool
     return width;
 }
 
-/// Whether the names in column `c`, shortened to `width`, can still be told apart.
+/// Whether different names in column `c` are still different when they are shortened to `width`.
 bool tells_apart(const Rows& rows, std::size_t c, std::size_t width) {
     std::map<std::string, std::string> whole;
     return std::all_of(rows.begin(), rows.end(), [&](const auto& row) {
@@ -84,7 +85,8 @@ bool tells_apart(const Rows& rows, std::size_t c, std::size_t width) {
     });
 }
 
-/// Whether all columns fit with readable names: each may have 2 * min_name characters, and no two get alike.
+/// Whether the columns fit into `width` with readable names: the table would fit with 2 * min_name characters
+/// per name, and narrow_names() makes no two names alike.
 bool serves(Laid laid, const std::vector<Column>& columns, const Rows& rows, std::size_t width) {
     Laid least = laid;
     for (const std::size_t c : least.columns) {
@@ -97,8 +99,8 @@ bool serves(Laid laid, const std::vector<Column>& columns, const Rows& rows, std
     });
 }
 
-/// Drops columns and shortens names until the table fits. Readable names take precedence over expendable
-/// figures, and distinct names over the width.
+/// Drops expendable columns until the others fit with readable names (serves()), then shortens names. Names
+/// that would become alike stay longer, even if the table is then wider than `width`.
 void fit_into(Laid& laid, const std::vector<Column>& columns, const Rows& rows, std::size_t width) {
     while (!serves(laid, columns, rows, width) && drop_one(laid, columns)) {
     }

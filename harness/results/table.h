@@ -9,7 +9,7 @@
 
 namespace voxspring {
 
-/// How many characters wide a table may be; 0: any width.
+/// The largest width of a table in characters; 0: any width.
 using TableWidth = std::size_t;
 
 /// The width of the terminal behind `descriptor`, at least 80; 0 for a pipe or a file.
@@ -17,21 +17,22 @@ TableWidth terminal_width(int descriptor);
 
 struct Column {
     std::string heading;
-    /// If there is no room, columns are dropped in this order, the highest first; 0: never dropped.
+    /// Columns with the highest number are dropped first if the table is too wide, columns with 0 never.
     int expendable = 0;
-    /// Names are aligned to the left, and shortened in the middle if there is no room. Figures are aligned to
-    /// the right.
+    /// Whether the cells are names: aligned to the left, and shortened in the middle if the table is too
+    /// wide. Other cells are figures, aligned to the right.
     bool is_name = false;
 };
 
-/// Prints rows, each with one cell per column, and a line that names the columns for which there was no room.
-/// If there is too little room, headings take several lines first. A line is longer than `width` only if two
-/// names could not be told apart otherwise.
+/// Prints rows, each with one cell per column, and a last line that names the columns that were dropped. If
+/// the table is wider than `width`, first headings are broken into several lines, then columns are dropped
+/// and names shortened. The table is still wider than `width` if the columns that stay need more, or if
+/// shorter names could not be told apart.
 void print_columns(const std::vector<Column>& columns, const std::vector<std::vector<std::string>>& rows,
                    TableWidth width, std::ostream& out);
 
-/// `text` in at most `length` characters. "..." stands after the first two thirds of what is kept, since the
-/// names of strategies differ late.
+/// `text` in at most `length` characters. What is left out is replaced by "...". Two thirds of the characters
+/// that are kept stand before it and one third behind, since names of backends often differ near their end.
 std::string shortened(const std::string& text, std::size_t length);
 
 /// "1.2e-05" and "12%", or "-" if the value is not known.
