@@ -23,13 +23,13 @@ NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(DeviceNumber, number, wraps, parts)
 
 namespace {
 
-/// The registered runners, by name.
+/// The factories of all registered case runners, by name.
 std::map<std::string, CaseRunnerFactory>& factories() {
     static std::map<std::string, CaseRunnerFactory> all;
     return all;
 }
 
-/// The part of a case that lives in the worker process. Answers what the study asks.
+/// The part of a case that lives in the worker process. It answers the questions of the study.
 class CaseInWorker {
 public:
     CaseInWorker(const nlohmann::json& description, const Scene* scene)
@@ -37,7 +37,7 @@ public:
           scene_(scene),
           program_(description.at("program")),
           device_(program_.at("device").get<DeviceNumber>()) {
-        // This folder cannot be created, so that the cache finds nothing and keeps nothing.
+        // This folder cannot be created. So the cache on disk finds nothing and keeps nothing.
         if (program_.at("cold")) setenv("VOXSPRING_CACHE", "/dev/null/none", 1);
         const int threads = program_.at("threads");
         omp_set_num_threads(threads > 0 ? threads : omp_get_num_procs());
@@ -73,7 +73,7 @@ private:
         if (!program_.at("shared").is_null()) shared_.emplace(program_.at("shared"));
         const std::string name = program_.at("runner");
         const auto found = factories().find(name);
-        if (found == factories().end()) throw std::logic_error("no case runner is called " + name);
+        if (found == factories().end()) throw std::logic_error("no case runner is registered as " + name);
         runner_ = found->second(spec_, *scene_, program_.at("parameters"), shared_ ? &*shared_ : nullptr);
     }
 

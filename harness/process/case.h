@@ -1,4 +1,4 @@
-// A case: a backend on which a study runs a scene, in a separate process.
+// A case of a study: one backend that is measured on one scene, in a separate process.
 #pragma once
 
 #include <chrono>
@@ -18,65 +18,70 @@
 
 namespace voxspring {
 
-/// Ctrl-C was pressed: no further work is begun.
+/// Thrown instead of beginning further work after Ctrl-C was pressed.
 class Interrupted : public std::exception {
 public:
     const char* what() const noexcept override { return "interrupted"; }
 };
 
-/// How many processes measure a time or a rate of the host's processor, which depends on where the system
-/// puts a process's memory and threads.
+/// How many processes measure each time or rate of the host's processor. Such a figure differs between
+/// processes, since it depends on where the system puts a process's memory and threads.
 constexpr int host_processes = 3;
 
-/// One backend, with its options, that is measured on one scene. It runs in a worker process, which starts
-/// only when something is asked that the journal of finished measurements does not have.
+/// One backend, with its options, that is measured on one scene. The backend runs in a worker process, which
+/// is started only for a measurement that the journal (the file of finished measurements) does not have.
 class Case {
 public:
-    /// `workers`, which have the scene, must outlive the case.
+    /// `workers` must have been given the scene, and must outlive the case.
     Case(BackendSpec spec, Workers& workers, CaseProgram program, JournalScope scope,
          std::chrono::duration<double> timeout);
 
     const BackendSpec& spec() const { return spec_; }
-    /// The finished measurements of the case.
+    /// The part of the journal that has the finished measurements of this case.
     JournalScope& scope() { return scope_; }
 
     /// Constructs the backend, unless the journal has the result. Returns `capabilities`,
-    /// `construct_seconds`, `unsupported` (empty, or why it cannot run the scene) and `outpaced`
-    /// (outpaced.h). Throws as ask().
+    /// `construct_seconds`, `unsupported` (why the backend cannot run the scene; empty if it can) and
+    /// `outpaced` (why another backend is faster; empty if none is, see outpaced.h). Throws what ask()
+    /// throws.
     nlohmann::json introduce();
-    /// Let several cases construct their backends at once, before introduce() is called: first
-    /// begin_introduction() of each, then await_introduction() of each. A construction then takes longer.
+    /// To construct the backends of several cases at the same time, call begin_introduction() of each case,
+    /// then await_introduction() of each, then introduce(). Each construction then takes longer than alone.
     /// Errors are kept until introduce(), which throws them.
     void begin_introduction();
     void await_introduction();
     /// The capabilities of the backend, after introduce().
     const nlohmann::json& capabilities() const;
-    /// Asks the case's CaseRunner. Throws Interrupted, before asking, if Ctrl-C was pressed; BadInput if the
+    /// Asks the CaseRunner in the worker process a question, and returns the answer. `doing` says in messages
+    /// what the process was doing. Throws Interrupted, before asking, if Ctrl-C was pressed; BadInput if the
     /// device is not the one in the journal; and what Worker::ask() throws.
     nlohmann::json ask(const nlohmann::json& question, const std::string& doing,
                        const OnEvent& on_event = {});
-    /// Returns the measurement `name` of the journal. If the journal has neither this nor a failure of the
-    /// case, calls `make` and keeps the result. If `make` fails, keeps the reason as the case's failure, with
-    /// `at` before it. Returns null if the case failed or was interrupted.
+    /// Returns the measurement `name` of the journal. If the journal has neither this measurement nor a
+    /// failure of the case, calls `make` and keeps its result in the journal. If `make` fails, keeps `at` +
+    /// the reason as the case's failure. Returns null if the case failed or was interrupted before this
+    /// measurement.
     const nlohmann::json* kept(const std::string& name, const std::function<nlohmann::json()>& make,
                                const std::string& at = {});
-    /// ask() in two parts, as Worker::begin() and Worker::finish().
+    /// ask() in two parts: begin() sends the question, finish() waits for the answer. See Worker.
     void begin(const nlohmann::json& question);
     nlohmann::json finish(const std::string& doing, const OnEvent& on_event = {});
-    /// Measures the device's limits on a separate backend, unless `scope` has them. Returns the best that
-    /// this build has ever measured on the device (best_so_far() of limits.h). Throws as ask() does.
+    /// Measures the limits of the device on a separate backend, unless `scope` has them. Returns the best
+    /// limits that this commit has ever measured on the device (best_so_far() of limits.h). Throws
+    /// DeviceError if they cannot be measured. BadInput, Unwritten and Interrupted pass through.
     DeviceLimits measure_limits(JournalScope scope);
-    /// Ends the process, if any. The next question starts another one.
+    /// Ends the worker process, if there is one. The next question starts another process.
     void restart() { process_.reset(); }
-    /// Starts a further process, asks it the questions in turn, and ends it. Returns the introduction and the
-    /// answers. With `cold` it finds no compiled kernel on disk. Throws as ask() does.
+    /// Starts a further worker process, asks it the questions in turn, and ends it. Returns the result of
+    /// introduce() in that process and then the answers. With `cold` that process finds no compiled kernel on
+    /// disk. Throws what ask() throws.
     std::vector<nlohmann::json> afresh(const std::vector<nlohmann::json>& questions, const std::string& doing,
                                        bool cold = false);
 
-    /// Ends the process, if any, and does not wait for that. The case must not be asked again.
+    /// Makes the worker process end, if there is one, and does not wait for its end. No question may follow.
     void dismiss();
 
-    /// The current process, if there is one.
+    /// The ID of the worker process, if there is one.
     std::optional<pid_t> process() const;
 
     std::optional<DeviceLimits> limits;  ///< limits of the case's device; empty: not measured
@@ -92,20 +97,21 @@ private:
     JournalScope scope_;
     std::chrono::duration<double> timeout_;
     std::unique_ptr<Worker> process_;
-    bool introducing_ = false;      ///< whether await_introduction() has to await an answer
+    bool introducing_ = false;      ///< whether an answer to begin_introduction() is still to come
     std::exception_ptr too_early_;  ///< the error of begin_introduction()
 };
 
-/// Calls `action`, which concerns one case, and returns why it failed. Empty if it succeeded or was
-/// interrupted; an interrupted case goes on when the study is resumed. Throws what is not the case's fault:
-/// BadInput, Unwritten.
+/// Calls `action`, which concerns one case, and returns why it failed. The result is empty if `action`
+/// succeeded or was interrupted: an interrupted case goes on when the study is resumed. Rethrows BadInput and
+/// Unwritten, since these are not failures of the case.
 std::optional<std::string> failure_of(const std::function<void()>& action);
 
-/// Constructs a backend in a worker. Returns what Case::introduce() returns, and throws as Worker::ask()
-/// does.
+/// Constructs a backend in a worker process. Returns what Case::introduce() returns, and throws what
+/// Worker::ask() throws.
 nlohmann::json introduce(const BackendSpec& spec, Workers& workers, std::chrono::duration<double> timeout);
 
-/// The description that a case's process is started with, and the Answerer that this process makes from it.
+/// case_description() makes the description of a case, with which its worker process is started. That process
+/// calls case_answerer(), which makes the Answerer of questions from the description.
 nlohmann::json case_description(const BackendSpec& spec, const CaseProgram& program);
 Answerer case_answerer(const nlohmann::json& description, const Scene* scene);
 

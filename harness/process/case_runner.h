@@ -1,4 +1,5 @@
-// The code that runs in a case's process. The process makes it from a name and parameters.
+// Case runners: the code of a kind of study that runs in the worker process of a case. The worker process
+// makes a runner from its registered name and parameters.
 #pragma once
 
 #include <functional>
@@ -14,7 +15,7 @@
 
 namespace voxspring {
 
-/// What a kind of study does with one backend, in that backend's process.
+/// What a kind of study does with one backend, in the worker process of that backend.
 class CaseRunner {
 public:
     CaseRunner() = default;
@@ -25,12 +26,12 @@ public:
                                   const OnEvent& on_event) = 0;
 };
 
-/// Makes a runner in the case's process. `parameters` comes from the kind of study. `shared` is room for one
-/// state; null if CaseProgram::shared is null. All references outlive the runner.
+/// Makes a runner in the worker process of a case. `parameters` is CaseProgram::parameters. `shared` is
+/// shared memory for one state; null if CaseProgram::shared is null. All references outlive the runner.
 using CaseRunnerFactory = std::function<std::unique_ptr<CaseRunner>(
     const BackendSpec& spec, const Scene& scene, const nlohmann::json& parameters, SharedState* shared)>;
 
-/// Registers a runner, in the file of a kind of study:
+/// Registers a runner by a static object in the source file of a kind of study:
 /// `static const RegisteredCaseRunner runner("timing", ...);`
 struct RegisteredCaseRunner {
     RegisteredCaseRunner(const std::string& name, CaseRunnerFactory factory);
@@ -41,14 +42,14 @@ struct CaseProgram {
     std::string runner;
     nlohmann::json parameters = nlohmann::json::object();
     SharedState* shared = nullptr;  ///< must outlive the case
-    /// How many threads the case's process may use; 0: one per processor. Cases that run at the same time get
-    /// a share of the processors each: a thread that spins while it waits would keep a processor from another
-    /// process.
+    /// How many threads the case's process may use; 0: one per processor. Each of several cases that run at
+    /// the same time gets a share of the processors. With more threads than processors, threads that spin
+    /// while they wait would keep other processes from running.
     int threads = 0;
-    /// The device of all backends in the case's process. It is set before the first backend is made, since a
-    /// backend opens its device in its constructor.
+    /// The device that all backends in the case's process use. The process selects it before it makes the
+    /// first backend, since a backend opens its device in its constructor.
     DeviceNumber device = {};
-    bool cold = false;  ///< the process finds nothing in the cache on disk, and keeps nothing there
+    bool cold = false;  ///< whether the process works without the cache on disk
 };
 
 }  // namespace voxspring

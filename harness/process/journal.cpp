@@ -21,13 +21,14 @@ namespace {
 
 constexpr int version = 2;
 constexpr std::string_view check_key = R"({"check":")";
-/// The journal's line for `object`, which must not be empty. A checksum of the rest of the line comes first.
+/// The line of the journal for `object`, which must not be empty. The line begins with a checksum of its
+/// rest.
 std::string line_of(const nlohmann::json& object) {
     const std::string rest = "," + json_text(object).substr(1);
     return std::string(check_key) + hash_of(rest) + "\"" + rest + "\n";
 }
 
-/// The object in `line`, which has no newline; empty if the line does not match its checksum.
+/// The object in `line`; empty if the line does not match its checksum. `line` is given without its newline.
 std::optional<nlohmann::json> object_of(std::string_view line) {
     const std::size_t rest = check_key.size() + hash_digits + 1;
     if (line.size() < rest || !line.starts_with(check_key) ||
@@ -36,7 +37,7 @@ std::optional<nlohmann::json> object_of(std::string_view line) {
     return json_of(line);
 }
 
-/// The text for a missing value, when only one of two compared objects has a key.
+/// The text that stands for a missing value, if only one of two compared objects has a key.
 const std::string nothing = "nothing";
 
 /// `value` as text, without quotes and brackets.
@@ -90,7 +91,7 @@ Journal::Journal(std::filesystem::path file, const nlohmann::json& study, bool r
         throw BadInput(file_.string(), "journal", "an interrupted study",
                        "--resume, which continues it, or no such file: delete it to begin again");
     if (const std::string text = complete_lines(); text.empty()) {
-        append({{"journal", version}, {"study", study}}, "what the study is");
+        append({{"journal", version}, {"study", study}}, "the description of the study");
         sync_folder_of(file_);
     } else {
         read(text, study);
@@ -147,7 +148,7 @@ void Journal::read(const std::string& text, const nlohmann::json& study) {
         const auto object = object_of(std::string_view(text).substr(begin, end - begin));
         if (!object)
             throw BadInput(file_.string(), "line " + std::to_string(number), text.substr(begin, end - begin),
-                           "what was written there: the file is corrupt; delete it to begin again");
+                           "the line as it was written: the file is corrupt; delete it to begin again");
         if (number > 1) {
             session_ = std::max(session_, object->at("session").get<int>() + 1);
             earlier_seconds_ = object->at("elapsed_seconds");
@@ -157,7 +158,7 @@ void Journal::read(const std::string& text, const nlohmann::json& study) {
         if (object->value("journal", 0) != version)
             throw BadInput(file_.string(), "journal", json_text(*object),
                            "version " + std::to_string(version));
-        const nlohmann::json now = json_of(json_text(study));  // as the file would store it
+        const nlohmann::json now = json_of(json_text(study));  // as read back from a file
         for (const auto& [key, value] : now.items()) {
             const nlohmann::json there = object->at("study").value(key, nlohmann::json());
             if (there == value) continue;
@@ -194,10 +195,10 @@ void Journal::keep(const std::string& name, nlohmann::json value) {
 void Journal::append(const nlohmann::json& object, const std::string& what) {
     const std::string line = line_of(object);
     if (!write_all(descriptor_.number, line) || !sync_now_and_then())
-        throw unwritten("; it lacks " + what + " and is complete up to there: --resume continues it");
+        throw unwritten("; the file lacks " + what + " and what would follow: --resume continues from there");
 }
 
-/// At most once per second: syncing takes milliseconds, and a measurement may take less.
+/// Syncs at most once per second, since syncing takes milliseconds and a measurement may take less.
 bool Journal::sync_now_and_then() {
     constexpr std::chrono::seconds pause(1);
     const auto now = std::chrono::steady_clock::now();

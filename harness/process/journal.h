@@ -1,5 +1,5 @@
-// The journal of a study. Every measurement is written as soon as it is finished, so that it survives the end
-// of the process.
+// The journal of a study: a file to which every measurement is written as soon as it is finished, so that an
+// interrupted study can be resumed.
 #pragma once
 
 #include <chrono>
@@ -16,41 +16,44 @@
 
 namespace voxspring {
 
-/// The journal cannot be read or written; the message says what it lacks. The study must stop measuring.
+/// The journal cannot be read or written. The message gives the reason and, if a measurement could not be
+/// written, its name. The study must stop measuring.
 class Unwritten : public std::runtime_error {
     using std::runtime_error::runtime_error;
 };
 
-/// Where two JSON values, `there` and `here`, first differ, and what each has in that place, for users.
+/// The place at which two JSON values first differ, and the text of each at that place, for users.
 struct Difference {
     std::string where;  ///< keys and, in lists, numbers from 1: "scenes 2 1"; empty: the values as a whole
-    std::string there, here;
+    std::string there, here;  ///< the text of the first and of the second value; "nothing": no such key
 };
-/// The first difference of two values, which must differ.
+/// The first difference of two JSON values, which must differ.
 Difference first_difference(const nlohmann::json& there, const nlohmann::json& here);
-/// The error that the journal `file` has `other.there` (or nothing) at `key`, instead of `accepted`.
+/// The error that the journal `file` has `other.there`, or no value, at `key` where `accepted` was expected.
 BadInput refusal(const std::string& file, const std::string& key, const Difference& other,
                  const std::string& accepted);
 
-/// Finished measurements by name. On disk this is a file of JSON lines, each with a checksum: first an object
-/// that describes the study, then one line per measurement.
+/// The finished measurements of a study, by name. The file has one JSON object per line, each with a
+/// checksum. The first line describes the study. Each further line is a measurement.
 class Journal {
 public:
-    /// A journal in memory only.
+    /// A journal without a file, in memory only.
     Journal() = default;
     /// A journal in `file`. With `resume` it continues the journal of a study that was interrupted. Throws
-    /// BadInput if another process writes the file, if a journal exists and `resume` is false, if it is the
-    /// journal of another study (`study` differs), or if a line does not match its checksum; Unwritten if the
-    /// file cannot be read or written. An incomplete last line is dropped, and note() says so.
+    /// BadInput if another process writes the file, if a journal exists and `resume` is false, if the file is
+    /// a journal of another version or another study (`study` differs), or if a line does not match its
+    /// checksum. Throws Unwritten if the file cannot be read or written. An incomplete last line is dropped,
+    /// and note() says so.
     Journal(std::filesystem::path file, const nlohmann::json& study, bool resume);
     Journal(const Journal&) = delete;
     Journal& operator=(const Journal&) = delete;
 
-    /// The measurement `name`; null if it is not finished.
+    /// The measurement `name`; null if the journal does not have it.
     const nlohmann::json* find(const std::string& name) const;
-    /// Keeps a measurement. When this returns, the value is in the file and survives the end of this process.
+    /// Adds a measurement. When this returns, the value is in the file and survives the end of this process.
     /// The file is synced to the disk at most once per second, so a crash of the whole machine may lose the
-    /// last moments. Throws Unwritten. `value` must have no infinity and no NaN, since JSON has neither.
+    /// latest measurements. Throws Unwritten. `value` must not contain infinity or NaN, since JSON has
+    /// neither.
     void keep(const std::string& name, nlohmann::json value);
 
     /// Calls `visitor` for each finished measurement, sorted by name.
@@ -58,25 +61,26 @@ public:
         const std::function<void(const std::string& name, const nlohmann::json& value)>& visitor) const;
     /// How many times the study has been started or resumed, including this time.
     int sessions() const { return session_; }
-    /// How long the journal has been open in this session, plus in each earlier one until it last kept
-    /// something.
+    /// The time that the study has taken so far: how long this session has been going on, plus for each
+    /// earlier session the time until its last keep().
     double elapsed_seconds() const;
-    /// What a user should know about the file; usually empty.
+    /// A note for the user about the file, if an incomplete line was dropped; otherwise empty.
     const std::string& note() const { return note_; }
-    /// Deletes the journal's file. To be called once the result is written.
+    /// Deletes the journal's file. Call this once the result of the study is written.
     void remove();
 
+    /// The file of the journal of the study whose result goes to the file `result`.
     static std::filesystem::path file_beside(const std::filesystem::path& result);
 
 private:
-    /// The error that errno describes.
+    /// The error that the file cannot be written, for the reason in errno. `consequence` ends the message.
     Unwritten unwritten(const std::string& consequence) const;
     void open_locked();
-    /// Returns the text of the file. Cuts off an incomplete last line, also in the file.
+    /// Returns the text of the file without an incomplete last line, which is also cut off in the file.
     std::string complete_lines();
     void read(const std::string& text, const nlohmann::json& study);
     void append(const nlohmann::json& line, const std::string& what);
-    /// Syncs the file to the disk, unless that was done within the last second. Returns false on failure.
+    /// Syncs the file to the disk, unless the last sync was less than a second ago. Returns false on failure.
     bool sync_now_and_then();
 
     /// A file descriptor. The destructor closes it, which releases the lock on the file.
@@ -95,7 +99,7 @@ private:
     std::map<std::string, nlohmann::json> finished_;
 };
 
-/// The measurements whose names begin with a prefix: for example all of one case.
+/// The measurements of a journal whose names begin with a prefix, for example all those of one case.
 class JournalScope {
 public:
     JournalScope(Journal& journal, std::string prefix) : journal_(&journal), prefix_(std::move(prefix)) {}

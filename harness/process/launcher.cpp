@@ -42,10 +42,10 @@ Deadline after(Seconds patience) {
     throw BadInput("run_study()", "worker", program.string(), accepted);
 }
 
-// --- The study's side -----------------------------------------------------------------------------------
+// --- In the study's process -----------------------------------------------------------------------------
 
-/// Starts a launcher. It inherits `socket`, as descriptor launcher_socket, and of all other descriptors only
-/// 0, 1 and 2. Closes `socket` in this process.
+/// Starts a launcher. The launcher has only the descriptors 0, 1, 2 and, as launcher_socket, `socket`. Closes
+/// `socket` in this process.
 pid_t spawn(const std::filesystem::path& program, int socket) {
     std::string name = program_invocation_name, word = worker_word, mark = worker_mark;
     std::array arguments = {name.data(), word.data(), mark.data(), static_cast<char*>(nullptr)};
@@ -53,11 +53,11 @@ pid_t spawn(const std::filesystem::path& program, int socket) {
     posix_spawn_file_actions_init(&actions);
     posix_spawn_file_actions_adddup2(&actions, socket, launcher_socket);
     posix_spawn_file_actions_addclosefrom_np(&actions, launcher_socket + 1);
-    // Signals are blocked until the launcher ignores them, so that Ctrl-C never ends it.
+    // The launcher inherits that signals are blocked, until it ignores them. So Ctrl-C never ends it.
     sigset_t all, before;
     sigfillset(&all);
     pthread_sigmask(SIG_SETMASK, &all, &before);
-    // /proc/self/exe is the file that runs, even if another file has taken its name since.
+    // /proc/self/exe is the file that this process runs, even if another file has its name by now.
     const std::string file = program.empty() ? "/proc/self/exe" : program.string();
     pid_t process = -1;
     const int error = posix_spawn(&process, file.c_str(), &actions, nullptr, arguments.data(), environ);
@@ -79,7 +79,7 @@ std::string describe_end(int status) {
     return "ended with exit code " + std::to_string(WEXITSTATUS(status));
 }
 
-/// Waits up to `patience` for a child to end by itself, then kills it. Returns its status.
+/// Waits up to `patience` for a child to end by itself, then kills it. Returns its status as waitpid() does.
 int reap(pid_t process, Seconds patience) {
     int status = 0;
     const auto until = Clock::now() + patience;
@@ -121,7 +121,8 @@ Launcher::Launcher(const std::filesystem::path& program, const Scene* scene, Sec
     }
 }
 
-/// A launcher first sends what it was built from. This compares it with this program's build.
+/// Receives the first message of the launcher, which describes its build. Throws BadInput if that is not this
+/// program's build.
 void Launcher::check_build(const std::filesystem::path& program) {
     nlohmann::json theirs;
     try {
@@ -140,8 +141,8 @@ Launcher::~Launcher() {
 }
 
 void Launcher::lose(Seconds patience) {
-    // shutdown() as well as close(): if another thread has forked this program meanwhile, the child has a
-    // copy of the socket, and close() alone would not tell the launcher.
+    // If another thread has forked this program, the child has a copy of the socket. close() would then not
+    // tell the launcher that the study is done with it, but shutdown() does.
     shutdown(socket_, SHUT_RDWR);
     lost_ = describe_end(reap(process_, patience));
     close(socket_);
@@ -168,7 +169,8 @@ Launcher::Child Launcher::start(const nlohmann::json& description) {
         const pid_t process = started.at("process");
         return {process, receive_descriptor(socket_, after(own_patience_))};
     } catch (const Late&) {
-        // The late socket would arrive in place of the next answer, so this launcher is given up.
+        // If the worker's socket comes late, it would be taken for the next answer. So the launcher is given
+        // up.
         lose(Seconds(0));
     } catch (const Closed&) {
         if (!is_lost()) lose(Seconds(0));
@@ -195,7 +197,7 @@ Workers::Workers(std::filesystem::path program, const Scene* scene)
 }
 
 void Workers::turn_to(const Scene* scene) {
-    launcher_.reset();  // This launcher has a copy of the previous scene.
+    launcher_.reset();  // the launcher has a copy of the previous scene
     scene_ = scene;
 }
 
@@ -234,7 +236,7 @@ void start_worker(int socket, const nlohmann::json& description, const Scene* sc
     close(ends[0]);
 }
 
-/// Receives the scene, and tells the study whether there was memory for it.
+/// Receives the scene, and reports to the study whether there was enough memory for it.
 std::optional<Scene> take_scene(int socket) {
     try {
         std::optional<Scene> scene = receive_scene(socket);
@@ -249,17 +251,20 @@ std::optional<Scene> take_scene(int socket) {
 }  // namespace
 
 void serve_as_launcher(int socket, const MakeAnswerer& make) {
-    // Makes this process end with the study. If the study has died already, the closed socket shows that.
+    // Makes the system kill this process when the study's process ends. If the study has ended before this
+    // call, its end of the socket is closed, and send_message() below throws Closed.
     prctl(PR_SET_PDEATHSIG, SIGKILL);
-    // Without this the process would be called `exe`, after /proc/self/exe.
+    // Without this call, lists of processes would show the name `exe`, after /proc/self/exe.
     prctl(PR_SET_NAME, program_invocation_short_name);
-    // Ctrl-C goes to all processes of a terminal. The launcher and its workers ignore it, so that the study
-    // can let them finish their current work.
+    // Ctrl-C sends SIGINT to all processes of a terminal. The launcher and its workers ignore the signal, so
+    // that the study can let them finish their current work.
     std::signal(SIGINT, SIG_IGN);
     std::signal(SIGTERM, SIG_IGN);
-    // The launcher waits for its workers. It could not if it inherited that this signal is ignored.
+    // The launcher may have inherited that SIGCHLD is ignored. waitpid() would then not report how workers
+    // end.
     std::signal(SIGCHLD, SIG_DFL);
-    // If a driver's cache exceeds a limit on the size of files, writing fails but does not end the process.
+    // A driver's cache file may reach the limit on the size of files. With SIGXFSZ ignored, write() then
+    // fails instead of ending the process.
     std::signal(SIGXFSZ, SIG_IGN);
     sigset_t none;
     sigemptyset(&none);

@@ -1,9 +1,9 @@
 // The launcher, which starts worker processes.
 //
-// After a bare fork() of a program with threads, the child has their locks, maybe held, but not the threads
-// that would release them. So the study starts this executable anew, as a launcher: a process with one
-// thread, which receives the scene and forks the workers of all its cases. The workers then share the scene
-// in memory without copies.
+// If a program with several threads calls fork(), the child may have locks that are held by threads that the
+// child does not have, so that nothing releases them. The study therefore starts its executable anew, as a
+// launcher: a process with one thread, which receives the scene once and forks the workers of all cases. The
+// workers share the scene in memory without copying it.
 #pragma once
 
 #include <sys/types.h>
@@ -21,15 +21,15 @@ namespace voxspring {
 
 class Worker;
 
-/// The study's side of one launcher. When this process ends, however that happens, the launcher ends, and
-/// with it its workers.
+/// One launcher, as the study's process sees it. When the study's process ends, in whatever way, the launcher
+/// and its workers end as well.
 class Launcher {
 public:
-    /// Starts `program`, or this executable if it is empty. A launcher is lost if an answer takes
-    /// `own_patience` longer than the request says: it computes nothing, but the machine may be busy. Throws
-    /// BadInput unless `program` calls worker_main() and is of this build, std::system_error if no further
-    /// process can be started, and std::runtime_error with the reason if the launcher does not take the
-    /// scene.
+    /// Starts `program`, or this executable if `program` is empty, and sends it the scene. If the launcher
+    /// takes longer for an answer than the request allows plus `own_patience`, it is killed and is_lost():
+    /// launchers compute nothing, but the machine may be busy. Throws BadInput unless `program` calls
+    /// worker_main() and is of this build, std::system_error if no further process can be started, and
+    /// std::runtime_error with the reason if the launcher does not take the scene.
     Launcher(const std::filesystem::path& program, const Scene* scene,
              std::chrono::duration<double> own_patience = std::chrono::minutes(1));
     Launcher(const Launcher&) = delete;
@@ -40,7 +40,8 @@ public:
         pid_t process;
         int socket;  ///< the connection to the worker, to be closed by the caller
     };
-    /// Starts a worker. Throws std::system_error if that fails, std::runtime_error if the launcher is lost.
+    /// Starts a worker. Throws std::system_error if no process can be started, std::runtime_error if the
+    /// launcher is lost.
     Child start(const nlohmann::json& description);
     /// Waits up to `patience` for a worker to end by itself, then kills it. Returns how it ended, in words.
     std::string end(pid_t process, std::chrono::duration<double> patience);
@@ -57,7 +58,7 @@ private:
     const std::chrono::duration<double> own_patience_;
     int socket_ = -1;
     pid_t process_ = -1;
-    std::string lost_;  ///< how the launcher ended, if it has
+    std::string lost_;  ///< how the launcher ended; empty while it runs
 };
 
 /// Starts workers, for one scene at a time. Each scene has a launcher, which is started with its first
@@ -65,13 +66,14 @@ private:
 class Workers {
 public:
     /// If `program` is empty, workers are processes of this executable (worker_main.h). `scene` is null if
-    /// the workers need none; otherwise it must live until the next turn_to() or the end of this object.
-    /// Throws std::logic_error if this executable cannot be started as a worker.
+    /// the workers need no scene; otherwise it must live until the next turn_to() or the end of this object.
+    /// Throws std::logic_error if `program` is empty and this executable has not called worker_main().
     explicit Workers(std::filesystem::path program = {}, const Scene* scene = nullptr);
     Workers(const Workers&) = delete;
     Workers& operator=(const Workers&) = delete;
 
-    /// Turns to another scene, which must live until the next call or the end of this object.
+    /// Starts workers with another scene from now on. It must live until the next turn_to() or the end of
+    /// this object.
     void turn_to(const Scene* scene);
 
     /// The launcher for the present scene, started if necessary. Throws as Launcher's constructor does.
@@ -83,21 +85,21 @@ private:
     std::filesystem::path program_;
     const Scene* scene_;
     std::shared_ptr<Launcher> launcher_;
-    Worker* last_asked_ = nullptr;
+    Worker* last_asked_ = nullptr;  ///< the worker that Worker::ask() has asked last
 };
 
-/// Called by an Answerer to report something to the study before the answer.
+/// A function that an Answerer calls to report something to the study before the answer.
 using OnEvent = std::function<void(const nlohmann::json& event)>;
-/// Answers questions in the worker's process.
+/// A function in the worker's process that answers the questions of the study.
 using Answerer = std::function<nlohmann::json(const nlohmann::json& question, const OnEvent& on_event)>;
-/// Makes the Answerer in a worker that was started with `description`. `scene` is the launcher's scene; null
-/// if it has none.
+/// A function that makes the Answerer in a worker that was started with `description`. `scene` is the scene
+/// of the launcher; null if the launcher has none.
 using MakeAnswerer = std::function<Answerer(const nlohmann::json& description, const Scene* scene)>;
 
-/// Runs a launcher on `socket` until the study ends.
+/// Turns this process into a launcher that answers requests on `socket`. Exits when the study ends.
 [[noreturn]] void serve_as_launcher(int socket, const MakeAnswerer& make);
 
-/// Runs a worker on `socket`; its parent is `launcher`.
+/// Turns this process, a child of the process `launcher`, into a worker that answers questions on `socket`.
 [[noreturn]] void serve_as_worker(int socket, pid_t launcher, const nlohmann::json& description,
                                   const Scene* scene, const MakeAnswerer& make);
 

@@ -16,14 +16,14 @@
 namespace voxspring {
 namespace {
 
-/// Returns once there is something to receive or the other end is closed. Throws Late at the deadline.
+/// Returns once there are bytes to receive or the other end is closed. Throws Late at the deadline.
 void wait_for_input(int socket, const Deadline& until) {
     for (;;) {
         int milliseconds = -1;
         if (until) {
             const auto left = std::chrono::ceil<std::chrono::milliseconds>(*until - Clock::now()).count();
             if (left <= 0) throw Late();
-            // poll() takes an int. If the wait is longer, the loop calls it again.
+            // poll() takes an int. If more milliseconds are left, the loop calls poll() again.
             milliseconds = int(std::min<std::int64_t>(left, 1000000));
         }
         pollfd waiting{socket, POLLIN, 0};
@@ -31,7 +31,7 @@ void wait_for_input(int socket, const Deadline& until) {
     }
 }
 
-/// Room for one descriptor beside a message.
+/// Aligned room for one file descriptor, which is sent as ancillary data of a message.
 union DescriptorRoom {
     cmsghdr aligned;
     char bytes[CMSG_SPACE(sizeof(int))];
@@ -72,7 +72,7 @@ void receive_bytes(int socket, void* bytes, std::size_t count, const Deadline& u
     }
 }
 
-/// Messages are CBOR, which holds every double, NaN and infinity included. The length is sent first.
+/// Messages are CBOR, which unlike JSON text has NaN and infinity. The length is sent before the message.
 void send_message(int socket, const nlohmann::json& message) {
     const std::vector<std::uint8_t> bytes = cbor_of(message);
     const std::uint64_t size = bytes.size();
@@ -116,7 +116,7 @@ int receive_descriptor(int socket, const Deadline& until) {
         received = recvmsg(socket, &message, MSG_CMSG_CLOEXEC);
     } while (received < 0 && errno == EINTR);
     const cmsghdr* header = received > 0 ? CMSG_FIRSTHDR(&message) : nullptr;
-    // The descriptor is missing if this process has as many open files as it is allowed to have.
+    // The system drops the descriptor if this process already has as many open files as it may have.
     if (header == nullptr || header->cmsg_type != SCM_RIGHTS) throw Closed();
     int descriptor = -1;
     std::memcpy(&descriptor, CMSG_DATA(header), sizeof descriptor);

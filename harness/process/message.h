@@ -13,36 +13,36 @@
 
 namespace voxspring {
 
-/// The other end of a socket is closed.
+/// Thrown if the other end of a socket is closed.
 class Closed : public std::runtime_error {
 public:
     Closed() : std::runtime_error("the other process is gone") {}
 };
-/// No message came before the deadline.
+/// Thrown if no message came before the deadline.
 class Late : public std::runtime_error {
 public:
     Late() : std::runtime_error("no answer") {}
 };
-/// When to give up waiting. Empty: never.
+/// The time at which a function stops waiting for input. Empty: never.
 using Deadline = std::optional<std::chrono::steady_clock::time_point>;
 
-/// All functions of this header throw Closed; those that receive also throw Late.
+/// All functions of this header throw Closed. Those with a parameter `until` also throw Late.
 void send_bytes(int socket, const void* bytes, std::size_t count);
 void receive_bytes(int socket, void* bytes, std::size_t count, const Deadline& until = std::nullopt);
 
-/// Numbers arrive with the same bits, NaN and infinity included.
+/// Send and receive JSON. Finite numbers and infinity arrive with the same bits, and NaN arrives as a NaN.
 void send_message(int socket, const nlohmann::json& message);
 nlohmann::json receive_message(int socket, const Deadline& until = std::nullopt);
 
-/// Passes an open file, a socket for example, to the other process. The receiver must close it.
+/// Pass an open file, for example a socket, to the other process. The receiver must close its descriptor.
 void send_descriptor(int socket, int descriptor);
 int receive_descriptor(int socket, const Deadline& until = std::nullopt);
 
-/// Sends `scene`, or the message that there is none, to the process `receiver` at the other end of `socket`.
-/// The bits stay the same. No intermediate copy is made: large arrays are written into the receiver's memory
-/// on all cores. If the system does not let a process write there, arrays go through the socket.
+/// Sends `scene`, which may be null, to the process `receiver` at the other end of `socket`. All numbers keep
+/// their bits. Large arrays are not copied to a buffer, but written directly into the receiver's memory, on
+/// all cores. If the system does not allow that, they go through the socket.
 void send_scene(int socket, const Scene* scene, pid_t receiver);
-/// Receives what send_scene() sent; empty if that was no scene.
+/// Receives what send_scene() sent; empty if that was null.
 std::optional<Scene> receive_scene(int socket);
 
 }  // namespace voxspring

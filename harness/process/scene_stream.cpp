@@ -15,12 +15,12 @@
 namespace voxspring {
 namespace {
 
-/// Arrays of at least this many bytes are written directly into the receiver's memory. Each thread writes
+/// Arrays of at least this many bytes are written directly into the receiver's memory, by all threads, in
 /// pieces of this size.
 constexpr std::size_t large = std::size_t(1) << 22;
 
-/// Copies `count` bytes to `address` in another process. Returns false if that failed; the memory there is
-/// then undefined.
+/// Copies `count` bytes to `address` in the memory of another process. Returns false if the copy failed, and
+/// may then have written some of the bytes.
 bool write_into(pid_t process, std::uint64_t address, const void* from, std::size_t count) {
     std::atomic<bool> written = true;
 #pragma omp parallel for schedule(dynamic)
@@ -91,12 +91,13 @@ void pass_all(const Stream& stream, Values&... values) {
 }
 
 /// Passes the members of a structure that cannot be copied as plain bytes. Each structure is unpacked by a
-/// structured binding of all members, so that a new member does not compile until it is added here.
+/// structured binding of all members. So if a structure gets a new member, this does not compile until the
+/// member is added here.
 template <class Stream, class Value>
 void pass_members(const Stream& stream, Value& value) {
     using Plain = std::remove_const_t<Value>;
     if constexpr (std::is_same_v<Plain, Scene>) {
-        // `volume`, `mesh` and `world` are for people and for exported files. Workers need none of them.
+        // `volume`, `mesh` and `world` are not passed: only texts for users and exported files use them.
         auto& [name, source, description, problem, state, edits, tool_motion, stable_time_step, volume, mesh,
                notes, world] = value;
         pass_all(stream, name, source, description, problem, state, edits, tool_motion, stable_time_step,

@@ -23,8 +23,8 @@ namespace {
     throw std::system_error(error, std::generic_category(), "cannot share memory with another process");
 }
 
-/// Copies on all cores, since one core takes most of a second for the state of 16 million particles. For few
-/// particles one core is done before the others have woken.
+/// Copies on all cores, since one core takes most of a second for the state of 16 million particles. Few
+/// particles are copied on one core, which is done before the others have woken.
 void copy(std::span<const glm::dvec3> from, glm::dvec3* to) {
     constexpr std::size_t few = 65536;
 #pragma omp parallel for schedule(static) if (from.size() > few)
@@ -33,13 +33,14 @@ void copy(std::span<const glm::dvec3> from, glm::dvec3* to) {
 
 }  // namespace
 
-// This is a System V segment: a file in memory would be subject to the limit on the size of files.
+// The memory is a System V segment, since a file in memory would be subject to the limit on the size of
+// files.
 SharedMemory SharedMemory::of_bytes(std::size_t bytes) {
     const int segment =
         shmget(IPC_PRIVATE, std::max<std::size_t>(1, bytes), IPC_CREAT | SHM_NORESERVE | 0600);
     if (segment < 0) refuse_to_share(errno);
-    // Marks the segment for removal once the last process detaches. Until then Linux lets further processes
-    // attach.
+    // On return this object marks the segment for removal. Linux removes it once the last process has
+    // detached, and until then lets further processes attach.
     const std::shared_ptr<void> removal(nullptr, [=](void*) { shmctl(segment, IPC_RMID, nullptr); });
     return SharedMemory(segment);
 }
@@ -67,7 +68,7 @@ nlohmann::json SharedState::description() const {
 nlohmann::json SharedState::put(const State& state) {
     const std::size_t particles = std::max(state.displacement.size(), state.increment.size());
     if (particles > particles_)
-        throw std::runtime_error("returned a state of " + std::to_string(particles) +
+        throw std::runtime_error("the backend returned a state of " + std::to_string(particles) +
                                  " particles for a problem of " + std::to_string(particles_));
     copy(state.displacement, vectors_.data());
     copy(state.increment, vectors_.data() + particles_);

@@ -1,4 +1,4 @@
-// Memory shared by several processes of this host, and a state that they pass to each other through it.
+// Memory that several processes of this host share, and a State that they pass to each other through it.
 #pragma once
 
 #include <cstddef>
@@ -9,13 +9,13 @@
 
 namespace voxspring {
 
-/// A page-aligned segment of memory, zero at first, shared by this process and all that attach to its number.
-/// The system frees it when the last of these processes has ended, in whatever way.
+/// A page-aligned segment of memory, zero at first. Other processes attach to it by its number, segment().
+/// The system frees the segment when the last process that is attached ends, in whatever way.
 class SharedMemory {
 public:
-    /// A new segment. Memory is allocated only as it is written. Throws std::system_error.
+    /// Makes a segment. Its pages are allocated when they are first written. Throws std::system_error.
     static SharedMemory of_bytes(std::size_t bytes);
-    /// Attaches to a segment, which another process must still have. Throws std::system_error.
+    /// Attaches to a segment to which another process is still attached. Throws std::system_error.
     explicit SharedMemory(int segment);
     SharedMemory(const SharedMemory&) = delete;
     SharedMemory& operator=(const SharedMemory&) = delete;
@@ -25,28 +25,29 @@ public:
     void* data() const { return data_; }
 
 private:
-    int segment_;  ///< id of System V's shared memory
+    int segment_;  ///< the ID of a System V shared memory segment
     void* data_;
 };
 
-/// Room for the state of one problem, shared by this process and all that are given its description(). It
-/// holds one state at a time: a state must be taken out before the next is put in.
+/// Shared memory for one state of a problem. Other processes attach to it by its description(). It holds one
+/// state at a time: put() overwrites the previous state, so take() must be called before the next put().
 class SharedState {
 public:
-    /// New room for this many particles. Memory is allocated only as it is written. Throws std::system_error.
+    /// Makes shared memory for a state of this many particles. Throws std::system_error.
     explicit SharedState(std::size_t particles);
-    /// The room that another process described and must still have. Throws std::system_error.
+    /// Attaches to the shared memory that has this description() in another process, which must still be
+    /// attached to it. Throws std::system_error.
     explicit SharedState(const nlohmann::json& description);
     SharedState(const SharedState&) = delete;
     SharedState& operator=(const SharedState&) = delete;
 
     nlohmann::json description() const;
 
-    /// Puts a state in. Returns the sizes of its lists, which take() needs. Throws std::runtime_error if the
-    /// state has more particles than there is room for.
+    /// Copies `state` into the shared memory. Returns the sizes of its lists, which take() needs. Throws
+    /// std::runtime_error if the state has too many particles.
     nlohmann::json put(const State& state);
-    /// Copies the state out into `state`, whose memory is reused: allocating new memory would take longer
-    /// than the copy.
+    /// Copies the state from the shared memory to `state`, whose memory is reused: allocating new memory
+    /// would take longer than the copy.
     void take(const nlohmann::json& sizes, State& state) const;
 
 private:

@@ -8,8 +8,8 @@ namespace voxspring {
 
 bool signal_process(pid_t process, int signal) {
     if (process <= 0)
-        throw std::logic_error("a signal to process " + std::to_string(process) +
-                               ", which is not one process");
+        throw std::logic_error("cannot send a signal to process ID " + std::to_string(process) +
+                               ": only a positive ID stands for one process");
     return kill(process, signal) == 0;
 }
 

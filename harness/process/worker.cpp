@@ -23,12 +23,12 @@
 namespace voxspring {
 namespace {
 
-/// If memory runs out, the system ends this process rather than the study, which has all finished
-/// measurements.
+/// Makes the system end this process first if memory runs out, and not the study's process, which has all
+/// finished measurements.
 void be_ended_first() { std::ofstream("/proc/self/oom_score_adj") << 1000; }  // the maximum
 
-/// Returns once the threads of this process are idle, after 50 ms at most, since some drivers' threads never
-/// rest. OpenMP's threads spin for some milliseconds after their work.
+/// Waits until the threads of this process are idle: OpenMP's threads spin for some milliseconds after their
+/// work. Waits about 50 ms at most, since the threads of some drivers are never idle.
 void come_to_rest() {
     constexpr std::clock_t idle = CLOCKS_PER_SEC / 20'000;  // 50 us of processor time per millisecond
     std::clock_t before = std::clock();
@@ -38,13 +38,13 @@ void come_to_rest() {
         if (now - before < idle) break;
         before = now;
     }
-    // Gives freed memory back to the system: with a large scene there is not enough for every worker to keep
-    // it.
+    // Gives freed memory back to the system: with a large scene the machine does not have enough memory for
+    // every worker to keep it.
     constexpr std::size_t much = std::size_t(1) << 28;
     if (mallinfo2().fordblks > much) malloc_trim(0);
 }
 
-/// How long to wait for a driver to release a device.
+/// How long to wait for a worker to end, since its driver takes a while to release a device.
 constexpr Seconds driver_patience(10);
 
 const nlohmann::json rest_question = {{"do", "rest"}};
@@ -75,8 +75,8 @@ void serve_as_worker(int socket, pid_t launcher, const nlohmann::json& descripti
     be_ended_first();
     Answerer answerer;
     const OnEvent on_event = [&](const nlohmann::json& event) { send_message(socket, {{"event", event}}); };
-    // The worker ends by _exit(): exit handlers that the launcher or the program around it registered must
-    // not run here.
+    // The worker ends by _exit(), since this process must not run the exit handlers that the launcher's
+    // program registered.
     try {
         for (;;) {
             const nlohmann::json question = receive_message(socket);
@@ -98,7 +98,7 @@ void serve_as_worker(int socket, pid_t launcher, const nlohmann::json& descripti
 
 Worker::Worker(Workers& workers, const nlohmann::json& description, Seconds timeout)
     : workers_(workers),
-      // The clock counts nanoseconds in 64 bits: without this limit a deadline might overflow.
+      // The clock counts nanoseconds in 64 bits. Without this limit a deadline might overflow.
       timeout_(std::min(timeout, Seconds(1e8))) {
     if (!(timeout.count() > 0)) throw std::invalid_argument("a worker's time-out has to be positive");
     launcher_ = workers_.launcher();
@@ -116,8 +116,8 @@ Worker::~Worker() {
 }
 
 void Worker::dismiss() {
-    // shutdown() instead of close(): if this program was forked meanwhile, the child has a copy of the
-    // socket, and close() alone would not tell the worker.
+    // If this program has been forked, the child has a copy of the socket. close() would then not tell the
+    // worker to end, but shutdown() does.
     if (process_ >= 0) shutdown(socket_, SHUT_RDWR);
 }
 
@@ -139,7 +139,7 @@ nlohmann::json Worker::receive(const std::string& doing, Seconds patience) {
         how << "did not answer within " << patience.count() << " s";
         lose(how.str(), doing);
     } catch (const Closed&) {
-        // The worker has closed its end: it has ended or is about to end.
+        // The worker's end of the socket is closed, so the worker has ended or is about to end.
         lose(launcher_->end(process_, std::min(Seconds(10), timeout_)), doing);
     }
 }
@@ -149,7 +149,7 @@ void Worker::rest() {
         send_message(socket_, rest_question);
         receive("coming to rest", timeout_);
     } catch (const std::exception&) {
-        // The next call that asks this worker reports the failure.
+        // The failure is reported by the next call of begin() or finish() for this worker.
     }
 }
 
@@ -164,13 +164,14 @@ nlohmann::json Worker::ask(const nlohmann::json& question, const std::string& do
 
 void Worker::begin(const nlohmann::json& question) {
     if (process_ < 0) throw WorkerLost(lost_);
-    // From here on other workers may run at the same time, so no one waits for this worker to come to rest.
+    // Until finish() other workers may work at the same time. So no call of ask() for another worker waits
+    // until this worker is idle.
     if (workers_.last_asked_ == this) workers_.last_asked_ = nullptr;
     asked_ = true;
     try {
         send_message(socket_, question);
     } catch (const Closed&) {
-        // The worker has ended. receive() finds out how.
+        // The worker has ended. receive(), called by finish(), finds out how.
     }
 }
 

@@ -1,5 +1,5 @@
-// A process that answers questions for this process. What runs in it can crash, hang or run out of memory
-// without ending this process.
+// A worker: a process that answers questions of this process. A backend that runs in a worker can crash, hang
+// or run out of memory without ending this process.
 #pragma once
 
 #include <sys/types.h>
@@ -16,44 +16,44 @@
 
 namespace voxspring {
 
-/// The worker's process has ended. The message says how, and what it was doing.
+/// Thrown if the worker's process has ended. The message says how it ended, and what it was doing.
 class WorkerLost : public std::runtime_error {
     using std::runtime_error::runtime_error;
 };
 
 /// A process that a launcher has forked. It ends with this object or when this process ends, in whatever way.
-/// Numbers in questions and answers arrive with the same bits, NaN and infinity included.
+/// Finite numbers in questions and answers arrive with the same bits; NaN and infinity arrive as such.
 ///
-/// Only one worker of the same Workers works at a time, except between begin() and finish(). Before another
-/// worker is asked, the threads of the previous one have come to rest: they would otherwise take cores from
-/// the one that is timed.
+/// Only one worker of a Workers object works at a time, except between begin() and finish(). Before ask()
+/// asks another worker, it waits until the threads of the previous worker are idle: they would otherwise take
+/// cores from the worker that is timed.
 class Worker {
 public:
-    /// `description` says which Answerer to make (case.h). `workers` must outlive this. A `timeout` beyond
-    /// three years is cut to three years. Throws std::invalid_argument unless `timeout` is positive, and what
-    /// Launcher throws.
+    /// `description` says which Answerer to make (case.h). `workers` must outlive this object. A `timeout`
+    /// longer than 1e8 s (three years) is cut to that. Throws std::invalid_argument unless `timeout` is
+    /// positive, and what Launcher throws.
     Worker(Workers& workers, const nlohmann::json& description, std::chrono::duration<double> timeout);
     Worker(const Worker&) = delete;
     Worker& operator=(const Worker&) = delete;
     ~Worker();
 
-    /// Makes the process end, and does not wait until it has: a driver takes a while to release a device, and
-    /// several workers can end at once. The worker must not be asked again.
+    /// Makes the process end, and does not wait for its end. A driver takes a while to release a device, so
+    /// several workers that end at the same time take less time. The worker must not be asked again.
     void dismiss();
 
-    /// The worker's process; empty once it has ended.
+    /// The ID of the worker's process; empty once it is known to have ended.
     std::optional<pid_t> process() const {
         return process_ > 0 ? std::optional<pid_t>(process_) : std::nullopt;
     }
 
-    /// Asks a question and returns the answer. Throws WorkerLost if the process ends, or is killed because it
-    /// has sent nothing for as long as the time-out; the message says what it was `doing`. If the Answerer
-    /// throws, throws Unavailable or DeviceError with the message of that exception.
+    /// Asks a question and returns the answer. Throws WorkerLost if the process ends, or if it has sent
+    /// nothing during the time-out and is killed; the message says what the worker was `doing`. If the
+    /// Answerer throws an exception, throws Unavailable or DeviceError with its message.
     nlohmann::json ask(const nlohmann::json& question, const std::string& doing,
                        const OnEvent& on_event = {});
 
-    /// ask() in two parts, so that several workers can do at once what is not timed. Between begin() and
-    /// finish() this worker must not be asked anything else.
+    /// ask() in two parts, so that several workers can do work that is not timed at the same time. begin()
+    /// sends the question, finish() waits for the answer. No other question may be asked between them.
     void begin(const nlohmann::json& question);
     nlohmann::json finish(const std::string& doing, const OnEvent& on_event = {});
 
@@ -68,7 +68,7 @@ private:
     pid_t process_ = -1;
     std::chrono::duration<double> timeout_;
     bool asked_ = false;  ///< whether a question is still unanswered
-    std::string lost_;    ///< how the process ended, if it has
+    std::string lost_;    ///< how the process ended; empty while it runs
 };
 
 }  // namespace voxspring
