@@ -11,12 +11,14 @@ namespace {
 
 using Pair = std::pair<std::uint32_t, std::uint32_t>;
 
-/// A squared distance and the particle there. At equal distances the smaller index counts as nearer.
+/// A squared distance and the particle at that distance. Of equally distant particles the one with the
+/// smaller index counts as nearer.
 using Near = std::pair<double, std::uint32_t>;
 
 double squared(const glm::dvec3& v) { return glm::dot(v, v); }
 
-/// Returns, sorted, all that find(i, found) appends to `found` for each i below `count`. Runs on all cores.
+/// Calls find(i, found) for each i below `count`, on all cores. Returns all elements that `find` appends to
+/// `found`, sorted.
 template <class Found, class Find>
 std::vector<Found> gather(std::size_t count, const Find& find) {
     std::vector<Found> all;
@@ -68,14 +70,14 @@ std::vector<Pair> Places::springs_through(const std::array<glm::dvec3, 4>& quad)
         low = glm::min(low, corner);
         high = glm::max(high, corner);
     }
-    // The box around the triangles is larger than they are, by more than the rounding error of a position.
+    // The box around the triangles has a margin that is larger than the rounding error of a position.
     const glm::dvec3 reach = glm::max(glm::abs(low), glm::abs(high));
     const double margin = 1e-9 * std::max({reach.x, reach.y, reach.z});
     low -= margin;
     high += margin;
 
-    // For each particle the sides of the box beyond which it lies. A spring with both ends beyond the same
-    // side does not meet the box.
+    // One bit per side of the box, set if the particle lies beyond that side. A spring with both ends beyond
+    // the same side does not meet the box.
     std::vector<std::uint8_t> outside(count());
 #pragma omp parallel for schedule(static)
     for (std::size_t i = 0; i < count(); ++i) {

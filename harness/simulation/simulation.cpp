@@ -18,25 +18,27 @@ namespace {
 
 constexpr const char* not_finite = "the state is no longer finite";
 
-/// The springs of the hand, and those of the needle, may each use this fraction of room_for_springs(). It is
-/// less than half, so that the time step stays stable with both.
+/// The springs of the hand, and the stitches, may each use this fraction of room_for_springs(). The fraction
+/// is less than half, so that the time step stays stable with both.
 constexpr double share_of_room = 0.4;
 
-/// The largest omega^2 for which `time_step` is stable. `damping` is per step.
+/// The largest omega^2 for which `time_step` is stable, where omega is the largest angular frequency of a
+/// body. `damping` is the share of the velocity that is lost per step.
 double frequency_squared_at(double time_step, double damping) {
     return 4 * (1 - damping / 2) / (time_step * time_step);
 }
 
 /// By how much omega^2 may grow before the scene's time step becomes unstable. A spring between a particle of
-/// mass m and a fixed point adds at most its stiffness over m. The result is 0 or negative if the time step
-/// is not stable now.
+/// mass m and a fixed point adds at most its stiffness divided by m. The result is 0 if the scene's time step
+/// is the stable one, and negative if it is larger.
 double room_for_springs(const Scene& scene) {
     const double damping = scene.problem.damping;
     return frequency_squared_at(scene.problem.time_step, damping) -
            frequency_squared_at(scene.stable_time_step, damping);
 }
 
-/// The loads of `problem`; empty if they are only the zeros that take_hold() adds to a problem with a tool.
+/// The loads of `problem`. The result is empty if `problem` has a tool and all loads are 0, since take_hold()
+/// adds such loads.
 std::vector<glm::dvec3> loads_without_tool(const Problem& problem) {
     if (!problem.has_tool()) return problem.load;
     const bool none = std::all_of(problem.load.begin(), problem.load.end(),
@@ -44,7 +46,7 @@ std::vector<glm::dvec3> loads_without_tool(const Problem& problem) {
     return none ? std::vector<glm::dvec3>{} : problem.load;
 }
 
-/// A pointer to `problem` that does not own it. `problem` must outlive the pointer.
+/// A pointer to `problem` that does not own it. `problem` must outlive all copies of the pointer.
 std::shared_ptr<const Problem> not_owned(const Problem& problem) {
     return {std::shared_ptr<const Problem>{}, &problem};
 }
@@ -88,7 +90,7 @@ std::string Simulation::refusal(const Backend& backend, const Problem& problem, 
     const auto leaves = [](const ScheduledEdit& scheduled) { return scheduled.edit.leaves_lattice(); };
     const auto first =
         std::find_if(scene_.edits.begin() + std::ptrdiff_t(next_edit), scene_.edits.end(), leaves);
-    // A backend that supports the problem also supports edits that add no spring beyond the lattice.
+    // A backend that supports the problem also supports all edits that add lattice springs only.
     if (!why.empty() || first == scene_.edits.end()) return why;
     Problem joined = problem;
     for (auto scheduled = first; scheduled != scene_.edits.end(); ++scheduled) {
@@ -192,7 +194,7 @@ std::string Simulation::take_hold(const glm::dvec3& place, double radius, double
     const double room = room_for_springs(scene_);
     if (room <= 0) {
         return fmt::format(
-            "the time step {:g} leaves no room for a hand's springs: without them at most {:g} is stable",
+            "the time step {:g} is too large to add a hand's springs: without them {:g} is stable",
             scene_.problem.time_step, scene_.stable_time_step);
     }
     if (is_broken()) return not_finite;
@@ -276,7 +278,7 @@ Simulation::Change Simulation::stitch(const std::pair<std::uint32_t, std::uint32
     Problem sewn = problem_;
     const SpringEdit edit = SpringEditor(sewn).suture(std::span(&ends, 1));
     if (edit.empty()) return {};
-    // Whatever is cut and joined later, the problem never has more springs than these.
+    // `all` has every spring that the problem can have later, whatever is cut and joined.
     Problem all = with_all_springs(scene_);
     all.springs.insert(all.springs.end(), stitches_.begin(), stitches_.end());
     const ChangedSpring& added = edit.added.front();
@@ -291,7 +293,7 @@ Simulation::Change Simulation::stitch(const std::pair<std::uint32_t, std::uint32
         all.springs.push_back(added.spring);
         const double stable = frequency_squared_at(scene_.stable_time_step, scene_.problem.damping);
         if (frequency_bound_squared(all) > stable + share_of_room * room)
-            return {0, "another stitch there could make the time step unstable"};
+            return {0, "another stitch between these particles could make the time step unstable"};
     }
     Change change = by_hand([&](SpringEditor& editor) { return editor.join(edit.added); });
     if (is_new && change.springs > 0) stitches_.push_back(added.spring);
@@ -323,7 +325,7 @@ void Simulation::tell_of(const SpringEdit& edit) {
     tell([&](Backend& backend) { backend.edit(problem_, edit); });
 }
 
-// --- The whole --------------------------------------------------------------------------------------------
+// --- The whole simulation ---------------------------------------------------------------------------------
 
 void Simulation::reset() {
     ask([&](Backend&) { main_.upload(not_owned(scene_.problem), scene_.state); });
@@ -340,7 +342,7 @@ std::string Simulation::switch_to(const BackendSpec& spec) {
         try {
             if (is_broken()) return not_finite;
         } catch (const DeviceError&) {
-            // We go on from the state that was kept last, as after an earlier DeviceError.
+            // The new backend goes on from the state that was kept last, as after an earlier DeviceError.
         }
     }
     Problem problem = without_hand();
@@ -363,7 +365,7 @@ std::string Simulation::switch_to(const BackendSpec& spec) {
     is_latest_ = false;
     use_tool_of(*uploaded);
     holds_ = false;
-    tick_ = -1;  // the upload has put the scene's tool where it took hold
+    tick_ = -1;  // the upload has put the scene's tool to the place where it took hold
     steps_ = kept_.steps;
     next_edit_ = kept_.next_edit;
     if (kept_.springs_version != springs_version_) {
@@ -382,7 +384,7 @@ void Simulation::save(const std::filesystem::path& file) const {
     write_atomically(file, npz({scene_, problem, kept_.state, kept_.steps, time, kept_.label}));
 }
 
-// --- Beside float64 ---------------------------------------------------------------------------------------
+// --- Comparison with float64 ------------------------------------------------------------------------------
 
 std::string Simulation::compare(bool on) {
     if (on == compares()) return {};
@@ -392,15 +394,15 @@ std::string Simulation::compare(bool on) {
     }
     if (problem_.particle_count() > max_compared) {
         return fmt::format(
-            "{} particles are too many to compare with float64, which keeps up with at most {}",
+            "a body of {} particles is too large to compare with float64: at most {} are accepted",
             problem_.particle_count(), max_compared);
     }
     if (is_broken()) return not_finite;
     Running other;
-    other.backend = make_perturbed_reference({});  // in float64, unperturbed; accepts every problem
+    other.backend = make_perturbed_reference({});  // float64 without perturbations; accepts every problem
     other.upload(std::make_shared<const Problem>(problem_), state());
     if (holds_) other.backend->tool()->move_tool(moved_);
-    tick_ = -1;  // makes the next step place the scene's tool again
+    tick_ = -1;  // makes the next step() move the scene's tool again, now on both backends
     other_ = std::move(other);
     return {};
 }
