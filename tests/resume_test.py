@@ -112,7 +112,7 @@ class Interrupted(InTemporaryFolder):
         code, said, errors, seconds = self.interrupt("advise", "box@8", "--error", "1", "--backend", "cpu_parallel",
                                                      after=r" ([2-9]|[1-4]\d)/60, ")
         self.assertEqual(code, 130, errors)
-        self.assertRegex(said, r"^box@8: interrupted; of the \d+ runs that were measured\nbox@8: an error of 1 is reached soonest by\n")
+        self.assertRegex(said, r"^box@8: interrupted; the advice follows from \d+ runs\nbox@8: an error of 1 is reached soonest by\n")
         self.assertIn("\n  voxspring run box@8 --backend cpu_parallel:", said)
         self.assertLess(seconds, SOON_SECONDS)
 

@@ -12,7 +12,7 @@
 namespace voxspring {
 namespace {
 
-/// Reads a row of a pareto result. Empty if the run diverged or has no total error.
+/// Reads a row of the result of a pareto study. Empty if the run diverged or has no total error.
 std::optional<Candidate> read_candidate(JsonObject row) {
     const auto seconds = row.require("seconds", "a number or null");
     const auto error = row.require("total_error_relative_l2", "a number or null");
@@ -41,7 +41,7 @@ std::string with_tuning(const Candidate& candidate, const std::string& tuning) {
            (tuning.empty() ? "" : "," + tuning);
 }
 
-/// Order of candidates: by time, then by error, then by name.
+/// Whether `a` comes before `b`: by time, then by error, then by name.
 bool faster(const Candidate& a, const Candidate& b) {
     return std::tie(a.seconds, a.total_error, a.name) < std::tie(b.seconds, b.total_error, b.name);
 }
@@ -62,7 +62,7 @@ std::vector<Candidate> candidates_of(JsonObject result, const std::string& scene
     }
     if (!scenes.contains(scene))
         throw BadInput(list.file(), "pareto", scene,
-                       "one of its scenes: " +
+                       "a scene of this result: " +
                            (scenes.empty() ? "it has none" : joined({scenes.begin(), scenes.end()})));
     return candidates;
 }

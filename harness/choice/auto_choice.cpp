@@ -21,26 +21,28 @@ namespace {
 constexpr double any_number = std::numeric_limits<double>::infinity();
 
 /// Backends that are never chosen for scenes with edits: they rebuild their tables at every edit, which takes
-/// long if the body is large.
+/// long for a large body.
 const std::set<std::string> never_edited = {"cuda_march"};
-/// Backends that are never chosen if a tool moves, although they accept one: cuda_resident would take few
-/// steps per launch instead of thousands. Backends that refuse every tool need not be listed.
+/// Backends that are never chosen for scenes with a tool, although they accept tools: with a tool
+/// cuda_resident takes few steps per launch instead of thousands. Backends that refuse every tool need not be
+/// listed.
 const std::set<std::string> never_held = {"cuda_resident"};
 
 /// Why a backend is fast, as text for users.
 std::string reason_for(const std::string& backend) {
     static const std::map<std::string, std::string> reasons = {
         {"cuda_resident", "state stays on the chip from step to step"},
-        {"cuda_bricks", "what multiprocessors hold together stays there from step to step"},
+        {"cuda_bricks", "shared memory of all multiprocessors holds the state from step to step"},
         {"cuda_march", "each thread marches along a column and reads a particle once"},
-        {"cuda_tiles", "a list of active tiles alone, each stepped by one or two threads"},
+        {"cuda_tiles", "only active tiles are stepped, each by one or two threads"},
         {"cuda_explicit_delta",
          "only active particles have neighbour lists, and all particles of a run share one list"},
-        {"gl_fragment_implicit", "a lattice needs no lists, and the stencil mask skips what is empty"},
+        {"gl_fragment_implicit",
+         "a lattice needs no neighbour lists, and the stencil mask skips empty voxels"},
         {"cpu_parallel", "it steps on every core, with SIMD instructions"}};
     if (const auto found = reasons.find(backend); found != reasons.end()) return found->second;
-    return backend.find("implicit") != std::string::npos ? "a lattice needs no lists"
-                                                         : "lists, which take springs beyond the lattice";
+    return backend.find("implicit") != std::string::npos ? "a lattice needs no neighbour lists"
+                                                         : "neighbour lists allow springs beyond the lattice";
 }
 
 std::string count_text(std::uint64_t count) {
@@ -123,7 +125,7 @@ Formulation check_auto(const std::string& text) {
             throw BadSpecification("backend auto has no parameter '" + key +
                                    "'; known: precision, formulation");
     }
-    // cpu_parallel has every formulation and precision, so it accepts all valid options.
+    // cpu_parallel has every formulation and precision, so parsing for it accepts all valid options.
     return BackendSpec::parse("cpu_parallel" + (options.empty() ? "" : ":" + options)).options.formulation;
 }
 
@@ -150,7 +152,7 @@ Chosen choose_by_rules(const std::string& text, const Scene& scene,
             // The backend's device is not on this machine: try the next rule.
         }
     }
-    throw Unavailable("no backend of this build takes the scene on a device of this machine");
+    throw Unavailable("no backend of this build can run the scene on a device of this machine");
 }
 
 AutoChoice choose_backend(const std::string& text, const Scene& scene,
@@ -177,7 +179,8 @@ nlohmann::json choose_among(const Result& result, const std::vector<Row>& rows) 
                     [&](Formulation f) { return to_string(f) == of.formulation && by_increments(f); });
     const Workload workload{first.reference.value().voxels, first.workpiece.value().particles, between, false,
                             increments};
-    // Backends with a row of this formulation and precision, and those that did not run the scene.
+    // `known` are the backends with a row of this formulation and precision. `refused` are those of them that
+    // did not run the scene.
     std::set<std::string> known, refused;
     for (const char* list : {"benchmarks", "skipped", "failed"}) {
         for (const Row& row : result.rows(list)) {

@@ -27,8 +27,8 @@ namespace voxspring {
 
 namespace {
 
-/// Measures one scene by a study. What could not be measured is reported with the advice, or on standard
-/// error if the advice is JSON.
+/// Runs a study on one scene. Prints what could not be measured to `out`, or to standard error if the advice
+/// is JSON.
 Result measured(const std::string& study, const std::string& scene, const AdviseOptions& options,
                 std::ostream& out) {
     StudyOptions of_study = options.study;
@@ -38,7 +38,7 @@ Result measured(const std::string& study, const std::string& scene, const Advise
     return result;
 }
 
-/// The options that make the same body, each as a shell reads it.
+/// The options of `voxspring run` that make the same body from a volume or mesh, quoted for a shell.
 std::string text_of(const VolumeOptions& volume) {
     const auto vector = [](const glm::dvec3& v) { return fmt::format("{},{},{}", v.x, v.y, v.z); };
     std::string text;
@@ -57,7 +57,8 @@ std::string text_of(const VolumeOptions& volume) {
     return text;
 }
 
-/// The command that repeats the candidate's run. Its time step has all digits, so that no bit differs.
+/// The command that repeats the run of a candidate. Its time step has all digits, so that the run is the same
+/// to the last bit.
 std::string command_of(const Candidate& candidate, const std::string& argument,
                        const AdviseOptions& options) {
     return fmt::format("voxspring run {}{} --backend {} --time-step {} --steps {} --out state.npz",
@@ -112,7 +113,7 @@ int print_advice_on_errors(const std::string& argument, const AdviseOptions& opt
             << scene << ": "
             << (unfinished ? "interrupted before anything was measured"
                            : "no run has an error against the converged solution: float64 does not "
-                             "converge, or all diverged")
+                             "converge, or all runs diverged")
             << "\n";
         return unfinished ? interrupted_exit_code : 1;
     }
@@ -134,7 +135,7 @@ int print_advice_on_errors(const std::string& argument, const AdviseOptions& opt
         return exit_code;
     }
     if (unfinished)
-        out << scene << ": interrupted; of the " << candidates.size() << " runs that were measured\n";
+        out << scene << ": interrupted; the advice follows from " << candidates.size() << " runs\n";
     out << scene << ": "
         << (advice.best ? fmt::format("an error of {:g} is reached soonest by\n", error)
                         : fmt::format("nothing reaches an error of {:g}; the most accurate is\n", error));
@@ -181,8 +182,8 @@ int print_advice_on_ranks(const std::string& argument, const AdviseOptions& opti
     return exit_code;
 }
 
-/// Prints which pitch, backend and placement of the particles reach the error against the continuum in the
-/// least time.
+/// Prints which pitch, backend and placement of the particles (at voxels' centres or corners) reach the error
+/// against the continuum in the least time.
 int print_advice_on_continuum(const std::string& argument, const AdviseOptions& options, std::ostream& out) {
     (void)truth_case(argument, "command line");
     const Result result = options.results
@@ -216,12 +217,14 @@ int print_advice_on_continuum(const std::string& argument, const AdviseOptions& 
     }
     out << argument << ": "
         << (best != nullptr
-                ? fmt::format("an error of {:g} of the continuum is reached soonest by\n", *options.error)
-                : fmt::format("nothing reaches an error of {:g} of the continuum; the nearest is\n",
-                              *options.error))
+                ? fmt::format("an error of {:g} against the continuum is reached soonest by\n",
+                              *options.error)
+                : fmt::format(
+                      "nothing reaches an error of {:g} against the continuum; the most accurate is\n",
+                      *options.error))
         << fmt::format(
                "  {}, particles at {}, {} voxels across, time steps of {:g} of the stable one\n"
-               "    {} for {} steps to rest; {} off the continuum, order {} from the coarsest pitch\n",
+               "    {} for {} steps until rest; error {}; order of convergence {} from the coarsest pitch\n",
                shown->label(), shown->particles_at, shown->across, shown->time_step_fraction,
                si(shown->seconds, "s"), shown->workpiece->steps, percent_text(shown->model_error),
                shown->order ? fixed_text(*shown->order, 2) : "-");
@@ -236,8 +239,9 @@ int print_advice(const std::string& argument, const AdviseOptions& options, std:
         throw BadInput("command line", "--error", missing,
                        "the largest acceptable error, or --ranks or --devices instead");
     if (asks_for_ranks && options.error)
-        throw BadInput("command line", "--error", fmt::format("{:g}", *options.error),
-                       "no --error together with --ranks or --devices, which ask whether several ranks pay");
+        throw BadInput(
+            "command line", "--error", fmt::format("{:g}", *options.error),
+            "no --error with --ranks or --devices, which ask if several ranks are faster than one");
     if (options.continuum && !asks_for_ranks) return print_advice_on_continuum(argument, options, out);
     return asks_for_ranks ? print_advice_on_ranks(argument, options, out)
                           : print_advice_on_errors(argument, options, out);

@@ -51,7 +51,7 @@ struct Values {
 constexpr double min_timeout = 1e-3, max_timeout = 1e6;
 
 const char* const scene_help =
-    "Built-in scene (box, or resized: box@64, heart@120x102x92), scene file, volume file or mesh";
+    "Built-in scene (box, or resized: box@64, heart@120x102x92), scene file, volume file or mesh file";
 
 // --- Values --------------------------------------------------------------------------------------------
 
@@ -59,7 +59,7 @@ const char* const scene_help =
     throw BadInput("command line", option, text, accepted);
 }
 
-/// The type of the number in a Number or std::optional<Number>.
+/// NumberIn<T>::Type is the type of the number in T, which is a number or a std::optional of one.
 template <class Target>
 struct NumberIn {
     using Type = Target;
@@ -69,7 +69,7 @@ struct NumberIn<std::optional<Number>> {
     using Type = Number;
 };
 
-/// Parses a number. For other text, or a number outside `low` to `high`, throws BadInput with the range.
+/// Parses a number from `low` to `high`. Throws BadInput with that range for any other text.
 template <class Number>
 Number number_of(const std::string& option, const std::string& text, Number low, Number high) {
     Number number{};
@@ -94,10 +94,10 @@ CLI::Option* add_number(CLI::App& command, const std::string& option, Target& ta
         ->type_name(std::is_integral_v<Number> ? "N" : "NUMBER");
 }
 
-/// Splits `text` at commas. The comma added at the end keeps CLI11 from dropping an empty last part.
+/// Splits `text` at commas. The added comma at the end keeps CLI11 from dropping an empty last part.
 std::vector<std::string> parts_of(const std::string& text) { return CLI::detail::split(text + ",", ','); }
 
-/// Parses a vector such as "0,0,-0.002". With `one`, "1.5" is accepted as well: that value three times.
+/// Parses a vector such as "0,0,-0.002". With `one`, a single number is accepted too, for all components.
 glm::dvec3 vector_of(const std::string& option, const std::string& text, double low, double high, bool one) {
     std::vector<std::string> parts = parts_of(text);
     if (one && parts.size() == 1) parts.resize(3, text);
@@ -109,7 +109,8 @@ glm::dvec3 vector_of(const std::string& option, const std::string& text, double 
     return vector;
 }
 
-/// Parses numbers or names of segments. Does not check the names, which only the volume's file knows.
+/// Parses --labels: numbers or names of segments. Names are not checked, since only the volume's file has
+/// them.
 std::vector<std::string> labels_of(const std::string& text) {
     std::vector<std::string> labels = parts_of(text);
     for (std::string& label : labels) CLI::detail::trim(label);
@@ -145,8 +146,8 @@ CLI::Option* add_repetitions(CLI::App& command, StudyOptions& study, const char*
     return add_number(command, "--repetitions", study.repetitions, 1, 10'000, description);
 }
 
-/// Adds the option that chooses the device of `api`. It sets an environment variable before the command runs.
-/// Processes that the command starts inherit this variable.
+/// Adds the option that chooses the device of `api`. The option sets an environment variable, which processes
+/// that the command starts inherit.
 void add_device(CLI::App& command, const Api& api) {
     const std::string option = "--" + api.name + "-device";
     command
@@ -170,14 +171,14 @@ void add_devices(CLI::App& command) {
     }
 }
 
-/// Options for a volume or mesh that has no scene file.
+/// Adds the options for a volume or mesh that has no scene file.
 void add_volume_options(CLI::App& command, VolumeOptions& volume) {
     const auto add_text = [&](const std::string& name, const std::string& type, auto take,
                               const std::string& description) {
         return command.add_option_function<std::string>(name, take, description)->type_name(type);
     };
     CLI::Option* threshold = add_number(command, "--threshold", volume.threshold, -max_quantity, max_quantity,
-                                        "Voxels above it are active (default: 0)");
+                                        "Voxels with a larger value are active (default: 0)");
     std::vector<CLI::Option*> options = {
         threshold,
         add_text(
@@ -186,7 +187,7 @@ void add_volume_options(CLI::App& command, VolumeOptions& volume) {
             ->excludes(threshold),
         add_number<std::optional<std::int64_t>>(
             command, "--frame", volume.frame, 0, 1'000'000'000,
-            "Which one of several values per voxel to use, for example a time of a 4D file, from 0 on"),
+            "Which of several values per voxel to use, such as a time of a 4D file; counted from 0"),
         add_text(
             "--spacing", "LENGTH",
             [&volume](const std::string& text) {
@@ -195,7 +196,7 @@ void add_volume_options(CLI::App& command, VolumeOptions& volume) {
             "Distance between voxel centres, one number or three as X,Y,Z (default: the file's)"),
         add_number<std::optional<double>>(
             command, "--pitch", volume.pitch, min_quantity, max_quantity,
-            "Edge length of the cubic voxels made from a mesh, or made to replace those of a volume"),
+            "Edge length of cubic voxels: of those made from a mesh, or that replace a volume's voxels"),
         add_number<std::optional<double>>(
             command, "--fill", volume.fill, min_quantity, 1.0,
             "A voxel is active if at least this share of it is in the body (default: 0.5)"),
@@ -204,8 +205,8 @@ void add_volume_options(CLI::App& command, VolumeOptions& volume) {
             [&volume](const std::string& text) {
                 volume.gravity = vector_of("--gravity", text, -max_quantity, max_quantity, false);
             },
-            "Gravity as X,Y,Z, with --young in m/s2 (default: that of the scene heart, each component times "
-            "the spacing along its axis; with --young 9.81 m/s2 in the same direction)"),
+            "Gravity as X,Y,Z; in m/s2 if --young is given (default: that of the scene heart, each component "
+            "times the spacing along its axis; with --young, 9.81 m/s2 in the same direction)"),
         add_text(
             "--parts", "largest|N",
             [&volume](const std::string& text) {
@@ -218,8 +219,8 @@ void add_volume_options(CLI::App& command, VolumeOptions& volume) {
                            fmt::format("largest, or a whole number from 2 to {}", max_part_particles));
                 volume.parts->least = std::size_t(least);
             },
-            "Parts of the body to keep, if springs do not join all of it: the largest part only, or parts "
-            "with at least N particles (default: all)")};
+            "Parts to keep of a body that springs do not join into one: only the largest part, or all parts "
+            "of at least N particles (default: all)")};
     CLI::Option* young = add_text(
         "--young", "MODULUS",
         [&volume](const std::string& text) {
@@ -264,7 +265,8 @@ void add_list(CLI::App& app, Values& values, std::ostream& out) {
 }
 
 void add_limits(CLI::App& app, Values& values, std::ostream& out) {
-    CLI::App* limits = app.add_subcommand("limits", "What each device can do at best, measured now");
+    CLI::App* limits = app.add_subcommand(
+        "limits", "Measure what each device can do at best: bandwidth, arithmetic, launches");
     add_json(*limits, values);
     add_devices(*limits);
     limits->callback([&] { list_limits(values.json, out); });
@@ -284,8 +286,9 @@ void add_export_options(CLI::App& run, ExportOptions& out) {
                    "Write the final state to this file; its ending sets the format; may be repeated:" +
                        list_formats())
         ->allow_extra_args(false);
-    add_number(run, "--every", out.every, 1, max_run_steps,
-               "Steps between the files of a series: body_000100.vtu, ... and, for ParaView, body.pvd");
+    add_number(
+        run, "--every", out.every, 1, max_run_steps,
+        "Write a series of files, one after each N steps: body_000100.vtu, ..., for ParaView also body.pvd");
     run.add_option_function<std::string>(
         "--frames",
         [&out](const std::string& folder) {
@@ -294,7 +297,8 @@ void add_export_options(CLI::App& run, ExportOptions& out) {
         },
         "Write a series of pictures to this folder, one after each --every steps (default: at most 50 "
         "pictures)");
-    run.add_option("--colour", out.colour, "What colours pictures: displacement, or error against float64");
+    run.add_option("--colour", out.colour,
+                   "What the colours of pictures show: displacement, or error against float64");
     run.add_option("--size", out.size, "WIDTHxHEIGHT of pictures in pixels (default: 1280x960)");
     run.add_option(
         "--tool-force", out.tool_force,
@@ -303,12 +307,12 @@ void add_export_options(CLI::App& run, ExportOptions& out) {
 }
 
 void add_run(CLI::App& app, Values& values, std::ostream& out) {
-    CLI::App* run = app.add_subcommand("run", "One simulation on one backend");
+    CLI::App* run = app.add_subcommand("run", "Run one simulation on one backend");
     RunOptions& options = values.run;
     add_scene(*run, values);
-    run->add_option(
-           "--backend", options.backend,
-           "NAME[:key=value,...] (`voxspring list`); auto[:formulation=...,precision=...]: the fastest")
+    run->add_option("--backend", options.backend,
+                    "NAME[:key=value,...] (see `voxspring list`), or auto[:formulation=...,precision=...] "
+                    "for the fastest")
         ->required();
     CLI::Option* steps =
         add_number(*run, "--steps", options.steps, 1, max_run_steps, "Time steps from the scene's start")
@@ -328,14 +332,15 @@ void add_run(CLI::App& app, Values& values, std::ostream& out) {
     run->callback([&] { values.exit_code = run_scene(values.scene, options, out); });
 }
 
-/// `when` begins the help texts and says when ranks are used: "For a scaling study: ".
+/// Adds --ranks and --devices. `when`, the beginning of their help texts, says when they apply: "For a
+/// scaling study: ".
 void add_ranks(CLI::App& command, StudyOptions& options, const std::string& when) {
     add_number(command, "--ranks", options.ranks, 1, max_ranks,
-               when + "maximum number of parts, each on its own thread (default: one per core)");
+               when + "maximum number of parts of the body, each on a thread (default: one per core)");
     command
         .add_option_function<std::string>(
             "--devices", [&options](const std::string& text) { options.devices = devices_of(text); },
-            when + "a rank on each of the first N CUDA devices, or on these: 0,1")
+            when + "a part of the body on each of the first N CUDA devices, or on those listed: 0,1")
         ->type_name("N or N,N,...");
 }
 
@@ -349,12 +354,12 @@ void add_study(CLI::App& app, Values& values, std::ostream& out) {
     study->add_option(
         "--scene", options.scenes,
         "Only the study's scenes that match one of these globs; the name of another scene adds it");
-    add_repetitions(*study, options, "Timed batches of each backend and scene");
+    add_repetitions(*study, options, "Number of timed batches of each backend on each scene");
     add_ranks(*study, options, "For a scaling study: ");
     study->add_flag("--resume", options.resume, "Continue the interrupted study whose result --out names")
         ->needs(file);
     add_number(*study, "--timeout", values.timeout, min_timeout, max_timeout,
-               "Seconds without a report from a backend after which its row fails")
+               "A backend fails if it reports nothing for this many seconds")
         ->default_str("1800");
     add_devices(*study);
     add_volume_options(*study, options.volume);
@@ -365,25 +370,25 @@ void add_study(CLI::App& app, Values& values, std::ostream& out) {
 }
 
 void add_advise(CLI::App& app, Values& values, std::ostream& out) {
-    CLI::App* advise = app.add_subcommand("advise",
-                                          "The fastest backend, formulation, precision and time step for an "
-                                          "error, or whether several ranks pay");
+    CLI::App* advise =
+        app.add_subcommand("advise",
+                           "Find the fastest backend, formulation, precision and time step for an "
+                           "error, or whether several ranks are faster than one");
     AdviseOptions& options = values.advise;
     add_scene(*advise, values);
-    // float64 resolves no error below this range, and an error above it would say nothing.
+    // float64 resolves no error below this range, and an error above this range says nothing.
     add_number(*advise, "--error", options.error, 1e-30, 1e6,
-               "Accepted total error, relative L2 of displacement");
-    advise->add_flag(
-        "--continuum", options.continuum,
-        "--error is that of a deflection against the continuum, and several pitches are compared; "
-        "SCENE is a case of the study truth: cantilever");
+               "Largest accepted total error: relative L2 error of the displacement");
+    advise->add_flag("--continuum", options.continuum,
+                     "--error is the error of a deflection against the continuum, for several pitches; "
+                     "SCENE is a case of the study truth, such as cantilever");
     add_ranks(*advise, options.study, "Instead of an error: ");
     CLI::Option* results = advise->add_option(
         "--results", options.results,
         "Read this result (.json) of a pareto, truth or scaling study, instead of measuring");
     advise->add_option("--backend", options.study.backends, "Only backends that match one of these globs")
         ->excludes(results);
-    add_repetitions(*advise, options.study, "Timed runs of each candidate")->excludes(results);
+    add_repetitions(*advise, options.study, "Number of timed runs of each candidate")->excludes(results);
     add_devices(*advise);
     CLI::Option* file = advise
                             ->add_option("--out", options.study.out,
@@ -402,22 +407,23 @@ void add_advise(CLI::App& app, Values& values, std::ostream& out) {
 }
 
 void add_view(CLI::App& app, Values& values, std::ostream& out, const ViewScene& view) {
-    CLI::App* command = app.add_subcommand("view", "The live body in a window: pull it, cut it, sew it");
+    CLI::App* command = app.add_subcommand("view", "Show the live body in a window: pull it, cut it, sew it");
     ViewOptions& options = values.view;
     add_scene(*command, values);
     command
         ->add_option("--backend", options.backend,
                      "The same as for `voxspring run`; may be changed in the window")
         ->default_str("auto");
-    add_number(*command, "--steps", options.steps, 1, 1'000'000, "Steps per frame (default: as many as fit)");
+    add_number(*command, "--steps", options.steps, 1, 1'000'000,
+               "Steps per frame (default: as many as fit into a frame)");
     command
         ->add_option_function<std::string>(
             "--size", [&options](const std::string& text) { options.size = parse_size(text); },
-            "WIDTHxHEIGHT of the window in pixels")
+            "WIDTHxHEIGHT of the window, in pixels of an unscaled display")
         ->type_name("SIZE")
         ->default_str("1280x800");
     add_number(*command, "--seconds", options.seconds, min_timeout, max_timeout,
-               "Close the window after this time");
+               "Close the window after this many seconds");
     command->add_option("--save", options.save,
                         "The key w writes the state to this .npz file (default: SCENE.npz)");
     add_devices(*command);
@@ -425,7 +431,7 @@ void add_view(CLI::App& app, Values& values, std::ostream& out, const ViewScene&
     command->callback([&] { values.exit_code = view(values.scene, options, out); });
 }
 
-// --- Help for shells -----------------------------------------------------------------------------------
+// --- Completion in shells ------------------------------------------------------------------------------
 
 std::vector<std::string> command_names(const CLI::App& app) {
     std::vector<std::string> names;
@@ -460,8 +466,8 @@ std::vector<std::string> values_of(const std::string& name) {
     return words;
 }
 
-/// What the last of `words` may be completed to, besides files. `words` are the command line after the
-/// program's name.
+/// The words that the last of `words` may be completed to, besides files. `words` are the words of the
+/// command line after the program's name.
 std::vector<std::string> completions_of(const CLI::App& app, const std::vector<std::string>& words) {
     std::vector<std::string> names = command_names(app);
     if (words.size() < 2) {
@@ -497,7 +503,7 @@ void add_completion(CLI::App& app, Values& values, std::ostream& out) {
     });
 }
 
-// --- What cannot be understood -------------------------------------------------------------------------
+// --- Unknown commands and options ----------------------------------------------------------------------
 
 /// Throws BadInput if the first word is neither a command nor an option of the program.
 void check_command(const CLI::App& app, int argc, char** argv) {
@@ -509,7 +515,7 @@ void check_command(const CLI::App& app, int argc, char** argv) {
         refuse("command", word, "one of " + joined(names) + did_you_mean(word, names));
 }
 
-/// Throws BadInput for an unknown option. Called after `app` has failed to parse.
+/// Throws BadInput if the command line has an unknown option. Called after `app` has failed to parse.
 void check_options(const CLI::App& app) {
     const std::vector<CLI::App*> parsed = app.get_subcommands();
     const CLI::App& command = parsed.empty() ? app : *parsed.front();
@@ -525,7 +531,7 @@ void check_options(const CLI::App& app) {
 }  // namespace
 
 int run_command_line(int argc, char** argv, std::ostream& out, const ViewScene& view) {
-    // Scripts parse their options themselves.
+    // The commands that are scripts parse their options themselves.
     if (argc > 1 && scripts().contains(argv[1])) return run_script(argv[1], {argv + 2, argv + argc});
     CLI::App app{"Voxspring compares GPU APIs and data layouts for volumetric mass-spring-damper models."};
     app.name("voxspring");
@@ -550,7 +556,7 @@ int run_command_line(int argc, char** argv, std::ostream& out, const ViewScene& 
         return 0;
     }
     check_command(app, argc, argv);
-    // Ctrl-C ends the program at once, unless a command catches it to finish its work.
+    // Ctrl-C ends the program at once, except while a command catches the signal to finish its work.
     const CaughtInterruptions caught(true);
     try {
         app.parse(argc, argv);
@@ -587,15 +593,15 @@ int exit_code_of(int argc, char** argv, const ViewScene& view) {
 }  // namespace
 
 int run_program(int argc, char** argv, const ViewScene& view) {
-    // Freed memory is kept for reuse, so that the system need not map it and clear its pages again: the
-    // states of a large scene are allocated and freed with every row of a study.
+    // Freed memory is kept for reuse, so that the system need not map memory and clear its pages again: every
+    // row of a study allocates and frees states, which are large in a large scene.
     mallopt(M_MMAP_MAX, 0);
     mallopt(M_TRIM_THRESHOLD, -1);  // never return memory to the system
-    // With this signal ignored, write() returns an error at the limit on file sizes.
+    // With this signal ignored, write() at the limit on file sizes fails instead of ending the process.
     std::signal(SIGXFSZ, SIG_IGN);
     worker_main(argc, argv);
     const int code = exit_code_of(argc, argv, view);
-    // A full disk may show only when buffered output is written.
+    // That a disk is full may show only when buffered output is written.
     if (!std::cout.flush()) {
         std::cerr << "voxspring: not all of the output could be written to standard output\n";
         return code == 0 ? 1 : code;

@@ -1,4 +1,4 @@
-// The command line: its commands, its options and the values that they accept.
+// The command line: parses commands and options, and runs a command.
 #pragma once
 
 #include <filesystem>
@@ -19,19 +19,20 @@ struct ViewOptions {
     glm::ivec2 size{1280, 800};                 ///< size of the window, in the window system's units
     std::optional<int> steps;                   ///< steps per frame; empty: as many as fit into a frame
     std::optional<double> seconds;              ///< time after which the window closes by itself
-    std::optional<std::filesystem::path> save;  ///< where the key w saves the state; empty: SCENE.npz
+    std::optional<std::filesystem::path> save;  ///< the file that the key w writes; empty: SCENE.npz
 };
 
-/// `voxspring view`, which needs a display: shows the scene and returns the exit code.
+/// The function that runs `voxspring view`: it shows the scene in a window and returns the exit code.
 using ViewScene = std::function<int(const std::string& scene, const ViewOptions& options, std::ostream& out)>;
 
-/// Runs the command line and returns the exit code. Throws BadInput, BadSpecification and what the commands
-/// throw.
+/// Parses the command line, runs the command and returns the exit code. `view` runs `voxspring view`. Throws
+/// BadInput, BadSpecification and what the commands throw.
 int run_command_line(int argc, char** argv, std::ostream& out, const ViewScene& view);
 
-/// The main function of a program with this command line, on standard output. If a study started this process
-/// as a worker, it serves as one. Exit codes: 0 (done), 1 (a backend failed, an error exceeded its tolerance,
-/// or nothing was measured), 2 (bad input or usage), 130 (interrupted).
+/// The main function of a program with this command line. It prints to standard output, and errors to
+/// standard error. If a study has started this process as a worker, it does not return. Exit codes: 0 (done),
+/// 1 (a backend failed, an error exceeded its tolerance, or nothing was measured), 2 (bad input or usage),
+/// 130 (interrupted).
 int run_program(int argc, char** argv, const ViewScene& view);
 
 }  // namespace voxspring

@@ -1,4 +1,4 @@
-# Completion of voxspring for bash. The program itself lists the words.
+# Completion of voxspring's command line in bash. `voxspring completion words` lists the words.
 _voxspring() {
     local current=${COMP_WORDS[COMP_CWORD]} IFS=$'\n'
     mapfile -t COMPREPLY < <(

@@ -1,5 +1,5 @@
 #compdef voxspring
-# Completion of voxspring for zsh. The program itself lists the words.
+# Completion of voxspring's command line in zsh. `voxspring completion words` lists the words.
 _voxspring() {
     compadd -- ${(f)"$("${words[1]}" completion words "${(@)words[2,CURRENT]}" 2> /dev/null)"}
     _files

@@ -29,11 +29,11 @@ void row(std::ostream& out, const std::string& name, const Value& value) {
 std::string triple(const glm::ivec3& v) { return fmt::format("{} x {} x {}", v.x, v.y, v.z); }
 std::string triple(const glm::dvec3& v) { return fmt::format("{:g} x {:g} x {:g}", v.x, v.y, v.z); }
 
-/// The axes in words: "x to the left, y to the posterior, z to the superior".
+/// The anatomical directions of the axes in words: "x to the left, y to the posterior, z to the superior".
 std::string orientation(const Placement& placement) {
     if (placement.space.empty()) return "none: the file does not say where left, anterior and superior are";
     std::string text;
-    constexpr double said = 5;  // degrees; smaller angles are not mentioned
+    constexpr double said = 5;  // the smallest angle in degrees that is mentioned
     for (int axis = 0; axis < 3; ++axis) {
         const auto [side, degrees] = nearest_side(placement, axis);
         text += fmt::format("{}{} to the {}", axis > 0 ? ", " : "", "xyz"[axis],
@@ -43,7 +43,7 @@ std::string orientation(const Placement& placement) {
     return text;
 }
 
-/// What the file of a volume says besides its voxels; null if the dataset is not a volume.
+/// What a volume file says besides the values of voxels; null if the dataset is not a volume.
 nlohmann::json volume_json(const Scene& scene) {
     if (!scene.volume || scene.mesh) return nullptr;
     const VolumeFacts& volume = *scene.volume;
@@ -60,7 +60,7 @@ nlohmann::json volume_json(const Scene& scene) {
             {"labels", labels},      {"placement", placement}};
 }
 
-/// The mesh that the voxels come from; null if there is none.
+/// The mesh that the voxels were made from; null if there is none.
 nlohmann::json mesh_json(const Scene& scene) {
     if (!scene.mesh) return nullptr;
     const MeshInGrid& mesh = *scene.mesh;
@@ -125,7 +125,7 @@ void print_world(const WorldUnits& world, std::ostream& out) {
                         tissue.density, tissue.pressure_wave(), tissue.shear_wave()));
 }
 
-/// The text that follows the spacing: its unit, or that the user chose it instead of the file's.
+/// The text to print after the spacing: its unit, or that the user chose a spacing instead of the file's.
 std::string unit_text(const Scene& scene) {
     if (scene.world) return " " + scene.world->length;
     if (!scene.volume) return "";

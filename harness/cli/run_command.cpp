@@ -30,13 +30,14 @@
 namespace voxspring {
 namespace {
 
-/// The largest displacements from rest: `loose` in parts that fall away since nothing holds them
-/// (BodyParts::loose()), `held` in all others. Both are not finite if any displacement is not.
+/// The largest displacements from rest: `loose` in parts of the body that fall away since no particle of them
+/// is held (BodyParts::loose()), `held` in all other parts. Both are not finite if any displacement is not
+/// finite.
 struct Largest {
     double held = 0, loose = 0;
 };
 
-/// The largest displacements in `state`. `loose`: particles of parts that nothing holds, ascending.
+/// The largest displacements in `state`. `loose` are the particles of parts that nothing holds, ascending.
 Largest largest_displacement(const State& state, const std::vector<std::uint32_t>& loose) {
     Largest largest;
     auto next = loose.begin();
@@ -51,13 +52,13 @@ Largest largest_displacement(const State& state, const std::vector<std::uint32_t
     return largest;
 }
 
-/// The number of steps, at least one, nearest to `time`. Prints a note if they end at another time.
+/// The number of steps, at least one, whose end is nearest to `time`. Prints a note if it is not at `time`.
 int steps_to(double time, const Scene& scene, std::ostream& out) {
     const double time_step = scene.problem.time_step;
     const double steps = std::max(1.0, std::round(time / time_step));
     if (steps > max_run_steps) {
         throw BadInput("command line", "--time", std::to_string(time),
-                       fmt::format("the time of at most {} time steps; one in the scene {} is {:g}",
+                       fmt::format("the time of at most {} time steps; a time step of the scene {} is {:g}",
                                    max_run_steps, scene.name, time_step));
     }
     constexpr double rounding = 1e-9;
@@ -68,11 +69,12 @@ int steps_to(double time, const Scene& scene, std::ostream& out) {
     return int(steps);
 }
 
-/// How many steps to take between two checks for an interruption, which also report progress: about as many
-/// as take a fifth of a second. The number is a power of two, so that CUDA backends make few graphs.
+/// How many steps to take between two checks for an interruption: about as many as take a fifth of a second.
+/// Progress is reported as often. The number is a power of two: CUDA backends make a graph per number of
+/// steps, and so make few.
 class Stride {
 public:
-    /// Begins with about 1 000 000 / `particles` steps, which take a slow machine a tenth of a second.
+    /// Begins with about 1 000 000 / `particles` steps, which take a tenth of a second on a slow machine.
     explicit Stride(std::size_t particles)
         : steps_(int(std::bit_floor(std::size_t(1'000'000) / particles | 1))) {}
 
@@ -86,7 +88,7 @@ private:
     int steps_;
 };
 
-/// A scene, the backend that runs it and the files to write.
+/// One run: a scene, the backend that runs it and the files to write.
 class Run {
 public:
     Run(const std::string& argument, const RunOptions& options, std::ostream& out)
@@ -159,14 +161,15 @@ private:
             throw BadInput("command line", options_.time ? "--time" : "--steps",
                            counted(std::uint64_t(steps_), "step"),
                            "more than the " + std::to_string(saved_->step) + " that " + file.string() +
-                               " has reached: they count from the scene's start");
+                               " has reached: steps count from the scene's start");
         first_ = saved_->step;
         activity_.end();
         if (!saved_->differs.empty()) out_ << file.string() << ": " << saved_->differs << "\n";
         take_springs_of(file);
     }
 
-    /// Takes the springs from the file, and prints a note if they differ from the scene's.
+    /// If the springs in the file differ from those of the scene at that step, takes them into the scene and
+    /// prints a note.
     void take_springs_of(const std::filesystem::path& file) {
         const std::size_t others = springs_that_differ(*scene_, *saved_);
         if (others == 0) return;
@@ -183,9 +186,9 @@ private:
             before > 0 ? ", and later edits apply to these" : "");
     }
 
-    /// Prints a note if the bits may differ from those of an uninterrupted run. The file holds displacement
-    /// and increment in float64, which is exact for the formulation `increment`, and in float32 for all
-    /// formulations but `compensated`.
+    /// Prints a note if the bits may differ from those of an uninterrupted run. The file has displacement and
+    /// increment in float64. That is exact for the formulation `increment` and, with float32, for every
+    /// formulation except `compensated`.
     void say_whether_bits_are_kept() {
         const Options& options = spec_.options;
         const bool kept =
@@ -220,7 +223,8 @@ private:
                 spec_.label()};
     }
 
-    /// Makes all steps, or stops at an interruption. Calls `take` with each state that is due for a file.
+    /// Takes all steps, or stops at an interruption. Calls `take` with the state after each step at which a
+    /// file is due.
     template <class Take>
     void play(const Take& take) {
         const std::string what =
@@ -250,14 +254,14 @@ private:
         const Timing batch = backend_->timed([&] { runner_->run(*backend_, steps); });
         timing_.device_seconds += batch.device_seconds;
         timing_.host_seconds += batch.host_seconds;
-        // Only a whole stride tells the speed. A shorter one was cut off at a step that is due for a file.
+        // Only a whole stride tells the speed. A shorter one was cut off by a step at which a file is due.
         if (steps == stride.steps()) stride.took(batch.host_seconds);
         reached_ += steps;
         activity_.done(double(reached_ - first_) / (steps_ - first_),
                        "step " + std::to_string(reached_) + " of " + std::to_string(steps_));
     }
 
-    /// Downloads the state that was reached and updates largest_. Throws if the run has diverged.
+    /// Downloads the present state and updates `largest_`. Throws std::runtime_error if the run has diverged.
     State checked_state() {
         State state = backend_->download();
         auto divergence = find_divergence(*backend_, *runner_, monitor_, state, reached_ - first_);
@@ -296,7 +300,8 @@ private:
         return 0;
     }
 
-    /// Ends an interrupted run: writes the state that was reached.
+    /// Ends an interrupted run: writes the present state and forces to the files asked for, and prints their
+    /// names.
     int stop() {
         const bool leaves = reached_ > first_ && (!options_.out.out.empty() || options_.out.frames);
         if (leaves) {
@@ -333,14 +338,14 @@ private:
     const RunOptions& options_;
     std::ostream& out_;
     int steps_;
-    int first_ = 0;               ///< the step that a resumed run continues from; else 0
-    int reached_ = 0;             ///< the last step that was made
-    bool in_first_pass_ = false;  ///< in the first of two passes, which writes nothing
+    int first_ = 0;               ///< the step from which a resumed run continues; otherwise 0
+    int reached_ = 0;             ///< the last step that was taken
+    bool in_first_pass_ = false;  ///< whether the first of two passes, which writes no file, runs
     BackendSpec spec_;
     std::unique_ptr<Exports> exports_;
     std::unique_ptr<Scene> scene_;
     std::optional<SavedState> saved_;
-    std::unique_ptr<ToolForces> forces_;  ///< null: --tool-force is not given
+    std::unique_ptr<ToolForces> forces_;  ///< null if --tool-force is not given
     std::unique_ptr<SceneRunner> runner_;
     std::unique_ptr<Backend> backend_;
     DivergenceMonitor monitor_;

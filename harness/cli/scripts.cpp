@@ -19,7 +19,7 @@ std::filesystem::path this_program() {
     return std::filesystem::read_symlink("/proc/self/exe", error);
 }
 
-/// The folder that has the script file `name`. Throws BadInput if none is found.
+/// The folder that has the script file `name`. Throws BadInput if no such folder is found.
 std::filesystem::path find_scripts(const std::string& name) {
     std::filesystem::path above = this_program().parent_path();
     const std::filesystem::path first = above;
@@ -36,7 +36,7 @@ std::filesystem::path find_scripts(const std::string& name) {
                        " or in one of the three folders above it");
 }
 
-/// Runs the line `code` in `python`. If that fails, returns the last line of output; otherwise nothing.
+/// Runs the line `code` in `python`. Returns an empty text or, if `code` fails, the last line of its output.
 std::string failure_of(const std::string& python, const std::string& code) {
     const std::string command =
         shell_word(python) + " -c " + shell_word(code) + " 2>&1 >/dev/null </dev/null";
@@ -47,12 +47,12 @@ std::string failure_of(const std::string& python, const std::string& code) {
         output = part.data();
     if (pclose(process) == 0) return "";
     output.erase(output.find_last_not_of('\n') + 1);
-    return output.empty() ? "it fails without a message" : output;
+    return output.empty() ? "failed without a message" : output;
 }
 
-/// Returns the first of these Python interpreters that is at least 3.9 and can import the modules: that of
-/// the environment that `./run report` makes in a source tree, /usr/bin/python3, the PATH's python3. Throws
-/// BadInput if there is none; the message says why each one failed.
+/// Returns the first Python interpreter that is at least 3.9 and can import the modules. Tries the
+/// environment that `./run report` makes in a source tree, then /usr/bin/python3, then python3 in the PATH.
+/// Throws BadInput if none will do; the message says why each one failed.
 std::string find_python(const std::string& command, const std::filesystem::path& folder,
                         const std::string& modules) {
     const Script& script = scripts().at(command);
@@ -87,11 +87,11 @@ bool has(const std::vector<std::string>& arguments, const std::string& option) {
 const std::map<std::string, Script>& scripts() {
     static const std::map<std::string, Script> all = {
         {"diff",
-         {"Compare two results: what got slower, or less accurate (needs Python 3 with scipy and "
+         {"Compare two results: what became slower or less accurate (needs Python 3 with scipy and "
           "fastjsonschema)",
           "scipy.stats, fastjsonschema", "python3-scipy python3-fastjsonschema"}},
         {"report",
-         {"A page of results as one HTML file (needs Python 3 with scipy and vl-convert-python)",
+         {"Make a page of results as one HTML file (needs Python 3 with scipy and vl-convert-python)",
           "fastjsonschema, jinja2, PIL, scipy.stats, vl_convert", ""}},
     };
     return all;
@@ -105,7 +105,7 @@ int run_script(const std::string& command, const std::vector<std::string>& argum
         find_python(command, folder, explains ? "" : scripts().at(command).modules),
         (folder / name).string()};
     words.insert(words.end(), arguments.begin(), arguments.end());
-    // A report calls this program to draw its datasets.
+    // The script of a report calls this program to draw the datasets.
     if (command == "report" && has(arguments, "--pictures") && !has(arguments, "--program"))
         words.insert(words.end(), {"--program", this_program().string()});
     std::vector<char*> pointers;

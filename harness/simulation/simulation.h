@@ -122,8 +122,7 @@ public:
     std::vector<double> errors();
 
 private:
-    /// A backend and the problem that was uploaded to it. This object keeps the problem alive and unchanged
-    /// until the next upload().
+    /// A backend and the problem that was uploaded to it, which stays unchanged until the next upload().
     struct Running {
         std::unique_ptr<Backend> backend;
         std::shared_ptr<const Problem> uploaded;
@@ -186,8 +185,7 @@ private:
     std::int64_t steps_ = 0;
     std::size_t next_edit_ = 0;
     bool edits_as_scheduled_ = true;  ///< whether only the scene's edits have changed springs
-    /// Number of the latest move of the scene's tool, from 0; -1: the tool is at the place where it took
-    /// hold.
+    /// Number of the latest move of the scene's tool, from 0; -1: the tool has not been moved yet.
     std::int64_t tick_ = -1;
     bool follows_motion_ = false;  ///< whether the scene's tool still follows its motion
     std::uint64_t springs_version_ = 0;
