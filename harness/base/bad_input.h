@@ -19,11 +19,11 @@ public:
     /// `file` is the file or argument that was read. `key` is the place in `file` (empty: the whole of it),
     /// `value` the text found in that place, and `accepted` a description of what would be accepted.
     BadInput(std::string_view file, std::string_view key, std::string_view value, std::string_view accepted);
-    /// For a `key` that is missing.
+    /// The error that `key` is missing in `file`.
     BadInput(std::string_view file, std::string_view key, Missing, std::string_view accepted);
 };
 
-/// The input is valid, but this machine has too little memory for it.
+/// The input is valid, but the body is too large for this machine's memory or for this program.
 class TooLarge : public BadInput {
     using BadInput::BadInput;
 };

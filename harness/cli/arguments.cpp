@@ -53,7 +53,7 @@ constexpr double min_timeout = 1e-3, max_timeout = 1e6;
 const char* const scene_help =
     "Built-in scene (box, or resized: box@64, heart@120x102x92), scene file, volume file or mesh file";
 
-// --- Values --------------------------------------------------------------------------------------------
+// --- Parsing of values ---------------------------------------------------------------------------------
 
 [[noreturn]] void refuse(const std::string& option, const std::string& text, const std::string& accepted) {
     throw BadInput("command line", option, text, accepted);

@@ -21,7 +21,7 @@ struct Card::Library {
         const auto initialize = find<int()>("nvmlInit_v2");
         const auto by_uuid = find<int(const char*, void**)>("nvmlDeviceGetHandleByUUID");
         const bool complete = initialize != nullptr && by_uuid != nullptr && shutdown() != nullptr;
-        if (!complete || initialize() != success) throw std::runtime_error(name + " does not start");
+        if (!complete || initialize() != success) throw std::runtime_error(name + " cannot be initialised");
         if (by_uuid(uuid.c_str(), &device) == success) return;
         shutdown()();
         throw std::runtime_error(name + " knows no card " + uuid);

@@ -28,7 +28,7 @@ struct OwnProcesses {
 /// is the number of `on_card` less `own.on_card`.
 unsigned other_processes(const std::vector<pid_t>& on_card, const OwnProcesses& own);
 
-/// What is known about the repetitions of one case. A list is empty or has one element per repetition.
+/// What is known about the repetitions of one case. Each list has at most one element per repetition.
 struct Observed {
     std::vector<double> seconds = {};        ///< time of each repetition, in the order of execution
     std::vector<double> spins = {};          ///< spin_seconds() after each repetition

@@ -98,7 +98,7 @@ private:
     std::chrono::duration<double> timeout_;
     std::unique_ptr<Worker> process_;
     bool introducing_ = false;      ///< whether an answer to begin_introduction() is still to come
-    std::exception_ptr too_early_;  ///< the error of begin_introduction()
+    std::exception_ptr too_early_;  ///< an error of begin_introduction() or await_introduction()
 };
 
 /// Calls `action`, which concerns one case, and returns why it failed. The result is empty if `action`

@@ -1,4 +1,4 @@
-// Sends a scene from one process of this program to another.
+// Sends a scene from one process of this program to another, and receives it there.
 #include <sys/uio.h>
 
 #include <algorithm>

@@ -25,7 +25,7 @@ namespace {
 
 /// Makes the system end this process first if memory runs out, and not the study's process, which has all
 /// finished measurements.
-void be_ended_first() { std::ofstream("/proc/self/oom_score_adj") << 1000; }  // the maximum
+void be_ended_first() { std::ofstream("/proc/self/oom_score_adj") << 1000; }  // the highest score
 
 /// Waits until the threads of this process are idle: OpenMP's threads spin for some milliseconds after their
 /// work. Waits about 50 ms at most, since the threads of some drivers are never idle.

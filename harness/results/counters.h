@@ -10,7 +10,7 @@
 namespace voxspring {
 
 enum class Unit : std::uint8_t { number, second, byte, joule, watt, hertz, per_second, per_joule };
-/// "s", "B", ...; empty for a number without a unit.
+/// The symbol of the unit: "s", "B", ...; empty for a number without a unit.
 std::string to_string(Unit unit);
 Unit unit_of(const std::string& text);
 

@@ -266,7 +266,7 @@ void print_table(const Result& result, std::ostream& out, TableWidth width) {
     const StepTimes repetitions = step_times_of(measured);
     const Verdicts verdicts = verdicts_of(result);
     std::vector<Row> all;
-    std::map<std::string, const Row*> fastest;  ///< by scene
+    std::map<std::string, const Row*> fastest;  ///< the fastest row of each scene
     std::set<std::string> chaotic;
     const std::vector<std::vector<Row>> by_scene = medians_by_scene(measured);
     for (const std::vector<Row>& rows : by_scene) {

@@ -15,14 +15,14 @@
 
 namespace voxspring {
 
-/// A column of a table of rows.
+/// A column of a table, and the text of its cell in a row.
 template <std::derived_from<Row> T>
 struct ColumnOf {
     Column column;
     std::function<std::string(const T&)> cell;
 };
 
-/// Prints one line per row.
+/// Prints a table with one line per row.
 template <std::derived_from<Row> T>
 void print_cells(const std::vector<T>& rows, const std::vector<ColumnOf<T>>& columns, TableWidth width,
                  std::ostream& out) {

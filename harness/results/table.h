@@ -35,7 +35,7 @@ void print_columns(const std::vector<Column>& columns, const std::vector<std::ve
 /// that are kept stand before it and one third behind, since names of backends often differ near their end.
 std::string shortened(const std::string& text, std::size_t length);
 
-/// "1.2e-05" and "12%", or "-" if the value is not known.
+/// error_cell() returns text like "1.2e-05", percent_cell() like "12%"; both return "-" for no value.
 std::string error_cell(const std::optional<double>& error);
 std::string percent_cell(const std::optional<double>& fraction);
 

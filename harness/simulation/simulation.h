@@ -148,12 +148,12 @@ private:
     /// Calls `use` with the main backend and then, if compare() is on, with the float64 one.
     template <class Use>
     void tell(Use use);
-    /// Empty, or why `backend` cannot run `problem` and the scene's edits from `next_edit` on.
+    /// Why `backend` cannot run `problem` and the scene's edits from `next_edit` on; empty if it can.
     std::string refusal(const Backend& backend, const Problem& problem, std::size_t next_edit) const;
     /// Resets the members that describe how far the simulation is, what the hand holds and what state is kept
     /// to the scene's start.
     void reset_to_step_zero();
-    bool is_broken();
+    bool is_broken();  ///< whether the present state is not finite
 
     void make_next_edit();
     /// Moves the scene's tool to the place that its motion has at the present step.
@@ -163,6 +163,7 @@ private:
     Problem without_hand() const;
     /// Uploads, with the present state, a problem that differs from `problem_` only in tool and loads.
     void upload(Problem next);
+    /// Copies tool and loads of `problem` to `problem_`.
     void use_tool_of(const Problem& problem);
 
     /// Joins two particles by a new spring; see suture().
