@@ -187,7 +187,7 @@ void add_volume_options(CLI::App& command, VolumeOptions& volume) {
             ->excludes(threshold),
         add_number<std::optional<std::int64_t>>(
             command, "--frame", volume.frame, 0, 1'000'000'000,
-            "Which of several values per voxel to use, such as a time of a 4D file; counted from 0"),
+            "Which of several values per voxel to use, such as the time of a 4D file; counted from 0"),
         add_text(
             "--spacing", "LENGTH",
             [&volume](const std::string& text) {
@@ -258,7 +258,8 @@ void add_volume_options(CLI::App& command, VolumeOptions& volume) {
 // --- Commands ------------------------------------------------------------------------------------------
 
 void add_list(CLI::App& app, Values& values, std::ostream& out) {
-    CLI::App* list = app.add_subcommand("list", "Backends (or why not available), built-in scenes, studies");
+    CLI::App* list = app.add_subcommand(
+        "list", "List backends (or why one is not available), built-in scenes and studies");
     add_json(*list, values);
     add_devices(*list);
     list->callback([&] { list_everything(values.json, out); });
@@ -273,8 +274,8 @@ void add_limits(CLI::App& app, Values& values, std::ostream& out) {
 }
 
 void add_info(CLI::App& app, Values& values, std::ostream& out) {
-    CLI::App* info =
-        app.add_subcommand("info", "What a scene contains, the memory it needs and its stable time step");
+    CLI::App* info = app.add_subcommand(
+        "info", "Print what a scene contains, the memory it needs and its stable time step");
     add_scene(*info, values);
     add_json(*info, values);
     add_volume_options(*info, values.run.volume);
@@ -302,8 +303,8 @@ void add_export_options(CLI::App& run, ExportOptions& out) {
     run.add_option("--size", out.size, "WIDTHxHEIGHT of pictures in pixels (default: 1280x960)");
     run.add_option(
         "--tool-force", out.tool_force,
-        "Write the force on the tool to this .csv file, after each --every steps (default: after each of its "
-        "moves)");
+        "Write the force on the tool to this .csv file, after each --every steps (default: after each move "
+        "of the tool)");
 }
 
 void add_run(CLI::App& app, Values& values, std::ostream& out) {
@@ -353,7 +354,7 @@ void add_study(CLI::App& app, Values& values, std::ostream& out) {
                       "Only backends that match one of these globs; !GLOB leaves out those that match it");
     study->add_option(
         "--scene", options.scenes,
-        "Only the study's scenes that match one of these globs; the name of another scene adds it");
+        "Only the study's scenes that match one of these globs; another scene's name adds that scene");
     add_repetitions(*study, options, "Number of timed batches of each backend on each scene");
     add_ranks(*study, options, "For a scaling study: ");
     study->add_flag("--resume", options.resume, "Continue the interrupted study whose result --out names")
@@ -412,7 +413,7 @@ void add_view(CLI::App& app, Values& values, std::ostream& out, const ViewScene&
     add_scene(*command, values);
     command
         ->add_option("--backend", options.backend,
-                     "The same as for `voxspring run`; may be changed in the window")
+                     "Backend, as for `voxspring run`; may be changed in the window")
         ->default_str("auto");
     add_number(*command, "--steps", options.steps, 1, 1'000'000,
                "Steps per frame (default: as many as fit into a frame)");
@@ -425,7 +426,7 @@ void add_view(CLI::App& app, Values& values, std::ostream& out, const ViewScene&
     add_number(*command, "--seconds", options.seconds, min_timeout, max_timeout,
                "Close the window after this many seconds");
     command->add_option("--save", options.save,
-                        "The key w writes the state to this .npz file (default: SCENE.npz)");
+                        "The .npz file to which the key w writes the state (default: SCENE.npz)");
     add_devices(*command);
     add_volume_options(*command, options.volume);
     command->callback([&] { values.exit_code = view(values.scene, options, out); });
@@ -489,7 +490,8 @@ std::vector<std::string> completions_of(const CLI::App& app, const std::vector<s
 
 void add_completion(CLI::App& app, Values& values, std::ostream& out) {
     CLI::App* completion = app.add_subcommand(
-        "completion", "A script by which a shell completes commands, options, scenes, studies and backends");
+        "completion",
+        "Print a script with which a shell completes commands, options, scenes, studies and backends");
     completion->add_option("SHELL", values.shell, "bash or zsh")->required();
     completion->footer(
         "For this shell: source <(voxspring completion bash). For good: write it to\n"
