@@ -1,4 +1,5 @@
-# voxspring_backend(NAME SOURCE [FEATURE]): the backend NAME is the file SOURCE of this folder. It is left out if the feature is.
+# voxspring_backend(NAME SOURCE [FEATURE]) adds the backend NAME, which is the file SOURCE of this folder. A build without FEATURE
+# (CUDA or VULKAN) leaves the backend out.
 function(voxspring_backend name source)
     set(reason "${VOXSPRING_NO_${ARGV2}}")
     if(ARGC GREATER 2 AND reason)
@@ -9,7 +10,7 @@ function(voxspring_backend name source)
     endif()
 endfunction()
 
-# Adds the sources that backends of this folder share: those that match the patterns and are not in the roster.
+# Adds the sources that backends of this folder share: the files that match the patterns and that voxspring_backend() has not added.
 function(voxspring_shared_sources)
     list(TRANSFORM ARGN PREPEND ${CMAKE_CURRENT_SOURCE_DIR}/ OUTPUT_VARIABLE patterns)
     file(GLOB sources CONFIGURE_DEPENDS ${patterns})

@@ -1,4 +1,4 @@
-# Options of every target of this project, and of no target beside it.
+# Options of every target of this project. They do not affect a surrounding project.
 set(CMAKE_CXX_STANDARD 20)
 set(CMAKE_CXX_STANDARD_REQUIRED ON)
 set(CMAKE_CXX_EXTENSIONS OFF)
@@ -17,7 +17,8 @@ add_compile_options(-Wall -Wextra -Wpedantic -Wconversion -Wshadow -Wno-sign-con
     # Floating-point contraction is off unless a file asks for it: the bits of the reference must not depend on the compiler.
     -ffp-contract=off)
 
-# Sources whose own speed does not matter compile in two thirds of the time. The presets with sanitizers use the build type None.
+# For sources whose run time does not matter: less optimisation, with which they compile in two thirds of the time. The presets with
+# sanitizers use the build type None.
 set(VOXSPRING_QUICK_COMPILE $<$<CONFIG:Release>:-O1> $<$<CONFIG:None>:-O0>)
 
 # Headers that most sources include. Each library precompiles them, which saves a sixth of the time of its compilation.

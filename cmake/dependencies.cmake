@@ -1,8 +1,8 @@
 # Libraries that a build needs, and those that it can do without. Versions are the oldest that are tested: those of Debian 12.
 set(voxspring_missing "")
 
-# voxspring_needs(TARGET PACKAGE VERSION DEBIAN_NAME [OPTION OF find_package...]): a target that the surrounding project has defined
-# is used as it is.
+# voxspring_needs(TARGET PACKAGE VERSION DEBIAN_NAME [OPTION OF find_package...]) finds the package that defines TARGET, or lists it
+# as missing. A target that the surrounding project has defined is used as it is.
 macro(voxspring_needs target package version debian)
     if(NOT TARGET ${target})
         find_package(${package} ${version} QUIET ${ARGN})
@@ -12,7 +12,7 @@ macro(voxspring_needs target package version debian)
     endif()
 endmacro()
 
-# voxspring_needs_pc(PREFIX MODULE VERSION DEBIAN_NAME): the same for a library with a pkg-config file.
+# voxspring_needs_pc(PREFIX MODULE VERSION DEBIAN_NAME) finds a library by its pkg-config file, or lists it as missing.
 macro(voxspring_needs_pc prefix module version debian)
     pkg_check_modules(${prefix} QUIET IMPORTED_TARGET ${module}>=${version})
     if(NOT TARGET PkgConfig::${prefix})
@@ -55,7 +55,7 @@ add_library(NIFTI::nifti UNKNOWN IMPORTED)
 set_target_properties(NIFTI::nifti PROPERTIES IMPORTED_LOCATION ${NIFTI_LIBRARY}
     INTERFACE_INCLUDE_DIRECTORIES "${NIFTI_INCLUDE_DIR};${NIFTI_INCLUDE_DIR}/nifti")
 
-# --- Optional features: VOXSPRING_NO_<FEATURE> says why it is left out, and is empty if it is built ---------------
+# --- Optional features: VOXSPRING_NO_<FEATURE> says why a feature is left out, and is empty if it is built ---------
 foreach(feature CUDA VULKAN MPI WINDOW)
     set(VOXSPRING_NO_${feature} "")
     if(NOT VOXSPRING_${feature})

@@ -43,7 +43,7 @@ install(FILES backends/glsl/terms.h backends/glsl/uniforms.h DESTINATION ${inclu
 # The archive needs the libraries of the backends that it contains.
 set(backend_libraries PkgConfig::EPOXY PkgConfig::HWY OpenMP::OpenMP_CXX)
 if(NOT VOXSPRING_NO_CUDA)
-    # voxspring-config.cmake finds it by its file, so that users of the archive need no toolkit.
+    # voxspring-config.cmake finds the runtime by its file, so that users of the archive need no CUDA toolkit.
     list(APPEND backend_libraries voxspring::cudart)
     get_target_property(cudart_file CUDA::cudart_static IMPORTED_LOCATION)
     get_filename_component(cudart_folder ${cudart_file} DIRECTORY)

@@ -1,4 +1,4 @@
-# What a build contains. Tests and install rules are left to the top-level project.
+# What a build contains. Within another project, tests and install rules are off by default.
 option(VOXSPRING_CUDA "Build the CUDA backends where CUDA's headers, runtime and NVRTC are found" ON)
 option(VOXSPRING_VULKAN "Build the Vulkan backends where Vulkan-Hpp and glslangValidator are found" ON)
 option(VOXSPRING_MPI "Let mpirun start studies where Open MPI's mpi.h is found" ON)
