@@ -40,7 +40,7 @@ using namespace voxspring;
 
 namespace {
 
-/// An edit, a grip or a change of the backend that the simulation refused; nothing has changed.
+/// Thrown if the simulation refuses an edit, a hold or a change of the backend. Nothing has changed then.
 class Refused : public std::runtime_error {
     using std::runtime_error::runtime_error;
 };
@@ -87,7 +87,7 @@ glm::dvec3 vec3(const std::array<double, 3>& from) { return {from[0], from[1], f
 
 // --- Interruption -----------------------------------------------------------------------------------------
 
-/// Lets Python handle a signal; Ctrl-C throws KeyboardInterrupt. Called without the GIL.
+/// Lets Python handle pending signals. Throws KeyboardInterrupt after Ctrl-C. Takes the GIL meanwhile.
 void check_signals() {
     const nb::gil_scoped_acquire gil;
     if (PyErr_CheckSignals() != 0) throw nb::python_error();
@@ -110,7 +110,7 @@ nb::object as_array(nb::handle given, const char* type) {
 
 std::string text_of(const nb::object& value) { return nb::cast<std::string>(nb::str(value)); }
 
-/// Converts `given`, anything that numpy.asarray() takes, to labels.
+/// Converts `given`, anything that numpy.asarray() takes, to labels. Throws BadInput.
 Labels labels_of(nb::handle given) {
     const nb::object array = nb::module_::import_("numpy").attr("asarray")(given);
     const auto refuse = [](const std::string& value) {
@@ -246,7 +246,7 @@ nb::object of_springs(const Body& body, std::size_t columns, Fill fill) {
 
 // --- A simulation -----------------------------------------------------------------------------------------
 
-/// A Simulation as Python uses it.
+/// The Python class Simulation: a C++ Simulation, and the array of displacements on the card.
 class Running {
 public:
     Running(const Body& body, const std::string& backend) : body_(body) {
@@ -264,7 +264,7 @@ public:
     Simulation& simulation() { return *made_; }
     const Body& body() const { return body_; }
 
-    /// Makes `count` steps, in pieces between which signals are handled.
+    /// Makes `count` steps in several calls, and lets Python handle signals between them.
     void step(int count) {
         if (count < 0) throw BadInput("step()", "count", std::to_string(count), "0 or more");
         const nb::gil_scoped_release free;
@@ -297,8 +297,8 @@ public:
         });
     }
 
-    /// The address on the card of the displacements (x, y, z and 0 per particle, float32), and the number of
-    /// the card. Throws Unavailable if the backend has none there.
+    /// Computes the displacements on the card. Returns their address there (x, y, z and 0 per particle,
+    /// float32) and the card's number. Throws Unavailable if the backend's state is not in CUDA's memory.
     std::pair<std::uintptr_t, int> on_card() {
         const nb::gil_scoped_release free;
         if (feed_ == nullptr || uploads_ != simulation().uploads()) {
@@ -332,10 +332,9 @@ private:
     int piece_ = first_piece();
 };
 
-/// The displacements that a backend left on the card, for other libraries. Shape (n, 3), strides (16, 4)
-/// bytes.
+/// Describes displacements in a card's memory to other libraries. Shape (n, 3), strides (16, 4) bytes.
 struct CardArray {
-    nb::object keeps;  ///< the simulation, which keeps the memory alive
+    nb::object keeps;  ///< the object that owns the memory, usually the Simulation
     std::uintptr_t address;
     int device;
     std::size_t count;
@@ -352,8 +351,8 @@ struct CardArray {
     nb::object dlpack_array() const {
         const std::size_t shape[2] = {count, 3};
         const std::int64_t strides[2] = {4, 1};
-        // Without array_api nanobind gives a capsule, which has no __dlpack__ to ask for a version and a
-        // stream.
+        // With nb::array_api the result has a method __dlpack__, which takes a version and a stream. Without
+        // it nanobind returns a bare capsule.
         return nb::cast(nb::ndarray<nb::array_api, float, nb::device::cuda>(
             reinterpret_cast<void*>(address), 2, shape, keeps, strides, nb::dtype<float>(),
             nb::device::cuda::value, device));
@@ -468,11 +467,11 @@ NB_MODULE(_core, m) {
     nb::exception<Unavailable>(m, "Unavailable", PyExc_RuntimeError).doc() =
         "There is no such device, driver or library here.";
     nb::exception<DeviceError>(m, "DeviceError", PyExc_RuntimeError).doc() =
-        "The device or its driver failed; the simulation is unusable.";
+        "The device or its driver failed. The simulation can only go on by switch_to().";
     nb::exception<Refused>(m, "Refused", PyExc_RuntimeError).doc() =
-        "What was asked for is not possible now; nothing has changed.";
+        "The simulation refused an edit, a hold or a backend; nothing has changed.";
     static PyObject* bad_input = nb::exception<BadInput>(m, "BadInput", PyExc_ValueError).ptr();
-    m.attr("BadInput").doc() = "A value cannot be used; the message names it and says what is accepted.";
+    m.attr("BadInput").doc() = "A value is not accepted; the message names it and says what is accepted.";
     nb::register_exception_translator([](const std::exception_ptr& error, void*) {
         try {
             std::rethrow_exception(error);
@@ -619,7 +618,7 @@ NB_MODULE(_core, m) {
                     to[1] = std::int32_t(spring.second);
                 });
             },
-            "The two particles of each spring, int32 (m, 2); the first is the smaller one.")
+            "The two particles of each spring, int32 (m, 2); the first number is the smaller one.")
         .def_prop_ro(
             "rest_length",
             [](const Body& body) {
@@ -669,14 +668,16 @@ NB_MODULE(_core, m) {
         m, "CardArray",
         "Displacements in the card's memory, float32, shape (n, 3), strides (16, 4) bytes. For "
         "torch.from_dlpack(), cupy.asarray() and the like. JAX takes compact arrays alone: give it a copy. "
-        "Read-only by convention. The next request for one writes to the same memory.")
+        "Do not write to it. Reading Simulation.displacement_on_card again overwrites this memory; after "
+        "take_hold(), let_go(), reset() or switch_to() it frees this memory. Copy what you keep.")
         .def(
             "__init__",
             [](CardArray* self, nb::object owner, std::uintptr_t address, std::size_t count, int device) {
                 new (self) CardArray{std::move(owner), address, device, count};
             },
             "owner"_a, "address"_a, "count"_a, "device"_a = 0,
-            "Describes `count` displacements at `address` of a card's memory, which `owner` keeps.")
+            "Describes `count` displacements at `address` in the memory of card `device`. The array keeps "
+            "a reference to `owner`, the object that owns the memory.")
         .def_prop_ro("__cuda_array_interface__", &CardArray::interface)
         .def("__dlpack__",
              [](const CardArray& array, const nb::kwargs& options) {
@@ -688,13 +689,15 @@ NB_MODULE(_core, m) {
         m, "Simulation",
         "A body that steps on one backend, and that a user holds, cuts and sews meanwhile.\n\n"
         "Places are in the body's unit of length. Not thread-safe; other threads of Python run "
-        "while it steps. After a DeviceError every call throws the same error.")
+        "while it steps. After a DeviceError every call that needs the device raises the same error; "
+        "switch_to() goes on from the state that was read last.")
         .def(nb::init<const Body&, const std::string&>(), "body"_a, "backend"_a = "auto",
              "`backend` is what the program's --backend takes: NAME[:key=value,...], or auto. Raises "
              "BadInput for "
-             "a wrong one, Unavailable where its device is missing, and RuntimeError if it refuses the body.")
+             "a wrong one, Unavailable if its device is missing, and RuntimeError if the backend refuses the "
+             "body.")
         .def("step", &Running::step, "count"_a = 1,
-             "Takes `count` steps. May return before they have run. Ctrl-C ends a long call between two "
+             "Takes `count` steps. May return before the steps have run. Ctrl-C ends a long call between two "
              "steps.")
         .def(
             "synchronize",
@@ -725,7 +728,8 @@ NB_MODULE(_core, m) {
             "Displacements in CUDA's memory, a CardArray. Backends keep positions, in an order and in "
             "buffers "
             "that suit their threads: the card computes displacements from them, in the order of particles. "
-            "Nothing passes through the host. Raises Unavailable for backends without them.")
+            "Nothing passes through the host. Raises Unavailable if the backend's state is not in CUDA's "
+            "memory.")
         .def(
             "take_hold",
             [](Running& self, const std::array<double, 3>& place, double radius, double stiffness) {
@@ -741,7 +745,8 @@ NB_MODULE(_core, m) {
         .def(
             "drag",
             [](Running& self, const std::array<double, 3>& moved) { self.simulation().drag(vec3(moved)); },
-            "moved"_a, "Tells how far the hand has moved since it took hold.")
+            "moved"_a,
+            "Moves the hand to `moved`, a displacement from where it took hold. Does nothing without a hold.")
         .def_prop_ro(
             "force",
             [](Running& self) {
@@ -749,7 +754,7 @@ NB_MODULE(_core, m) {
                 const glm::dvec3 force = self.simulation().force();
                 return std::array<double, 3>{force.x, force.y, force.z};
             },
-            "The force on the hand in the latest step.")
+            "The force on the hand in the latest step; 0 if the hand holds nothing.")
         .def(
             "let_go",
             [](Running& self) {
@@ -779,16 +784,16 @@ NB_MODULE(_core, m) {
                 return change.springs;
             },
             "a"_a, "b"_a, "radius"_a,
-            "Restores the cut springs within `radius` of the line from `a` to `b`, or joins the particles "
-            "nearest "
-            "to both with a new one. Returns how many. Raises Refused.")
+            "Restores the cut springs within `radius` of the line from `a` to `b`. If there are none, a new "
+            "spring joins the particle nearest to `a` with the one nearest to `b`. Returns the number of "
+            "springs restored or joined. Raises Refused.")
         .def(
             "reset",
             [](Running& self) {
                 const nb::gil_scoped_release free;
                 self.simulation().reset();
             },
-            "Goes back to the start and drops all changes.")
+            "Goes back to the start and undoes all cuts, sutures and holds.")
         .def(
             "switch_to",
             [](Running& self, const std::string& backend) {

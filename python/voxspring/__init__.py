@@ -7,8 +7,8 @@
     simulation.step(1000)
     simulation.displacement         # numpy, (n, 3)
 
-judge() verifies and times a function of your own; study() runs a study of the program's. A wrong value raises BadInput, a
-ValueError; what this machine does not have raises Unavailable, a RuntimeError. The messages are the program's own.
+judge() verifies and times a function of your own; study() runs a study of the program. A wrong value raises BadInput, a
+ValueError. A device or library that this machine lacks raises Unavailable, a RuntimeError. Messages read as in the program.
 """
 
 from ._core import BadInput, Body, CardArray, DeviceError, Refused, Simulation, Unavailable

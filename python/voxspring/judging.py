@@ -30,10 +30,10 @@ class Arrays:
 
     to: makes an array of the library from one of numpy; the two share no memory.
     host: makes an array of numpy from one of the library.
-    wait: returns when what was computed so far is finished. It gets the two arrays that the kernel returned.
+    wait: returns once the two arrays that it gets, x and v, are computed.
     timed: calls a function that enqueues work, and returns its result and the seconds between two marks of the device's
         clock. None: the host's clock counts, from before the call until wait() has returned.
-    api: the library with its version. device: what it computes on, empty for this processor.
+    api: the library with its version. device: the name of the card that it computes on; empty for this processor.
     """
 
     to: Callable[[numpy.ndarray], Any] = numpy.array
@@ -136,10 +136,10 @@ def _arrays(given: str | Arrays) -> Arrays:
 
 
 class Judge:
-    """A kernel on trial: warm_up() once, repeat() as often as promised, and then result().
+    """The trial of one kernel. Call warm_up() once, then repeat() as often as `repetitions` says, then result().
 
-    judge() does all of that. With several objects the repetitions of several kernels can take turns, as those of backends do in
-    a study.
+    judge() does all of that. With a Judge per kernel the repetitions of several kernels can take turns, as those of backends do
+    in a study.
     """
 
     def __init__(self, step: Step, body: _core.Body, steps: int = 1000, *, arrays: str | Arrays = "numpy", name: str | None = None,
@@ -159,7 +159,7 @@ class Judge:
         self._start_velocity = body.start_velocity
 
     def _run(self, start: numpy.ndarray, velocity: numpy.ndarray, timed: bool) -> tuple[numpy.ndarray, numpy.ndarray]:
-        """The displacements and increments, in float64, after a batch that begins at `start` with `velocity`."""
+        """Runs one batch from `start` with `velocity`. Returns the displacements and increments after it, in float64."""
         arrays = self._arrays
         x, v = arrays.to(start.astype(self._type)), arrays.to(velocity.astype(self._type))
         arrays.wait(x, v)
@@ -203,7 +203,7 @@ class Judge:
         return displacement, v.astype(numpy.float64) * self._body.time_step
 
     def warm_up(self) -> None:
-        """Runs a batch that is not timed, in which kernels are compiled."""
+        """Runs one batch that is not timed, so that libraries compile their kernels now."""
         self._run(self._start, self._start_velocity, timed=False)
 
     def repeat(self) -> None:
@@ -211,8 +211,8 @@ class Judge:
         self._trial.judge_state(*self._run(self._start, self._start_velocity, timed=True))
 
     def result(self) -> Result:
-        """The result with this kernel's row. Where the body's own start strains too few springs to verify a kernel, a further batch
-        from a strained start is judged first. Raises Wrong."""
+        """The result with this kernel's row. If the body's own start strains too few springs to verify a kernel, a further batch
+        from a strained start is judged first. Raises Wrong if a state does not agree with the reference."""
         strained = self._trial.strained_start()
         if strained is not None:
             start = strained + self._body.rest_position if self._on_positions else strained
@@ -259,12 +259,12 @@ def judge(step: Step, body: _core.Body, steps: int = 1000, *, arrays: str | Arra
         with force = load + the sum over springs of stiffness (rest_length - |d|) d / |d|, d = x_i - x_j; pinned particles stay.
     arrays: whose arrays x and v are: numpy, torch, jax, cupy, warp or taichi, with ":cuda" after it for a card, or an Arrays.
     precision, formulation: what the arrays hold. The error is compared with that of correct arithmetic in this formulation.
-    name, version: of the row; by default the function's name and the library with its version.
-    lines: of code, for the row; by default those of the function.
+    name: the name of the row; by default the function's. version: the library and its version; by default that of `arrays`.
+    lines: the number of lines of code in the row; by default that of the function.
 
     After a batch that is not timed, `repetitions` batches from the same start are timed, by the device's clock where the library
-    has one, and the state that each leaves is compared with the float64 reference. Returns a Result whose row has the time of a step
-    and the errors; print() shows it. Raises Wrong where a state does not agree with the reference, and BadInput.
+    has one. The state after each is compared with the float64 reference. Returns a Result whose row has the time of a step
+    and the errors; print() shows it. Raises Wrong if a state does not agree with the reference, and BadInput for a bad argument.
     """
     trial = Judge(step, body, steps, arrays=arrays, name=name, version=version, repetitions=repetitions, precision=precision,
                   formulation=formulation, lines=lines)

@@ -50,7 +50,7 @@ class Result:
         return self.json["failed"]
 
     def frame(self, rows: str | None = None) -> Any:
-        """A pandas frame of the file's list `rows`, such as "verification"; without it, of the property `rows`. Needs pandas."""
+        """A pandas frame of the list called `rows`, such as "verification"; without an argument, of the property `rows`."""
         import pandas
 
         return pandas.DataFrame(self.rows if rows is None else self.json[rows])
@@ -89,9 +89,9 @@ def study(name: str | os.PathLike[str] = "default", body: _core.Body | None = No
           out: str | os.PathLike[str] | None = None) -> Result:
     """Runs a built-in study or a study file, each backend in a separate process.
 
-    With `body` the study has it as its only scene, in batches of `steps` steps. `backends` and `scenes` are globs, as after
-    --backend and --scene of the program. `out` is written after every scene. Ctrl-C finishes the work in flight, writes `out` and
-    raises KeyboardInterrupt. Raises BadInput.
+    With `body`, this body is the study's only scene, and a batch has `steps` steps. `backends` and `scenes` are globs, as after
+    --backend and --scene of the program. The file `out` is written after every scene. Ctrl-C finishes the work in flight, writes
+    `out` and raises KeyboardInterrupt. Raises BadInput.
     """
     return Result(_core.study(os.fspath(name), body, steps, list(backends), list(scenes), repetitions,
                               None if out is None else os.fspath(out), str(PROGRAM)))

@@ -1,7 +1,7 @@
-"""The systems that a user might pick instead of Voxspring, each stepping a body as its users would write it, judged like a backend.
+"""Verifies and times peers, other systems that a user might pick instead of Voxspring, by the rules for a backend.
 
-Each file has peer(body, device), which returns step(x, v, n), its arrays for judge() and, where that is not the library of the
-arrays, the system with its version.
+The file of a peer has the step as the system's users would write it. Its peer(body, device) returns step(x, v, n), the arrays for
+judge() and, if the system is not the library of the arrays, the system's name with its version.
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ from ..results import Result, scene, study
 PEERS = ("numpy", "numba", "torch", "jax", "cupy", "warp", "taichi", "newton")
 # Scenes of the study `fastest`, each with a number of steps that the slowest peer makes within seconds on a card.
 SCENES = {"box@32": 200, "heart": 200, "box@48": 100, "box@96": 20}
-# On a processor peers make a quarter of the steps, and by default only these scenes: Newton builds a body
+# On a processor a case makes a quarter of these steps. The default scenes are only these two there: Newton builds a body
 # spring by spring, and box@96 has 27 times the springs of box@32.
 ON_PROCESSOR, SHARE_ON_PROCESSOR = ("box@32", "heart"), 4
-# As in a study, a case stops repeating once its repetitions have taken this long together, after at least two.
+# As in a study, a case makes no further repetition once it has made two and all have taken this many seconds together.
 MOST_SECONDS = 10
 
 
 def _serve(peer: str, argument: str, steps: int, repetitions: int, device: str, pipe: Connection) -> None:
-    """Runs one peer, in a process for it alone, and answers the requests "repeat" and "result" that `pipe` brings."""
+    """The main function of a peer's process: warms the peer up, and answers the requests "repeat" and "result" from `pipe`."""
     try:
         body = scene(argument)
         file = pathlib.Path(__file__).parent / f"{peer}.py"
@@ -52,7 +52,7 @@ def _serve(peer: str, argument: str, steps: int, repetitions: int, device: str, 
                 pipe.send(judge.result().json)
             except Wrong as wrong:
                 pipe.send(wrong.result.json)
-    except BaseException as failure:  # of any kind, since the parent process reports them all
+    except BaseException as failure:  # any exception: the parent process reports it
         with contextlib.suppress(OSError):
             absent = isinstance(failure, (ImportError, _core.Unavailable))
             kind = "" if isinstance(failure, _core.Unavailable) else f"{type(failure).__name__}: "
@@ -79,7 +79,7 @@ class _Case:
         if isinstance(answer, KeyboardInterrupt):
             raise answer
         if isinstance(answer, tuple):
-            # Messages of compilers have many lines; a row has one.
+            # A compiler's message has many lines; the reason in a row has one.
             self.absent, self.reason = answer[0], " ".join(answer[1].split())[:500]
         return answer
 
@@ -110,16 +110,16 @@ def _row(argument: str, peer: str, reason: str) -> dict[str, str]:
 
 def run(peers: list[str], scenes: dict[str, int], repetitions: int, device: str, backends: list[str],
         out: str | None) -> Result:
-    """Judges every peer on every scene, with the repetitions of all in random order, beside `backends` of this package."""
+    """Runs the backends and judges every peer on each scene. Repetitions of different peers take turns in random order."""
     results = []
     for argument, steps in scenes.items():
         print(f"{argument}: {', '.join(backends)}", file=sys.stderr)
         results.append(study("fastest", scene(argument), steps=steps, backends=backends, repetitions=repetitions))
-        results[-1].json.pop("fastest")  # the list of the fastest of many backends; here each formulation has only one
+        results[-1].json.pop("fastest")  # a list of the fastest backends, which says nothing about one backend per formulation
         cases, ended = [], results[-1].json
         try:
             for peer in peers:
-                # The peer is looked for, but not imported: in this process it would keep threads and memory.
+                # Finds the package without importing it, which would leave its threads and memory in this process.
                 reason = "" if importlib.util.find_spec(peer) else f"no Python package {peer} is installed"
                 if not reason:
                     print(f"{argument}: warming up {peer}", file=sys.stderr)
@@ -160,13 +160,15 @@ def scenes_of(device: str, names: Sequence[str] | None = None) -> dict[str, int]
 
 def main(arguments: list[str] | None = None) -> int:
     options = argparse.ArgumentParser(prog="voxspring study peers", description=__doc__.splitlines()[0])
-    options.add_argument("--peer", action="append", metavar="GLOB", help=f"only these of {', '.join(PEERS)}; repeatable")
-    options.add_argument("--scene", action="append", metavar="GLOB", help=f"only these of {', '.join(SCENES)}; "
+    options.add_argument("--peer", action="append", metavar="GLOB",
+                         help=f"peers to run, of {', '.join(PEERS)}; repeatable (default: all)")
+    options.add_argument("--scene", action="append", metavar="GLOB", help=f"scenes to step, of {', '.join(SCENES)}; "
                          f"repeatable (default: all with --device cuda, else {' and '.join(ON_PROCESSOR)})")
     options.add_argument("--device", choices=("cpu", "cuda"), default="cpu", help="what the peers compute on (default: cpu)")
     options.add_argument("--backend", action="append", help="a backend of Voxspring to compare with; "
-                         "repeatable (default: cpu_parallel, on a card the backend that auto takes, "
-                         "each with the formulation position, which is the paper's, and increment, which keeps a velocity as the peers do)")
+                         "repeatable (default: cpu_parallel, or with --device cuda the backend that auto chooses, "
+                         "each in the formulations position, which keeps two positions as the paper does, and increment, "
+                         "which keeps a velocity as the peers do)")
     options.add_argument("--repetitions", type=int, default=9, help="timed runs of each peer and backend (default: 9)")
     options.add_argument("--out", metavar="FILE.json", help="write the result to this .json file")
     given = options.parse_args(arguments)

@@ -1,4 +1,4 @@
-"""JAX: a loop of steps of whole arrays, compiled as one."""
+"""JAX: steps by operations on whole arrays; the loop over steps is compiled as one function."""
 
 import os
 

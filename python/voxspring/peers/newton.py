@@ -1,4 +1,4 @@
-"""Newton: its own springs and its semi-implicit solver; only damping is a kernel of ours."""
+"""Newton: the system's own springs and semi-implicit solver; only damping is a kernel of this file."""
 
 import newton
 import numpy as np
@@ -21,7 +21,7 @@ def peer(body, device):
         builder.add_spring(i, j, k, 0.0, 0.0)
     model = builder.finalize(device=device)
     model.spring_rest_length.assign(body.rest_length.astype(np.float32))
-    # Gravity is added to the load, since the model has none.
+    # The model is built without gravity, so the weight is added to the load.
     weight = body.load + np.where(body.pinned, 0, body.mass)[:, None] * np.array(body.gravity)
     load = wp.array(weight, dtype=wp.vec3, device=device)
     solver, states = newton.solvers.SolverSemiImplicit(model), [model.state(), model.state()]

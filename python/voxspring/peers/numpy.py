@@ -1,4 +1,4 @@
-"""numpy: whole arrays, one column of neighbours after the other."""
+"""numpy: operations on whole arrays, in a loop over the 26 columns of neighbours."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""PyTorch: a step of whole tensors, compiled."""
+"""PyTorch: a step by operations on whole tensors, compiled by torch.compile."""
 
 import torch
 

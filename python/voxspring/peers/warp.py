@@ -1,4 +1,4 @@
-"""Warp: a kernel with one thread for each particle; on a card the steps are a graph."""
+"""Warp: a kernel with one thread for each particle; on a card a graph of two launches is replayed."""
 
 import numpy as np
 import warp as wp
