@@ -1,11 +1,11 @@
 #!/usr/bin/env python3
-"""Fills the tables of README.md, accuracy.md, apis.md, artifact.md, simulator.md and python.md from committed results by tables.jinja, and the
-picture in docs/architecture.md from the sources' includes.
+"""Fills the tables of README.md and of pages in docs/ (PAGES below) from committed results by tables.jinja, and the picture in
+docs/architecture.md from the sources' includes.
 
 Usage: figures.py [--check]
 
-A figure stands between `<!-- NAME -->` and `<!-- /NAME -->`. --check changes nothing and exits with 1 if a page is not what the
-result or the sources say.
+A table or picture stands between `<!-- NAME -->` and `<!-- /NAME -->`. --check changes nothing and exits with 1 if a page is not
+what results and sources say.
 """
 
 import functools
@@ -26,27 +26,28 @@ from readme import facts, rows as results  # noqa: E402  # pylint: disable=wrong
 import result_files  # noqa: E402  # pylint: disable=wrong-import-position
 from result_files import distinct, groups, listed, threshold_of, tick_seconds  # noqa: E402  # pylint: disable=wrong-import-position
 
-# How the table of drawing names an API that steps. Other APIs keep their names.
+# Names of APIs in the table of what drawing costs. Other APIs keep their names.
 DRAWN = {"CUDA": "CUDA, one launch per tick", "CPU": "the processor"}
 
 
 def plain_rows(machine=results.GPU):
-    """The rows of the study fastest, in float32 by `position`."""
+    """The rows of the study fastest in float32 and the formulation position."""
     return [row for row in results.medians("fastest", machine) if (row["formulation"], row["precision"]) == ("position", "float32")]
 
 
 def on_heart(machine=results.GPU):
-    """A list of rows for each backend on the heart."""
+    """A list for each backend of its rows on the heart."""
     return list(groups((row for row in plain_rows(machine) if row["scene"] == "heart"), "backend").values())
 
 
 def best_on_heart():
-    """(row, number of tunings) of each backend on the heart, the fastest first."""
+    """[(best row, number of tunings)] of the backends on the heart, the fastest first."""
     return sorted(((results.fastest_of(own), len(own)) for own in on_heart()), key=lambda best: best[0]["real_time"])
 
 
 def architecture():
-    """The rooms (includes_test.ROOMS) as a Mermaid graph. An arrow is an include, left out if other arrows imply it."""
+    """The rooms (folders of sources, includes_test.ROOMS) as a Mermaid graph. An arrow is an include; arrows that others imply are
+    left out."""
     arrows = {}
     for source, included in includes_test.includes_of(ROOT):
         here, there = includes_test.room_of(source), includes_test.room_of(included)
@@ -85,17 +86,17 @@ def tick_text(row, name):
 
 
 def from_due(rows):
-    """Whether the times of rows of the study haptic begin when a tick was due. Those of older files begin when it was played."""
+    """Whether the times of rows of the study haptic begin when a tick was due. In older files they begin when the tick began."""
     return all(row.get("from_due") for row in rows)
 
 
 def handed_over(rows, backend):
-    """Two rows of a backend: its steps were handed over one by one, and at once."""
+    """Two rows of a backend: with steps handed over one by one, and with steps handed over at once."""
     return [next(row for row in rows if (row["backend"], row["handed_over"]) == (backend, way)) for way in ("one by one", "at once")]
 
 
 def fastest_by_size():
-    """(scene, particles, CUDA's row, the row of each backend) of scenes that several implicit strategies were measured on, by size."""
+    """Yields (scene, particles, CUDA's row, {backend: row}) by size, for scenes on which several backends of APIS were measured."""
     of_apis = [row for row in plain_rows() if row["backend"] in APIS]
     for (scene, particles), group in sorted(groups(of_apis, "scene", "particles").items(), key=lambda item: item[0][1]):
         best = {backend: results.fastest_of(own) for (backend,), own in groups(group, "backend").items()}
@@ -104,8 +105,8 @@ def fastest_by_size():
 
 
 def undrawn_rows(rows):
-    """(row, the row of the same case while the body is drawn, the share of the steps that drawing costs) of a study haptic without
-    edits, by scene and rate. The last two are None if they were not measured."""
+    """[(row, row of the same case while the body is drawn, share of the steps that drawing costs)] of the cases without edits of
+    the study haptic, by scene and rate. The last two are None if they were not measured."""
     plain = groups((row for row in rows if not row["edited"]), "scene", "hertz", "name").values()
     pairs = [{bool(row.get("drawn")): row for row in own} for own in plain]
     found = [(pair[False], pair.get(True)) for pair in pairs if False in pair]
@@ -118,12 +119,12 @@ def pauses(row, least):
     return sum(count for begin, count in row["pauses"] if begin > 0.99 * least) / row["waited_seconds"]
 
 
-# A loss of a few percent shows only in a row in which at least this many steps fit into a tick.
+# A loss of a few percent of steps shows only if at least this many steps fit into a tick.
 FINEST = 60
 
 
 def drawn_rows():
-    """(who steps and where displacements come from, the shares of steps lost, pictures per second, rows), the least loss first."""
+    """[((who steps, the call that gives displacements), shares of steps lost, pictures per second, rows)], the least loss first."""
     def who(row):
         api = results.about_backend(results.result("haptic"), row)["family"]
         return "CUDA, one launch for all ticks" if "ticks=resident" in row["tuning"] else DRAWN.get(api, api)
@@ -136,7 +137,7 @@ def drawn_rows():
 
 
 def claimed(machine):
-    """(fastest row, number of tunings, its case's times in other studies over its own) on the heart, of each backend."""
+    """Yields (fastest row, number of tunings, [the case's time in another study over the row's]) for each backend on the heart."""
     tried = on_heart(machine)
     names = [{results.name_of(row): row["real_time"] for row in results.medians_of(one)
               if (row["scene"], row["steps"]) == ("heart", tried[0][0]["steps"])}
@@ -147,7 +148,8 @@ def claimed(machine):
 
 
 def durations(machine):
-    """(study, rows, minutes that it took; None if its file is too old to say) in the order of their measurement."""
+    """Yields (study, number of rows, minutes that it took or None) in the order of measurement. Older files do not say the
+    minutes."""
     for study, one in sorted(results.studies(machine).items(), key=lambda one: one[1]["context"]["date"]):
         seconds = one["context"]["voxspring"].get("elapsed_seconds")
         rows = len(one["verification"]) or sum(len(one.get(name, [])) for name in comparison.PLACES)
@@ -161,7 +163,8 @@ def machines_with_cards():
 
 
 def names_of_commits(machine):
-    """The card of a machine, its driver, and the commits of its results. If there are several commits, each has its studies."""
+    """The card of a machine, its driver and the commits of its results, in words. If there are several commits, each is followed by
+    its studies."""
     contexts = {study: one["context"]["voxspring"] for study, one in results.studies(machine).items()}
     commits = groups(contexts, lambda study: contexts[study]["commit"][:8])
     parts = [f"commit {commit}" + f" ({', '.join(own)})" * (len(commits) > 1) for (commit,), own in commits.items()]
@@ -170,8 +173,8 @@ def names_of_commits(machine):
 
 
 def cards_of(one):
-    """(ways, lines) for the table of several cards, from a result of the study scaling. There is a line for each body, strategy and
-    cut: (row of one rank, cut, {way: row of the most ranks})."""
+    """(ways of exchange, lines) for the table of several cards, from a result of the study scaling. There is a line for each body,
+    strategy and cut: (row of one rank, cut, {way: row of the most ranks})."""
     ways = [way for way in distinct(one["scaling"], "way") if way != "none"]
     lines = []
     for own in groups(one["scaling"], "family", "backend", "tuning").values():
@@ -183,8 +186,8 @@ def cards_of(one):
 
 
 def peers_by_size(one):
-    """What the table of peers shows of a result of `voxspring study peers`: scenes by size, each with Voxspring's fastest row;
-    (system, its rows by scene) by time on the first; (backend, reason) of those that have no row."""
+    """The table of a result of `voxspring study peers`: {scene: Voxspring's fastest row} by size; [(system, {scene: row})] by time
+    on the first scene; {(backend, reason): rows} of backends that were skipped or failed."""
     def system_of(row):
         own = f"Voxspring, `{row['formulation']}`"
         return one["context"]["voxspring"]["backends"][row["backend"]]["api"] if row.get("lines_of_code") else own
@@ -206,28 +209,28 @@ def truth_result():
 
 
 def truths():
-    """(case, where particles are, strain, rows of cpu_explicit in float64 by pitch) of truth_result()."""
+    """Yields (case, where the particles are, strain, rows by pitch) from the rows of cpu_explicit in float64 of truth_result()."""
     rows = [row for row in truth_result()["truth"] if (row["backend"], row["precision"]) == ("cpu_explicit", "float64")]
     for (case, place, strain), own in groups(rows, "scene", "particles_at", "strain").items():
         yield case, place, strain, sorted(own, key=lambda row: row["across"])
 
 
 def truth_agreement():
-    """(precision, how many backends beside cpu_explicit, the largest difference of a deflection from float64) of truth_result()."""
+    """[(precision, number of other backends, the largest difference of a deflection from cpu_explicit in float64)]."""
     others = [row for row in truth_result()["truth"] if row["backend"] != "cpu_explicit"]
     return [(precision, len(distinct(own, "backend")), max(row["rounding_error"] for row in own))
             for (precision,), own in groups(others, "precision").items()]
 
 
 def continuum_errors():
-    """(the largest error of the finite elements in words, the cases of that error) of truth_result(), the least first."""
+    """[(the largest error of the finite elements in words, the cases with that error)] of truth_result(), the least error first."""
     errors = sorted((max(row["continuum_error"] for row in own), case) for (case,), own in groups(truth_result()["truth"], "scene").items())
     return [(text, [case for _, case in own]) for (text,), own in groups(errors, lambda one: f"{100 * one[0]:.1g} %").items()]
 
 
 @functools.cache
 def tables():
-    """The macros of tables.jinja, which know what is defined here."""
+    """The macros of docs/tables.jinja, which may call the functions of this file."""
     paper.ENVIRONMENT.filters["api_of"] = APIS.get
     names = vars(results) | facts.NAMES | globals() | {
         "median": lambda values: statistics.median(list(values)), "recorded_gates": json.loads((HERE / "gates.json").read_text())}
@@ -250,7 +253,7 @@ def main():
         for name in names:
             block = re.compile(rf"(<!-- {name} -->\n).*?(<!-- /{name} -->)", re.DOTALL)
             if not block.search(page):
-                sys.exit(f"{path.name} has no place for {name}")
+                sys.exit(f"{path.name} has no line <!-- {name} --> for its table")
             page = block.sub(lambda match, text=filled(name): f"{match[1]}\n{text}\n\n{match[2]}", page)
         if page != path.read_text():
             stale.append(path)

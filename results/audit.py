@@ -1,12 +1,13 @@
 #!/usr/bin/env python3
-"""Draws figures of the pages at random, and computes each again from the committed results.
+"""Checks numbers on the pages, drawn at random: computes each again from the committed results.
 
 Usage: audit.py [--seed N] [--claims N] [--all]
 
-A claim is a figure in a table or in a sentence of README.md, docs/ or results/README.md. This script reads the JSON of the results itself,
-and shares no code with the pages' templates. It prints each claim with what it found, and the tables of which it computes nothing.
+A claim is a number in a table or in a sentence of README.md, docs/ or results/README.md. This script reads the JSON of the results
+itself, and shares no code with the pages' templates. It prints each claim with the value that it computed, then the tables that it
+does not check.
 
-Exit code: 0 all that were drawn are right; 1 one is wrong; 2 bad input.
+Exit code: 0 all claims drawn are right; 1 at least one is wrong; 2 bad input.
 """
 
 import argparse
@@ -36,8 +37,8 @@ def raw(study, machine=CARD):
 
 
 class Case:
-    """The repetitions of a scene, backend and tuning in a study. Every other one, from the first on, takes part in choosing the fastest case;
-    `held_out` is the median of the others."""
+    """A case of a study with all its repetitions. Every other repetition, from the first on, takes part in choosing the fastest
+    case: `chosen_by` is the median of these, and `held_out` that of the remaining ones."""
 
     def __init__(self, rows):
         self.times = [row["real_time"] for row in rows if row["run_type"] == "iteration"]
@@ -74,7 +75,7 @@ def plain(scene, machine=CARD, **which):
 
 
 def best(several):
-    """(the fastest case, its time). A case that is alone is not chosen, and has the time of all its repetitions."""
+    """(the fastest case, its time). A single case needs no choice, so its time is the median of all its repetitions."""
     chosen = min(several, key=lambda case: case.chosen_by)
     return chosen, chosen.us if len(several) == 1 else chosen.held_out
 
@@ -105,7 +106,7 @@ def tables(page):
         if found := re.match(r"<!-- (/?)(\w+) -->", line):
             marker = "" if found[1] else found[2]
         if line.startswith("|") and not lines[index - 1].startswith("|"):
-            # The number of steps identifies a row and is no result. Only gates() needs it, to find its row.
+            # The column "steps" identifies a row and is no result. Only gates() needs it, to find its row.
             header = {at: name for at, name in enumerate(cells_of(line)) if name != "steps" or marker == "gates"}
             end = next(at for at in range(index, len(lines)) if not lines[at].startswith("|"))
             rows = [(at + 1, [cell for place, cell in enumerate(cells_of(lines[at])) if place in header]) for at in range(index + 2, end)]
@@ -117,12 +118,13 @@ def tables(page):
 # cell has several figures, its value is a list of (words after the name of the column, part of the cell, value).
 
 def each(value_of, first=2):
-    """Makes an audit of the cells from column `first` on that are no dash: value_of(first cell of the row, column, cell)."""
+    """Makes an audit that calls value_of(first cell of the row, column, cell) for each cell from column `first` on, except
+    dashes."""
     return lambda cells, header, _: {at: value_of(cells[0], header[at], cells[at]) for at in range(first, len(header)) if cells[at] != "-"}
 
 
 def with_second(cell, value, words, second):
-    """The two figures of a cell, of which the second is in parentheses and is told by `words`."""
+    """The two figures of a cell. The second one is in parentheses; `words` names it."""
     return [("", cell, value), (words, cell[cell.rindex("("):], second)]
 
 
@@ -412,7 +414,8 @@ def figures(values, header, cells):
 
 
 def claims():
-    """The claims that are computed again; tables that no audit computes, and sentences that no page has, in words."""
+    """Returns all claims with their computed values, and a line for each table without an audit and each pattern without a
+    match."""
     found, without = [], []
     for page in PAGES:
         for where, header, rows, machine in tables(page):
@@ -436,11 +439,11 @@ def claims():
 
 
 def is_right(claim):
-    """Whether the claim has the value, or as its first figure the value rounded to as many digits as the figure has or to three
-    significant ones."""
+    """Whether a claim is right: its text is the value, or its first number is the value rounded to as many decimals as the number
+    has or to three significant digits."""
     if isinstance(claim.value, str):
         return claim.said == claim.value
-    # Marks, names and words have no figures.
+    # Removes names such as `cuda_march`, box@32 and fetch=l1, and exponents such as 32^3: their digits are no figures.
     said = NUMBER.search(re.sub(r"`[^`]*`|\S*(?:=|_|@)\S*|10 \^|\^\d", " ", claim.said))
     if not said:
         return False
@@ -448,7 +451,7 @@ def is_right(claim):
     mantissa, _, exponent = text.partition("e")
     digits = len(mantissa.partition(".")[2])
     forms = {f"{claim.value:.{digits}e}" if exponent else f"{claim.value:.{digits}f}", f"{claim.value:.3g}"}
-    if not digits:  # A share that is known less exactly than to a percent is rounded to tens or hundreds.
+    if not digits:  # A number that ends in zeros may be rounded to tens or hundreds.
         forms.add(str(round(claim.value, len(text.rstrip("0")) - len(text))))
     return any(math.isclose(float(text), float(form), rel_tol=1e-9, abs_tol=1e-12) for form in forms)
 
@@ -461,14 +464,14 @@ def main():
     options = parser.parse_args()
     known, without = claims()
     if not 0 < options.claims <= len(known):
-        parser.error(f"--claims: {options.claims}: expected how many claims to draw, from 1 to {len(known)}")
+        parser.error(f"--claims: {options.claims} is not accepted; expected a number of claims from 1 to {len(known)}")
     drawn = known if options.all else random.Random(options.seed).sample(known, options.claims)
     wrong = [claim for claim in drawn if not is_right(claim)]
     for claim in wrong if options.all else drawn:
         value = claim.value if isinstance(claim.value, str) else f"{claim.value:.5g}"
         print(f"{'WRONG' if claim in wrong else 'right'}  {claim.page}:{claim.line or ''} {claim.what}: {claim.said} ({value})")
     for one in without:
-        print(f"not computed again: {one}")
+        print(f"not checked: {one}")
     print(f"{len(drawn) - len(wrong)} of {len(drawn)} right, of {len(known)} claims, seed {options.seed}")
     return 1 if wrong else 0
 

@@ -1,13 +1,13 @@
 #!/usr/bin/env python3
-"""Writes what `--backend auto` chooses by, harness/choice/auto_rules.json, from committed results.
+"""Writes the rules by which `--backend auto` chooses, harness/choice/auto_rules.json, from committed results.
 
 Usage: auto_rules.py [--check]
 
-For each API, for formulations by increments and for others, for bodies that fill less than half of their lattice and for others,
-and for ranges of particle counts around the bodies of `fastest` and `figure8`: its backends in the order of their times there, each
-with the tuning that was fastest. The first one that a device has and that takes the scene is chosen. If the scene is edited, a
-backend that `edited` lists is passed over unless two edits are at least that many steps apart. --check writes nothing and exits
-with 1 if the file is not what the results say.
+A rule is for one API, formulations by increments or the others, bodies that fill less than half of their lattice or the others, and
+a range of particle counts around a body of the studies `fastest` and `figure8`. It lists the API's backends, the fastest on that
+body first, each with its fastest tuning. `auto` takes the first one that the device has and that takes the scene. If the scene has
+edits, `auto` passes over a backend that `edited` lists unless two edits are at least as many steps apart as it says there. --check
+writes nothing and exits with 1 if the file is not what the results say.
 """
 
 import itertools
@@ -19,13 +19,14 @@ import sys
 from readme import rows
 
 FILE = pathlib.Path(__file__).resolve().parent.parent / "harness/choice/auto_rules.json"
-# Backends that take every scene: the faster one, which these studies do not measure, then the reference.
+# Backends that take every scene, for the end of a list. cpu_explicit, which these studies do not measure, is faster than
+# cpu_reference.
 LAST = {"CPU": ["cpu_explicit", "cpu_reference"]}
 # Ranges of the share of its lattice that a body fills.
 OCCUPANCIES = ((0, 0.5), (0.5, None))
 # Formulations by increments, in which a spring takes about twice as many instructions (by_increments() in C++).
 BY_INCREMENTS = ("increment", "compensated")
-# The datasets that count. Other bodies lack springs of their lattice, and some of the fastest backends refuse them.
+# The datasets that make rules. Other bodies lack springs of their lattice, and some of the fastest backends refuse them.
 DATASETS = ("box", "heart")
 
 
@@ -35,7 +36,8 @@ def cards():
 
 
 def families():
-    """(key of their limits, machines) of the backends that are ranked together, on cards or on the processor; the fastest first."""
+    """[(API, machines)]: the backends of an API are ranked together, over all machines with a card or on the processor's machine.
+    An API is named by the key of its limits. The API with the fastest row comes first."""
     least = {}
     for machines in (tuple(cards()), (rows.CPU,)):
         for machine in machines:
@@ -47,7 +49,7 @@ def families():
 
 
 def bodies(family, machines, increments, occupancy):
-    """(particles, contenders from the fastest on) of each body, by ascending number of particles."""
+    """[(number of particles, contenders with the fastest first)] of the bodies, by ascending number of particles."""
     import pandas  # pylint: disable=import-outside-toplevel  # tests of other scripts import this one beside another NumPy
     low, high = occupancy
     # The machine without a card has no study figure8.
@@ -90,8 +92,8 @@ def rules():
     for name, machines in families():
         for increments, occupancy in itertools.product((False, True), OCCUPANCIES):
             measured = bodies(name, machines, increments, occupancy)
-            # Backends that were not measured on this body (it is too large or they are too slow) come last, in their order on
-            # the nearest other body.
+            # Backends that were not measured on this body, as it is too large or they are too slow, come last, in their order on
+            # the body that is nearest in size.
             orders = [list(order) for _, order in measured]
             for here, order in enumerate(orders):
                 for _, other in sorted(enumerate(measured), key=lambda one: abs(one[0] - here)):
@@ -116,7 +118,7 @@ def min_steps_between_edits():
                               for row in rows.medians("edits") if row["family"] == "CUDA"])
     times = times.pivot_table(index="interval", columns="backend", values="time", aggfunc="last")
     keeps_up = times.le(1.1 * times[times.iloc[0].idxmin()], axis="index")
-    # `keeps` is true where the backend does not keep up. The result is the interval after the last of these.
+    # `keeps` is true for intervals at which the backend does not keep up. The result is the interval after the last of these.
     return {backend: times.index[keeps.to_numpy().nonzero()[0][-1] + 1]
             for backend, keeps in (~keeps_up).items() if keeps.iloc[0] and not keeps.iloc[-1]}
 
@@ -131,7 +133,7 @@ def main():
             f'  "rules": [\n{blocks}\n  ]\n}}\n')
     if "--check" in sys.argv[1:]:
         if not FILE.exists() or FILE.read_text() != text:
-            sys.exit(f"{FILE.name} is not what the results say: run results/auto_rules.py")
+            sys.exit(f"{FILE.name} does not agree with the committed results: run results/auto_rules.py")
     else:
         FILE.write_text(text)
 

@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Compresses results for keeping: RESULT.json becomes RESULT.json.gz, a twentieth of the size.
+"""Compresses results that are to be kept: RESULT.json becomes RESULT.json.gz, a twentieth of the size.
 
 Usage: compact.py RESULT.json...
 
-The compressed file holds every byte of the other, which is removed once the compressed one has been read back. The same result
-gives the same bytes. `zcat RESULT.json.gz` prints it again; every script here and `voxspring advise --results` read either.
+RESULT.json.gz holds every byte of RESULT.json, which is removed once the compressed file has been read back. The same result
+gives the same bytes. `zcat RESULT.json.gz` prints the result; every script here and `voxspring advise --results` read both forms.
 """
 
 import argparse
@@ -15,7 +15,7 @@ import result_files
 
 
 def compact(path):
-    """Replaces a result by its compressed form, whose path this returns."""
+    """Replaces a result by its compressed form. Returns the path of that."""
     if not path.name.endswith(".json"):
         raise result_files.BadInput(f"{path}: expected a result whose name ends in .json")
     result_files.load(path)
@@ -24,7 +24,7 @@ def compact(path):
     # The gzip header has neither date nor file name, so that equal results give equal bytes.
     part.write_bytes(gzip.compress(data, mtime=0))
     if gzip.decompress(part.read_bytes()) != data:
-        raise result_files.BadInput(f"{part}: does not read back as it was written; {path} is as it was")
+        raise result_files.BadInput(f"{part}: the compressed file does not read back as it was written; {path} is unchanged")
     part.replace(compressed)
     path.unlink()
     return compressed

@@ -1,36 +1,38 @@
 """What changed between two results, row by row: the one rule for diff.py and for the page's history.
 
-Rows pair by scene, backend, formulation, precision and tuning; those of studies of kind pareto, stability and stress by time step,
-start or measurement as well, those of kind truth by pitch, strain and place of the particles; how many steps these take to rest is part
-of their time. A tuning parameter that only one file knows does not keep rows apart while it is at its default. A row is judged by each of
-its times, a step's, a start's, an edit's, a late tick's, and by its energy; each after the first is a row in the result.
+Rows pair by scene, backend, formulation, precision and tuning. Rows of the kinds of study pareto, stability and stress pair by time
+step, start or measurement as well, and rows of the kind truth by pitch, strain and place of the particles; the number of steps that
+a row of truth takes to rest may differ, as a part of its time. A tuning parameter that only one file knows does not keep rows apart
+while it is at its default. A row is judged by each of its times (of a step, a start, an edit, a late tick) and by its energy. Each
+of these after the first makes a separate row of the comparison.
 
-Runs of one program differ by more than repetitions within a run do, on a card by ten times: each process finds its memory elsewhere. So
-two noises are measured. Within runs: the standard error of a median of repetitions (Maritz and Jarrett 1978), by Student's t of
-n1 + n2 - 2 degrees of freedom. Between runs: most rows of two files did not change, so what their ratios scatter by, beyond the noise
-within (Paule and Mandel 1982), is what a change has to stand out from: an empirical null (Efron 2004). It is taken over all rows of one
-kind on one device, by Qn (Rousseeuw and Croux 1993), which nearly half of the rows can change without hiding it, and has the tails of a t
-of 4 degrees of freedom, as the ratios of unchanged rows have. A row's margin is the root of the sum of the squares of both. What rows
-of one API on a device have in common, their median ratio, is the shift of the run: clocks, load, a driver, or code that all of them share.
-It is said, and rows are judged relative to it.
+Two runs of one program differ more than the repetitions of one run do, on a card ten times as much, because each process gets its
+memory elsewhere. So two kinds of noise are measured. Within runs: the standard error of a median of repetitions (Maritz and Jarrett
+1978), by Student's t of n1 + n2 - 2 degrees of freedom. Between runs: most rows of two files did not change, so the scatter of
+their ratios beyond the noise within runs (Paule and Mandel 1982) is what a change has to stand out from: an empirical null (Efron
+2004). Its scale is Qn (Rousseeuw and Croux 1993) over all rows of one kind on one device, which stays right while fewer than half
+of the rows change. Its tails are those of a t of 4 degrees of freedom, as those of the ratios of unchanged rows are. A row's margin
+is the root of the sum of the squares of both noises. The median ratio of the rows of one API on a device is the shift of the run,
+caused by clocks, load, a driver or shared code. The shift is printed, and rows are judged relative to it.
 
-With a threshold t, a row is slower if it stands out from the shift by more than its margin and takes 1 + t times as long or more. Margins
-are those of Benjamini and Hochberg (1995) at 5% over all rows of a file. Of a file in which nothing changed, that is the chance that any
-row is called slower or faster. A lone row among m has to pass 5%/m, rows that change together less. To reach margin and threshold a row is
-excused a shift of t/2 at most, so that a shift makes no unchanged row a changed one and hides no changed one. A run is slower as a
-whole if its shift is t or more (30% for times by the host's clock), or if more rows are slower by t than faster, by a sign test: if
-half of the rows change, none of them stands out. It is faster as a whole if its shift is as large the other way. A row is the same
-if its 95% interval relative to the shift is within the threshold, or if it changed by less than that. The rest is too noisy to
-tell.
+With a threshold t, a row is slower if it stands out from the shift by more than its margin and takes 1 + t times as long or more.
+Margins are those of Benjamini and Hochberg (1995) at 5% over all rows of a file: if nothing changed, the chance that any row is
+called slower or faster is 5%. A single changed row among m has to pass the level 5%/m; several changed rows pass a less strict one.
+A shift excuses at most t/2 of a row's change, so that it neither makes an unchanged row a changed one nor hides a changed one. A
+run is slower as a whole if its shift is t or more (30% for times by the host's clock). It is also slower as a whole if a sign test
+finds more rows that are slower by t than rows that are faster by t, since no row stands out if half of them change. A run is faster
+as a whole if its shift is as large the other way. A row is the same if its 95% interval relative to the shift is within the
+threshold, or if a change was found that is below the threshold. All other rows are too noisy to tell.
 
-A change counts only beyond 30% for a row that its run marked (`noisy`), for a backend that adds in any order, and for a kind of
-which fewer than 4 rows show what runs differ by. In such a kind, times by the host's clock or without repetitions have to change by
-a factor of 3. results/README.md says how often the rule is wrong.
+A change has to exceed 30% to count for a row that its run marked (`noisy`), for a backend that adds in any order, and for a kind of
+row with fewer than 4 rows to measure the noise between runs. In such a kind, a time by the host's clock or without repetitions has
+to change by a factor of 3. results/README.md says how often these rules are wrong.
 
-A counter, which a result's context describes, has no statistics: it is better or worse if it changed by more than the threshold in
-the direction that its result says. Errors are of one state and have no statistics: one grew if it is more than the error factor times
-what it was, or than what float64 is uncertain by if that is more; smaller changes are told together. Of a backend that adds in any order
-an error is another one each time: it counts as no smaller than what rounding was measured to carry the scene.
+A counter (a metric that a result's context describes) has no statistics: it is better or worse if it changed by more than the
+threshold in the direction that the context names. Errors are of one state and have no statistics. An error grew if it is more than
+the error factor times its old value, or times the uncertainty of the float64 reference where that is larger; smaller changes are
+summed up in a note. A backend that adds in any order has another error each time, so its old error counts as at least the error
+that rounding alone was measured to cause in the scene.
 """
 
 import collections
@@ -51,10 +53,10 @@ PLACES = {"benchmarks": (), "pareto": ("fraction_of_stable",), "stability": ("da
           "stress": ("part", "measurement", "steps", "detail"), "energy": (),
           "overhead": ("handed_over",), "scaling": ("ranks", "cut", "way"), "haptic": ("hertz", "edited", "drawn"),
           "truth": ("particles_at", "strain", "across")}
-# The values that keys of PLACES are taken to have in older files, which lack them.
+# The values of keys of PLACES for rows of older files, which lack the keys.
 UNSAID = {"drawn": False}
-# For each list: the keys of a row's times. Other lists have only `seconds`, the time to an end time. Each key
-# after the first makes a separate row of the comparison.
+# For each list: the keys of a row's times. Rows of other lists have only `seconds`, the time of a whole run. Each
+# key after the first makes a separate row of the comparison.
 TIMES = {"benchmarks": ("real_time", "ready_seconds", "warm_ready_seconds", "edit_seconds_median"),
          "energy": ("seconds_per_step", "joules_per_step"), "overhead": ("seconds_per_step", "host_seconds_per_step"),
          "scaling": ("seconds_per_step",), "haptic": ("median_seconds", "p99_seconds")}
@@ -63,30 +65,29 @@ DEVICE_TIMES = {("benchmarks", "real_time"), ("benchmarks", "sustained_seconds_p
 # Keys of errors, each with the key of the uncertainty of its reference, or None.
 ERRORS = {"error_relative_l2": "divergence", "error_max": None, "total_error_relative_l2": "total_error_uncertainty",
           "force_error": None, "model_error": "continuum_error"}
-STRESS_ERRORS = ("relative", "spacings")  # units of errors; growth, energies and counts are judged by their gates alone
+STRESS_ERRORS = ("relative", "spacings")  # units of errors; measurements in other units are judged by their gates alone
 
 FALSE_ALARMS = 0.05  # the fraction of files without any change in which some row is still called slower or faster
 CONFIDENCE = 0.95
 # The shift of a run is a factor that all of its times share. It is estimated from at least SHIFT_ROWS rows, and
 # the noise between runs from at least NOISE_ROWS rows.
 SHIFT_ROWS, NOISE_ROWS = 8, 4
-# Degrees of freedom of Student's t for the noise between runs. With at most FEW_ROWS rows the scale of the noise is uncertain, too:
-# then they are half of (rows - 1), which by simulation keeps false alarms below FALSE_ALARMS.
+# TAILS: degrees of freedom of Student's t for the noise between runs. With at most FEW_ROWS rows the scale of the noise is
+# uncertain, too, so (rows - 1) / 2 degrees are used: by simulation that keeps false alarms below FALSE_ALARMS.
 TAILS, FEW_ROWS = 4, 5
-# Margins, as logarithms of a ratio, for noise that was not measured. UNKNOWN_NOISE is for rows that their run marked
-# (harness/device/noise.h marks a row whose repetitions differ by more than a third of that) and for rows of a kind that has fewer
-# than NOISE_ROWS. Such a kind has SINGLE_NOISE if the host's clock took its times or rows have no repetitions, such as a start: a
-# processor's row took 2.6 times as long in one of four studies of an hour. The noise between runs is never taken to be larger than
-# SINGLE_NOISE.
+# Margins, as logarithms of a ratio, for noise that was not measured. UNKNOWN_NOISE is for rows that their run marked as noisy
+# (harness/device/noise.h; an interquartile range above 10% is enough) and for rows of a kind with fewer than NOISE_ROWS rows. In
+# such a kind, SINGLE_NOISE is for rows that have no repetitions or that the host's clock timed: in one of four studies within an
+# hour a processor's row took 2.6 times as long. SINGLE_NOISE is also the upper bound of the noise between runs.
 UNKNOWN_NOISE, SINGLE_NOISE = math.log(1.3), math.log(3)
-# Metrics in these units are judged as times are if less of them is better. The others, per joule, are inverses
-# of such metrics and are not judged again.
+# Metrics in these units are judged as times are if less is better. If more is better, as in springs per joule, the
+# metric is the inverse of another one and is not judged again.
 TIMED_UNITS = ("s", "J", "1/J")
-# Nothing can be told of a row whose margin, the logarithm of a ratio, is larger than this.
+# A row whose margin, the logarithm of a ratio, is larger than this counts as undecidable.
 UNTELLABLE = 20
 # A change counts as having reached a threshold if its logarithm falls short by no more than this rounding error.
 ROUNDING = 1e-9
-# The least shift of a run, the logarithm of a ratio, that is worth a sentence.
+# The least shift of a run, the logarithm of a ratio, that the notes mention.
 SAID_SHIFT = 0.002
 # The size of a few roundings of float64, by which the same sums in another order differ.
 FLOAT64_NOISE = 1e-15
@@ -124,8 +125,8 @@ class Row:
     unit: str = "s"
     kind: tuple = ()  # (list, key of the time); rows of one kind on one device have the same noise
     errors: dict = dataclasses.field(default_factory=dict)
-    floors: dict = dataclasses.field(default_factory=dict)
-    by_chance: dict = dataclasses.field(default_factory=dict)  # how large an error could be by chance in another run of the same program
+    floors: dict = dataclasses.field(default_factory=dict)  # the uncertainty of each error's reference
+    by_chance: dict = dataclasses.field(default_factory=dict)  # how large each error could be in another run of the same program
     # {name: values of the repetitions}, only for counters of which more or less is better.
     counters: dict = dataclasses.field(default_factory=dict)
     chaotic: bool = False
@@ -133,7 +134,7 @@ class Row:
     limitless: bool = False
     noisy: list = dataclasses.field(default_factory=list)  # why its run marked its times as not to be trusted
     failure: str = ""
-    unjudged: str = ""  # why some of its times may be those of wrong states; empty: none
+    unjudged: str = ""  # why some of its times may be those of wrong states; empty if all states were verified
     unverified: int = 0  # number of its repetitions whose states were not verified
 
 
@@ -202,8 +203,8 @@ class Result:
             entry.floors = {key: row.get(ERRORS[key]) for key in entry.errors}
             one, spread = entry.errors.get("error_relative_l2"), row.get("spread")
             if one and spread and not self.backends.get(row["backend"], {}).get("deterministic", True):
-                # The backend adds in any order, so runs differ. Both errors are raised by the factor between
-                # relative error and spread.
+                # The backend adds in any order, so its error differs from run to run. The relative error could be
+                # as large as the scene's spread; error_max is raised by the same factor.
                 entry.by_chance = {key: entry.errors[key] * spread / one for key in ("error_relative_l2", "error_max")
                                    if entry.errors.get(key) is not None}
         if list_name == "stability" and result_files.number(row.get("ratio")):
@@ -249,7 +250,8 @@ class Result:
         return (card, self.context.get("gpu") or name) if card else (name, name)
 
     def device(self, backend):
-        """(name, identity of the card or "") of a backend's device. Other numbers of cores are other devices."""
+        """(name, identity of the card or "") of a backend's device. A processor's name includes its number of logical
+        processors."""
         on = self.backends.get(backend, {})
         cores = self.json["context"].get("num_cpus")
         name = on.get("device") or self.context.get("gpu") or self.context.get("cpu") or "unknown"
@@ -270,7 +272,7 @@ def same_tuning(identity, row, others):
 
 
 def rename(old, new):
-    """Gives rows of `old` the tuning that `new` has for them. Returns for how many contenders."""
+    """Gives rows of `old` the tuning that `new` has for them. Returns the number of contenders renamed."""
     identities = [{identity: rows[0] for (identity, _), rows in result.rows.items()} for result in (old, new)]
     lone = [{i: row for i, row in mine.items() if i not in other} for mine, other in (identities, identities[::-1])]
     names = {identity: same_tuning(identity, row, lone[1]) for identity, row in lone[0].items()}
@@ -300,7 +302,8 @@ def squared_error(times):
 
 
 def compare_times(old, new):
-    """Medians and their ratio; the spread and the standard error of its logarithm, as far as there are repetitions for them."""
+    """The medians and their ratio, the spread, and the standard error of the ratio's logarithm. The last two are None without
+    repetitions. judge_times() fills in the rest."""
     (low, before, high), (new_low, after, new_high) = quartiles(old), quartiles(new)
     several = min(len(old), len(new)) > 1
     return {"old": before, "new": after, "ratio": after / before, "interval": [None, None],
@@ -339,7 +342,7 @@ def judge_times(timed, threshold):
     import scipy.special  # pylint: disable=import-outside-toplevel
     times, counts = [one.row["time"] for one in timed], [one.row["repetitions"] for one in timed]
     changes = numpy.log([time["ratio"] for time in times])
-    # If neither file has repetitions of a row, only the noise between runs counts. If one lacks them, the row is too noisy to tell.
+    # If neither file has repetitions of a row, only the noise between runs counts. If one file lacks them, its noise is unknown.
     errors = numpy.array([time["error"] if min(of) > 1 else 0 if max(of) == 1 else math.inf for time, of in zip(times, counts)])
     degrees = numpy.array([max(1, sum(of) - 2) for of in counts])
     shifts, scales, tails = (numpy.zeros(len(timed)) for _ in range(3))
@@ -424,7 +427,7 @@ def grown(old, new, factor):
     words = []
     for key in [] if old.chaotic or new.chaotic else old.errors.keys() & new.errors.keys():
         before, after = old.errors[key], new.errors[key]
-        # A missing total error is not an infinite one: a study may not have asked for it.
+        # The study may not have asked for a total error. Any other error that is missing was not finite.
         if before is None or after is None and key.startswith("total"):
             continue
         floor = max(FLOAT64_NOISE, old.floors.get(key) or 0, new.floors.get(key) or 0, old.by_chance.get(key, 0))
@@ -450,7 +453,7 @@ def pair(old, new, options):
         whole = tuple(of for of in place if of[0] != "measured")
         if whole != place and (((identity, whole) in old.rows) != ((identity, whole) in new.rows) or
                                old.kinds.isdisjoint(kinds := {row.kind for row in before + after}) or new.kinds.isdisjoint(kinds)):
-            continue  # the whole row is gone or new, or one of the files measures this in no row
+            continue  # the row of the case is gone or new as a whole, or one file has no time or energy of this kind at all
         for index in range(max(len(before), len(after))):
             a, b = (rows[index] if index < len(rows) else None for rows in (before, after))
             row = dict(zip(IDENTITY, identity), place={key: json.loads(value) for key, value in place},
@@ -500,7 +503,7 @@ def pair(old, new, options):
 
 
 def judge_state(a, b, row, differ, options):
-    """The verdict and detail of two rows without their times; an empty verdict leaves the decision to the times."""
+    """(verdict, detail) of two rows by all but their times. An empty verdict leaves the decision to the times."""
     if b.failure:
         return ("still fails" if a.failure else "now fails"), b.failure
     if a.failure:
@@ -533,7 +536,7 @@ def check_devices(old, new, options):
 
 
 def setup(old, new):
-    """What differs in how the machines of two results were set up and what they were doing, as far as both say it."""
+    """Lines on how the set-up and the load of the machines of two results differ, of the keys that both files have."""
     def flat(value, name=""):
         if not isinstance(value, dict):
             return {name: value}

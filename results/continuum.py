@@ -1,9 +1,9 @@
 #!/usr/bin/env python3
 """Solves the cases of `voxspring study truth` by finite elements and writes harness/study/continuum.json.
 
-Not needed to build or run: the file is committed. It needs scikit-fem 12 from PyPI. Lengths are in widths of the body, stresses in
-units of Young's modulus; nu is 1/4. Elements are quadratic hexahedra, finer towards the clamped side and its edges. `error` is the
-difference from a coarser mesh.
+A build does not need this script, since the file is committed. The script needs scikit-fem 12 from PyPI. Lengths are in widths of
+the body, stresses in units of Young's modulus; nu is 1/4. Elements are quadratic hexahedra, finer towards the clamped side and its
+edges. `error` is the relative difference from the value on a coarser mesh.
 
 The material follows one of these laws, which agree for small strain:
   linear: linear elasticity, for small strain only
@@ -35,8 +35,8 @@ CASES = {
     "cube": dict(symmetric=(True, True), height=1.0, body=True, load=0.2, pattern="z"),
     "ball": dict(symmetric=(True, True), height=0.75, body=False, load=-0.1, pattern="z", round=True, ends="both", elements=[(3, 7), (5, 10)]),
 }
-SMALL = 1e-2  # small loads are this part of large ones
-TINY = 1e-30  # the imaginary step that differentiates a stress to the last digit
+SMALL = 1e-2  # small loads are this fraction of large ones
+TINY = 1e-30  # the imaginary step of the complex-step derivative of a stress, which is exact to the last digit
 
 
 def pattern_of(name, x):
@@ -118,7 +118,7 @@ class Solid:
 
 
 def deflection(name, law, load, fine):
-    """The mean displacement of the end along the pattern of its load, weighted by the pattern."""
+    """The mean displacement of the body's free end along the pattern of the load, weighted by the pattern."""
     case = CASES[name]
     mesh = mesh_of(case, fine)
     solid = Solid(mesh)

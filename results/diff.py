@@ -3,13 +3,13 @@
 
 Usage: diff.py OLD NEW [--format FORM] [--all] [--fail-on WHAT]... [--threshold 0.05] [--error-factor 1.5] [--across-devices]
 
-OLD and NEW are results, RESULT.json or RESULT.json.gz. --format bmf and github-action-benchmark write the times of NEW, one series a case,
-as Bencher (`bencher run --adapter json`) and github-action-benchmark (`tool: customSmallerIsBetter`) read them.
+OLD and NEW are results, RESULT.json or RESULT.json.gz. --format bmf and github-action-benchmark write the times of NEW, a series
+per case, as Bencher (`bencher run --adapter json`) and github-action-benchmark (`tool: customSmallerIsBetter`) read them.
 
-Exit code: 0 if nothing is worse; 1 if a row is slower, has a larger error, a worse counter or fails now, if the run is slower as a whole,
-or if --fail-on says so; 2 for bad input.
+Exit code: 0 if nothing is worse; 1 if a row is slower, has a larger error or a worse counter, or fails now, if the run is slower as
+a whole, or if a condition of --fail-on holds; 2 for bad input.
 
-The rule, which the page of results follows as well:
+How rows are judged, here and on the page of results:
 """
 
 import argparse
@@ -26,9 +26,9 @@ import textwrap
 import comparison
 import result_files
 
-# Codes of a terminal: bold red, red, green, dim.
+# Codes of a terminal's colours: bold red, red, green, dim.
 COLOURS = {"now fails": "1;31", "error grew": "1;31", "slower": "31", "faster": "32", "same": "2"}
-# The width of lines in a pipe, and the least width that a row's columns need.
+# The width of lines in a pipe, and the least width of lines on a terminal.
 WIDTH, LEAST_WIDTH = 80, 60
 LIMIT = " x limit"
 EXPORTS = ("bmf", "github-action-benchmark")
@@ -178,8 +178,9 @@ def main():
     form.add_argument("--markdown", action="store_const", dest="format", const="markdown", help="a table for a pull request")
     form.add_argument("--json", action="store_const", dest="format", const="json", help="every row, as diff.schema.json says")
     parser.add_argument("--fail-on", action="append", choices=comparison.FAIL_ON, default=[],
-                        help="also fail if a row is gone or no longer comparable, too noisy to tell, or the machine was set up otherwise")
-    parser.add_argument("--all", action="store_true", help="in a table, rows that are the same as well")
+                        help="also fail; missing: if a row is gone or no longer comparable; undecided: if a row is too noisy to "
+                             "tell; setup: if the machine was set up differently")
+    parser.add_argument("--all", action="store_true", help="also list the rows that are the same")
     parser.add_argument("--threshold", type=number_above(0), default=comparison.Rule.threshold, metavar="FRACTION",
                         help="the smallest relative change of a time that counts (%(default)s)")
     parser.add_argument("--error-factor", type=number_above(1), default=comparison.Rule.error_factor, metavar="FACTOR",
@@ -208,6 +209,6 @@ def main():
 
 
 if __name__ == "__main__":
-    # Do not fail if the reader of a pipe ends first, as in `diff | head`.
+    # If the reader of a pipe ends first, as in `diff.py OLD NEW | head`, this program ends without a traceback.
     signal.signal(signal.SIGPIPE, signal.SIG_DFL)
     sys.exit(main())

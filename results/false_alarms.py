@@ -1,22 +1,23 @@
 #!/usr/bin/env python3
-"""How often diff.py is wrong. This compares pairs of results of one unchanged program on one card: every row that diff.py calls faster,
-slower, or worse in its error is a false alarm.
+"""Measures how often diff.py is wrong. Compares pairs of results of one unchanged program on one card: every row that diff.py calls
+faster, slower, or worse in its error is a false alarm.
 
 Usage: false_alarms.py [--in-pairs] [--threshold 0.05] RESULT RESULT [RESULT...]
        false_alarms.py --resample PAIRS [--drift 0.006] [--threshold 0.05] RESULT [RESULT...]
 
-RESULT is a .json or .json.gz file of one study. Every two of them are a pair; with --in-pairs each and the next are. Seven runs are
-twenty-one pairs:
+RESULT is a .json or .json.gz file of one study. Every two files are compared; with --in-pairs only the first with the second, the
+third with the fourth, and so on. Seven runs are twenty-one pairs:
 
     for i in 1 2 3 4 5 6 7; do voxspring study table1 --out table1-$i.json; done
     python3 results/false_alarms.py table1-*.json
 
---resample makes such pairs of single results, of studies that share rows and were measured by one commit on one card. Either side of a
-pair has repetitions drawn from those of the file, with replacement. The second side takes another time by what really differed: a row by
-the ratio of a row of its backend (of its API, where its backend shares few rows) in two of the files, and an API as a whole by the drift,
-a standard deviation. So the noise of rows is measured, but the pairs are simulated.
+--resample simulates pairs from single results, whose studies share rows and were measured by one commit on one card. On both sides
+of a pair the repetitions of a row are drawn from those in the file, with replacement. On the second side two factors change a row's
+time: a ratio that a row of its backend (of its API, if the backend has few shared rows) really had between two of the files, and a
+random factor for the row's whole API, whose logarithm has the standard deviation --drift. So the pairs are simulated from measured
+noise.
 
-Exit code: 0 there is no false alarm, or pairs were resampled; 1 there are some; 2 bad input.
+Exit code: 0 if there is no false alarm, or if pairs were resampled; 1 if there are false alarms; 2 for bad input.
 """
 
 import argparse
@@ -36,18 +37,19 @@ import result_files
 
 ALARMS = ("faster", "slower", "error grew", "counter better", "counter worse", "now fails")
 JUDGED = ("same", "too noisy to tell", *ALARMS)
-ENOUGH = 8  # the least number of rows' ratios that make a distribution to draw from
+ENOUGH = 8  # a backend with fewer ratios of unchanged rows than this draws from those of its API
 SEED = 1
 
 
 def origin(result, resample):
-    """What two results have to have in common."""
+    """The commit and, unless pairs are resampled, the study and devices: results with other values cannot be compared."""
     cards = sorted({backend.get("uuid") or backend["device"] for backend in result.backends.values()})
     return {"commit": result.context["commit"]} | ({} if resample else {"study": result.study, "devices": ", ".join(cards)})
 
 
 def alarms_of(old, new, rule):
-    """The rows of two results, and those rows and shifts of the run among them that are false alarms."""
+    """(compared rows of two results, false alarms). A false alarm is a row, or the shift that the rows of one API have in
+    common."""
     rows, shifts = comparison.pair(old, new, rule)
     return rows, [one for one in rows + shifts if one["verdict"] in ALARMS]
 
@@ -88,8 +90,8 @@ def differences(results):
 
 
 def resampled(result, generator, away=None, drift=0):
-    """A simulated further run of the rows that have repetitions: their times are drawn from these. With `away`, which differences()
-    made, rows and APIs also take other times, as between real runs."""
+    """Simulates a further run: the times of each row with repetitions are drawn from these. With `away`, from differences(), the
+    times of rows and of whole APIs are also multiplied by random factors, as they differ between real runs."""
     drifts = collections.defaultdict(lambda: generator.gauss(0, drift))
     other = copy.copy(result)
     other.rows = {}
@@ -106,7 +108,8 @@ def resampled(result, generator, away=None, drift=0):
 
 
 def of_resampled(results, count, drift, rule):
-    """Resamples pairs of runs of each result, and prints how often they have false alarms and a real change is found."""
+    """Simulates pairs of runs of each result, and prints how often there is a false alarm, and how often a change of 10% is
+    found."""
     away = differences(results)
     print("; ".join(f"{api}: {len(of)} ratios of unchanged rows; from the shift of their API half of them are at most "
                     f"{statistics.median(map(abs, of)):.2%} away, all at most {max(map(abs, of)):.2%}" for (kind, api), of in away.items() if kind == "API"))
@@ -126,7 +129,7 @@ def of_resampled(results, count, drift, rule):
         if places:
             print(f"{result.path.parent.name}/{result.study}: {len(places)} rows, {count} pairs: {failing} with a false alarm "
                   f"({failing / count:.1%}){''.join(f', {of} of {name}' for name, of in whose.items())}; one row 10% slower: found in "
-                  f"{found / count:.1%}, as {can / count:.1%} of the rows should be")
+                  f"{found / count:.1%} of the pairs, and {can / count:.1%} of the rows are exact enough for that")
 
 
 def main():

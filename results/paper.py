@@ -3,11 +3,11 @@
 
 Usage: paper.py [--check]
 
-The template is Jinja2: `{{ expression }}` stands for a figure, a verdict or, as `{{ tables.NAME() }}`, a table: functions of
-readme/facts.py and macros of readme/tables.jinja, over MACHINE/STUDY.json.gz. A float is written with three digits, and a paragraph
-that had an expression is broken into lines anew. `{{ holds(condition) }}` writes nothing, and refuses the page if the condition is
-false: what its sentence claims is then no longer what the results say. Every such sentence is named, with its line, and nothing is
-written.
+The template is Jinja2. `{{ expression }}` stands for a figure or a verdict, which functions of readme/facts.py compute, and
+`{{ tables.NAME() }}` for a table, a macro of readme/tables.jinja. Both read MACHINE/STUDY.json.gz. A float is written with two
+decimals or three significant digits, and a paragraph with an expression is broken into lines anew. `{{ holds(condition) }}` writes
+nothing. If its condition is false, its sentence claims what the results no longer say: the script then prints every such sentence
+with its line, and changes nothing.
 --check changes nothing and exits with 1 if the page is not what the results say.
 """
 
@@ -27,11 +27,11 @@ WIDTH = 130
 
 
 class Stale(Exception):
-    """Sentences of a template that the results no longer bear out, or figures that they no longer have."""
+    """Raised if sentences of a template contradict the results, or need figures that the results lack. The message lists them."""
 
 
 class Untrue(Exception):
-    """What a sentence claims does not hold."""
+    """Raised if what a sentence claims does not hold, or if an expression is no figure."""
 
 
 def holds(condition):
@@ -75,7 +75,7 @@ class Tables:
 
 
 def render(text, names, page):
-    """The page that a template makes. Raises Stale, which names the line and the sentence of everything that is wrong."""
+    """The page that a template makes. Raises Stale, which names the line and the sentence of every wrong expression."""
     wrong, made, line = [], [], 1
     # A blank line ends a paragraph; no expression contains one.
     for paragraph in re.split(r"(\n{2,})", text):

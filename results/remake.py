@@ -4,19 +4,18 @@
 Usage: remake.py [--program PROGRAM] [--check] [FOLDER] [STUDY...]
 
 FOLDER (results/<machine>) gets STUDY.json.gz of each study. A file that this program's commit has already measured on this card
-stays, so that a second call goes on where the first was cut short: within a study, too. --check measures nothing: it says which
-files are stale, and why.
+stays, so that a second call continues an interrupted one, also within a study. --check measures nothing: it says which files are
+stale (from another commit or card, or incomplete), and why.
 
-The machine is the GPU, or the GPUs, that CUDA has, otherwise the processor; its studies are in the table below. With several GPUs
-only `scaling` is measured, unless others are named: these take the first GPU. CUDA_VISIBLE_DEVICES=0 leaves one GPU.
-More than two GPUs step only the largest bodies of `scaling`.
-`peers` is measured where it is named, by the command of the Python package: remake.py --program env/bin/voxspring
-results/<machine> peers. A program that was built from a tree with changes is refused, since no commit has what it would
-measure.
+The machine is all GPUs that CUDA finds, or else the processor. With several GPUs only `scaling` is measured unless other studies
+are named; these run on the first GPU. CUDA_VISIBLE_DEVICES=0 leaves one GPU. With more than two GPUs `scaling` steps only its
+largest bodies. `peers` is measured only if it is named, with the command of the Python package as the program: remake.py --program
+env/bin/voxspring results/<machine> peers. A program that was built from a tree with changes is refused, since no commit contains
+what it would measure.
 
-A study that ends before its result is whole ends the run, and keeps its journal.
+If a study ends before its result is complete, the run ends. The study's journal stays, so that the next call resumes the study.
 
-Exit code: 0 done; 1 if a study failed, or with --check a file is stale; 2 bad input; 130 interrupted.
+Exit code: 0 if done; 1 if a study failed, or if --check found a stale file; 2 for bad input; 130 if interrupted.
 """
 
 import argparse
@@ -32,22 +31,23 @@ import result_files
 
 HERE = pathlib.Path(__file__).resolve().parent
 
-# Headline tables first, so that a run that is cut short has them. haptic plays in real time, for some four minutes.
+# The studies of the first tables come first, so that an interrupted run has measured them. haptic plays in real time, for some four
+# minutes.
 GPU_STUDIES = ("table1", "fastest", "figure8", "figure7", "as_paper", "edits", "skips", "formulations", "tuning", "pareto", "stability",
                "stress", "overhead", "energy", "haptic")
-# The studies on several cards: only those whose steps are divided between the cards.
+# The studies for several cards: only those in which several cards step one body together.
 MULTI_GPU_STUDIES = ("scaling",)
-# More than two cards are for the largest bodies: smaller ones hardly pay on two.
+# The bodies for more than two cards: smaller ones gain little on two cards already.
 SCENES_ON_MANY_GPUS = ["--scene", "box@256", "--scene", "box@512"]
 # Studies of the Python package's command (docs/python.md). They are measured only if they are named.
 PYTHON_STUDIES = ("peers",)
 CPU_STUDIES = ("fastest", "pareto", "stability", "stress", "haptic")
-# On a GPU server some studies leave out the processor, whose results are in another folder: it took nearly half
-# of the time of pareto, and a quarter of that of stress.
+# On a GPU server these studies leave out the processor, whose results are in another folder: it would take nearly
+# half of the time of pareto, and a quarter of that of stress.
 OPTIONS_ON_GPU = dict.fromkeys(("pareto", "stability", "stress", "energy"), ["--backend", "!cpu_*"])
 OPTIONS_ON_GPU |= {"peers": ["--device", "cuda"], "scaling": ["--backend", "!cpu_*"]}
-# On a processor `fastest` leaves out graphics in software: its threads wait for each other and for a processor, so that a
-# quarter of its rows are noisy, and it takes sixteen of seventeen minutes.
+# On a processor `fastest` leaves out OpenGL and Vulkan in software. Their threads wait for each other and for a processor, so that
+# a quarter of the rows would be noisy, and they would take sixteen of seventeen minutes.
 OPTIONS_ON_CPU = {"fastest": ["--backend", "!gl_*", "--backend", "!vulkan_*"]}
 # The time that all studies of a GPU server may take together; a longer run prints a note.
 BUDGET_SECONDS = 25 * 60
@@ -87,7 +87,7 @@ class Machine:
         return HERE / (name if self.devices == 1 else f"{name}-x{self.devices}")
 
     def studies(self):
-        """(what is measured unless studies are named, what else may be named)."""
+        """(the studies that are measured by default, the further studies that may be named)."""
         if not self.has_gpu:
             return CPU_STUDIES, PYTHON_STUDIES
         if self.devices == 1:
@@ -100,9 +100,9 @@ def context_of(path):
 
 
 def reason_stale(path, machine):
-    """Why a result has to be measured again with this program on this machine; empty if it need not."""
+    """Why a result has to be measured again with this program on this machine; empty if it is up to date."""
     if not path.exists():
-        return "there is none"
+        return "there is no result"
     if path.with_name(path.name.removesuffix(".gz") + ".journal").exists():
         return "cut short"
     context = context_of(path)
@@ -126,10 +126,10 @@ def arguments_of(study, plain, machine):
 
 
 def measure(study, out, machine):
-    """Runs or resumes a study, and compresses its result if that is whole. Returns (exit code, whether it is whole)."""
+    """Runs or resumes a study, and compresses its result if that is complete. Returns (exit code, whether it is complete)."""
     plain = out / f"{study}.json"
     code = subprocess.run(arguments_of(study, plain, machine), check=False).returncode
-    # Exit code 1: a backend failed, with its reason in the result, or the study could not go on.
+    # With exit code 1 a backend failed, and the result says why, or the study could not go on and is unfinished.
     whole = code in (0, 1) and plain.exists() and not context_of(plain).get("unfinished", False)
     if whole:
         plain.with_name(plain.name + ".journal").unlink(missing_ok=True)
@@ -152,21 +152,23 @@ def remake(studies, out, machine, check):
         print(f"\n{study}: study {number} of {len(stale)}, {time.monotonic() - begin:.0f} s so far", flush=True)
         code, whole = measure(study, out, machine)
         if not whole:
-            print(f"\n{study} ended before its result was whole: what comes after is not measured")
+            print(f"\n{study} ended before its result was whole: the studies after it are not measured")
             return code or 1
         worst = max(worst, code)
     seconds = time.monotonic() - begin
     print(f"\n{len(stale)} of {len(studies)} studies measured in {seconds:.0f} s: {out}")
     if machine.has_gpu and seconds > BUDGET_SECONDS:
-        print(f"That is longer than the {BUDGET_SECONDS} s that all of them may take on a GPU server.")
+        print(f"That is longer than the {BUDGET_SECONDS} s that all studies may take on a GPU server.")
     return worst
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--program", default=HERE.parent / "build/release/voxspring", type=pathlib.Path, help="voxspring")
-    parser.add_argument("--check", action="store_true", help="say what is stale, and measure nothing")
-    parser.add_argument("folder", nargs="?", type=pathlib.Path, metavar="FOLDER", help="results/<machine>")
+    parser.add_argument("--program", default=HERE.parent / "build/release/voxspring", type=pathlib.Path,
+                        help="the voxspring program")
+    parser.add_argument("--check", action="store_true", help="say which results are stale, and measure nothing")
+    parser.add_argument("folder", nargs="?", type=pathlib.Path, metavar="FOLDER",
+                        help="where results are kept (default: results/<machine>)")
     parser.add_argument("study", nargs="*", metavar="STUDY", help="only these studies")
     arguments = parser.parse_args()
     try:

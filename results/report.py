@@ -8,7 +8,7 @@ RESULTS are results of `voxspring study` (RESULT.json, or compressed RESULT.json
 files; the folder of this script unless some are named. Several files of one study on one machine add its history. --pictures
 shows the datasets: VOXSPRING draws the pictures that FOLDER lacks or that are older than the program; without --program those
 in FOLDER are shown. --figures writes every chart of the page into FOLDER as an SVG file as well. The page needs no network. It is
-written in one go, and its path is printed. An error names file, key and value, exits with 2 and leaves the old page as it was.
+replaced in one step, and its path is printed. An error names file, key and value, exits with 2 and leaves the old page unchanged.
 report.py takes Python 3.11 and the packages in requirements.txt, which `./run report` installs in the source tree.
 """
 
@@ -23,14 +23,14 @@ HERE = pathlib.Path(__file__).resolve().parent
 
 
 def write_whole(path, text):
-    """Writes a file so that it is either all there or as it was."""
+    """Replaces a file in one step: after a failure the old file is unchanged."""
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:
         with os.fdopen(handle, "w", encoding="utf-8", errors="replace") as file:
             file.write(text)
             file.flush()
             os.fsync(file.fileno())
-        # mkstemp makes files that only their owner may read.
+        # mkstemp() creates the file readable by its owner only.
         os.chmod(name, 0o644)
         os.replace(name, path)
     except BaseException:

@@ -1,4 +1,4 @@
-"""Results as files: JSON as the program writes it, or that compressed by gzip, as compact.py keeps it here."""
+"""Reads result files: JSON as the program writes it, or the same compressed by gzip, as compact.py keeps it here."""
 
 import functools
 import gzip
@@ -10,7 +10,7 @@ import statistics
 import sys
 import zlib
 
-RESULT = 1  # the newest version of schema.json that is read
+RESULT = 1  # the newest version of a result (results/schema.json) that these scripts read
 SUFFIXES = (".json", ".json.gz")
 GZIP = b"\x1f\x8b"
 
@@ -30,11 +30,11 @@ def refuse(script, reason):
 
 
 def shown(value, longest=60):
-    """A value in a message: JSON, cut where it is long."""
+    """A value as JSON for a message, cut to `longest` characters."""
     try:
         text = json.dumps(value)
     except RecursionError:
-        return "what is nested too deeply to show"
+        return "a value nested too deeply to show"
     return text if len(text) <= longest else text[:longest - 3] + "..."
 
 
@@ -46,12 +46,12 @@ def load(path):
         if data.startswith(GZIP):
             data = gzip.decompress(data)
         text = data.decode("utf-8")
-        # JSON has no NaN and no Infinity: they become texts, which no check takes for numbers.
+        # JSON has no NaN and no Infinity. Here they become strings, which no check takes for numbers.
         result = json.loads(text, parse_constant=str)
     except OSError as error:
         raise BadInput(f"{path}: {error.strerror or error}; {expected}") from None
     except RecursionError:
-        raise BadInput(f"{path}: is nested too deeply; {expected}") from None
+        raise BadInput(f"{path}: its JSON is nested too deeply; {expected}") from None
     except (EOFError, zlib.error, ValueError) as error:
         raise BadInput(f"{path}: {error}; {expected}") from None
     try:
@@ -69,7 +69,7 @@ def load(path):
     return result
 
 
-# Lists whose rows have their verdict with them, except in older files.
+# Lists whose rows have their own verdict (`passed`), except in older files.
 JUDGED = ("scaling", "overhead", "haptic", "energy")
 # Keys of the bounds in a verdict, each with the key of the error that it bounds.
 BOUNDS = {"tolerance": "error_max", "tolerance_rms": "error_rms", "tolerance_mean": "error_mean", "force_tolerance": "force_error"}
@@ -87,7 +87,7 @@ def unlike(row, key, value):
 
 
 def contradictions(result):
-    """Yields (place, value, expected) for each contradiction within a result, which a faulty program wrote or somebody edited."""
+    """Yields (place, value, expected) for each contradiction within a result, as a faulty program or an edit by hand leaves it."""
     rows = {name: [row for row in content if isinstance(row, dict)] for name, content in result.items() if isinstance(content, list)}
     verdicts = {str(row.get("name")): row for row in rows.get("verification", [])}
     for name, index, row in ((name, *one) for name in ("verification", *JUDGED) for one in enumerate(rows.get(name, []))):
@@ -129,12 +129,12 @@ def contradictions(result):
         bins = [one for one in row.get("histogram") or [] if isinstance(one, list) and len(one) == 2 and all(map(number, one))]
         for place, ((before, _), one) in enumerate(zip(bins, bins[1:]), start=1):
             if one[0] <= before:
-                yield f"haptic[{index}].histogram[{place}]", one, "where a bin begins, beyond the one before, and a count above 0"
+                yield f"haptic[{index}].histogram[{place}]", one, "where a bin begins, above the bin before, and a count above 0"
         if bins and unlike(row, "ticks", ticks := sum(count for _, count in bins) - due):
             yield f"haptic[{index}].ticks", row["ticks"], f"{ticks}, as many as the histogram has"
         known = [value for value in (row.get(f"{name}_seconds") for name in ("median", "p99", "p999", "worst")) if number(value)]
         if known != sorted(known):
-            yield f"haptic[{index}].median_seconds", known, "percentiles that rise"
+            yield f"haptic[{index}].median_seconds", known, "percentiles in ascending order"
     for index, row in enumerate(rows.get("stability", [])):
         if row.get("theory_time_step") and number(row.get("measured_time_step")) and unlike(
                 row, "ratio", ratio := row["measured_time_step"] / row["theory_time_step"]):
@@ -166,7 +166,8 @@ def validator(schema, name):
 
 
 def check(path, data, schema, name="", at=""):
-    """Refuses data that a schema, or a named part of it, does not allow; the message has file, key, value and what is expected."""
+    """Refuses data that a schema, or its part called `name`, does not allow. The message has file, key, value and what is
+    expected."""
     rules, parts = validator(schema, name)
     try:
         rules(data)
@@ -218,8 +219,8 @@ def spread_of(times):
     return (high - low) / 2 / middle if middle else None
 
 
-# What a result's context says of a backend. Older files lack `title`, `limits_of` and `addressing`: this is the one place that derives
-# them.
+# What a result's context says of a backend. Older files lack `title`, `limits_of` and `addressing`: only the three functions below
+# derive them.
 def family(about):
     """The name of the API, without its version."""
     api = about.get("api")
@@ -236,7 +237,7 @@ def addressing(name, about):
     return about.get("addressing") or ("explicit" if "_explicit_" in f"{name}_" else "implicit")
 
 
-# Runs of one program differ by this share of a time even if its repetitions do not.
+# Two runs of one program differ by this share of a time even if the repetitions of each run do not.
 LEAST_SPREAD = 0.01
 
 
@@ -316,8 +317,8 @@ def medians(benchmarks, verification):
 
 
 def tick_seconds(row, name):
-    """A time of a row of the study haptic: median, p99, p999 or worst. None for a percentile that fewer than ten ticks exceed, which older
-    files have."""
+    """A time of a row of the study haptic: median, p99, p999 or worst. None for a percentile beyond which lie fewer than ten ticks:
+    older files have such percentiles."""
     ticks = sum(count for _, count in row["histogram"]) if row.get("histogram") else row["ticks"]
     beyond = {"p99": 0.01, "p999": 0.001}.get(name, math.inf)
     return row[f"{name}_seconds"] if ticks * beyond >= 9.999 else None
@@ -343,16 +344,16 @@ def threshold_of(verdict):
     return f"{found[0]:.1e}" + "*" * bool(strained)
 
 
-# As in harness/verification/errors.h.
+# The least share of springs that a start must strain to verify a backend, as in harness/verification/errors.h.
 MIN_STRAINED_SHARE = 0.5
 
 
-# Lists of a result that have no measurements, or that repeat those of other lists.
+# Lists of a result that hold no measurements, or repeat measurements of other lists.
 NOT_MEASURED = ("failed", "skipped", "verification", "fastest", "auto")
 
 
 def rows(paths):
-    """The measured rows of files: dictionaries of the machine's folder, study, commit and list, then the row's fields."""
+    """The measured rows of files as dictionaries: first the machine's folder, study, commit and list, then the row's own fields."""
     found = []
     for path in map(pathlib.Path, paths):
         result = load(path)

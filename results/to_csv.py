@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Writes what results have measured as CSV to standard output.
+"""Writes the measured rows of results to standard output as CSV.
 
 Usage: to_csv.py RESULT...          (.json or .json.gz)
 
@@ -38,7 +38,7 @@ def main():
         writer.writerows({key: cell(value) for key, value in row.items()} for row in rows)
         sys.stdout.flush()
     except BrokenPipeError:
-        # The reader has enough; nothing is left to flush at exit.
+        # The reader of the pipe has ended. Python's flush at exit then goes to the null device, and does not fail.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 

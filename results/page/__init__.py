@@ -1,4 +1,4 @@
-"""What results/report.py makes its page of: results as they are read, figures, and the document around them."""
+"""The parts of results/report.py: they read results, make figures of them, and write the page around the figures."""
 
 import importlib.resources
 

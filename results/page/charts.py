@@ -1,10 +1,10 @@
-"""The language of figures.vegalite: Vega-Lite, in which a few words stand for what follows from the rows of a panel.
+"""Makes Vega-Lite of figures.vegalite, in which a few words stand for what follows from the rows of a panel.
 
-"$name" is a value, and "{name}" in a text its text, that the first row of the panel has; "$below" and "$end_labels" are layers. A field
-is written with its type, as "seconds:Q". A scale is "fit", "exact", or one of these over other keys. The order "first" is that of the
-rows, and the ticks "values" are those that they have. The encodings "backend", "family", "region" and those in "marks" are by these
-keys, in the colours of the page's style, so that charts follow its light, dark and printed scheme. The tooltip "row" has the table's
-columns.
+"$name" stands for the value that the first row of the panel has under the key `name`, and "{name}" within a text for that value as
+text. "$below" and "$end_labels" are layers. A field is written with its type, as "seconds:Q". A scale is "fit" (by scale()) or
+"exact" (by exact_scale()), over the field or over the keys that it lists. The order "first" is that of the rows; the ticks "values"
+are the field's values in the rows. The encodings "backend", "family", "region" and those in "marks" are by these keys, in the
+colours of the page's style, so that charts follow its light, dark and printed scheme. The tooltip "row" has the table's columns.
 """
 
 import hashlib
@@ -37,7 +37,7 @@ CONFIG = {
 
 
 def places(names, count):
-    """For each name a number below `count`: that of its hash, so that it is the same on every page, or the next one that is free."""
+    """{name: a number below `count`}: that of the name's hash, so that it is the same on every page, or the next free number."""
     found = {}
     for name in sorted(names):
         first = int.from_bytes(hashlib.md5(f"{SALT}{name}".encode()).digest(), "big")
@@ -78,7 +78,7 @@ def told_apart(key, names):
 
 
 def drawn(points, mark):
-    """A layer of points (x, y, text) that no row of the figure has."""
+    """A layer of points (x, y, text) that are given here, not taken from rows of the figure."""
     points = [dict(zip(("x", "y", "text"), point)) for point in points]
     encoding = {key: {"field": key, "type": "nominal" if key == "text" else "quantitative"} for key in points[0]}
     return {"data": {"values": points}, "mark": {"color": "var(--soft)"} | mark, "encoding": encoding}
@@ -93,7 +93,7 @@ def name_at(x, y, text, **style):
 
 
 def columns(keys, named=None):
-    """(key, name, digits) of the columns of a table. Keys in capitals stand for several; `named` are names of this table alone."""
+    """(key, name, digits) of the columns of a table. A word in capitals is a set of keys. `named`: names for this table alone."""
     known = ABOUT["columns"] | (named or {})
     return [(key, *known.get(key, (key, None))) for word in keys.split(" ") for key in ABOUT["sets"].get(word, word).split(" ")]
 
@@ -129,7 +129,7 @@ def with_end_labels(rows, line, x, y, height):
 
 
 class Chart:
-    """Makes Vega-Lite of what figures.vegalite says of a chart, for the rows of a panel."""
+    """Makes the Vega-Lite of a panel's chart, from its description in figures.vegalite and the panel's rows."""
 
     def __init__(self, families, told, rows, below):
         self.told, self.rows, self.layers = told, rows, {"$below": below, "$end_labels": ABOUT["end_labels"]}
@@ -181,7 +181,7 @@ class Chart:
 
 
 def complete(about, families, told, rows, below, alternative):
-    """The chart of a panel. It is as wide as the panel, and shows only the rows that the reader's filters let through."""
+    """The chart of a panel. It is as wide as the panel, and shows only the rows that pass the filters of the page."""
     chosen = {"filter": "indexof(shown, datum.backend) >= 0 && (scene == '' || datum.scene == scene)"}
     return {"$schema": LANGUAGE, "data": {"name": "rows"}, "transform": [chosen], "width": "container",
             "height": about.get("height") or about["step"][1], "autosize": {"type": "fit-x", "contains": "padding"},

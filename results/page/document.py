@@ -1,4 +1,5 @@
-"""The page around the figures: the answer first, then the figures, then what they were made from. page.html has its words and tags."""
+"""Writes the page: the answer first, then the figures, then the files that they were made from. page.html has its words and
+tags."""
 
 import base64
 import collections
@@ -14,7 +15,7 @@ import result_files
 
 from . import charts, figures, reading, text_of
 
-# Rounding errors up to this are called small: the error of the time step is larger on these datasets.
+# The largest rounding error that is called small. On these datasets the error of the time step is larger.
 SMALL_ERROR = 1e-5
 
 
@@ -39,7 +40,7 @@ def amount(quantity, value):
 
 
 def by_size(entries):
-    """Which backends win which sizes of a dataset, as (headline, sentence); None if ladder() finds no such order."""
+    """(headline, sentence) on which backends are the fastest on which sizes of a dataset; None if ladder() returns None."""
     found = figures.ladder(entries)
     if not found:
         return None
@@ -57,7 +58,8 @@ def by_size(entries):
 
 
 def headline(found, runs, drawn):
-    """(machine, the answer in a line, further sentences): about times, else about errors, else the first figure's finding."""
+    """(machine, the answer in a line, further sentences). The answer is about times; without times it is about errors; without both
+    it is the finding of the first figure."""
     if found:
         machine, entries = next(iter(found.items()))
         told = [entry.best for entry in entries if entry.won]
@@ -116,7 +118,7 @@ def compact(figure):
 
 @functools.cache
 def template():
-    """page.html without the line breaks beside tags and expressions; others become blanks."""
+    """page.html without its line breaks: those beside tags and expressions are removed, all others become blanks."""
     def source(name):
         return re.sub(r"\s*\n\s*", " ", re.sub(r"(?<=[>}])\s*\n\s*|\s*\n\s*(?=[<{])", "", text_of(name).strip()))
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, loader=jinja2.FunctionLoader(source))
@@ -137,9 +139,9 @@ def answer(own, entries, runs):
 
 
 def page(results, pictures, left_out):
-    """The whole page as text. pictures: by dataset. left_out: (datasets without a picture, reason)."""
-    # Models of machines, and machines of a model, come in this order: those with the most datasets first and, of those with as
-    # many, the one with the fastest memory.
+    """The whole page as text. pictures: {dataset: its pictures}. left_out: [(datasets without a picture, reason)]."""
+    # The order of models of machines, and of the machines of a model: the one with the most datasets comes first and, among those
+    # with equally many, the one with the fastest memory.
     of_names = {}
     for result in results:
         for name in {result.model, result.machine}:
@@ -157,7 +159,7 @@ def page(results, pictures, left_out):
     papers = {(result.machine, block["scene"], reading.contender(block)): block["paper"]["ratio"]
               for result in results for block in result.lists["fastest"]
               if block.get("paper") and block["paper"]["name"] != block["name"]}
-    # The first </script would end the script element that has the data.
+    # Escapes </ and <!--, since a </script in the data would end the script element that holds the data.
     data = json.dumps({"config": charts.CONFIG, "figures": [compact(figure) for figure in drawn]}, ensure_ascii=False,
                       separators=(",", ":")).replace("</", "<\\/").replace("<!--", "<\\!--")
     errors = [pair[1].about for pair in pictures.values()]

@@ -1,4 +1,4 @@
-"""The figures of the page as files, for pages that draw nothing by themselves: an SVG for each panel, in the light colours, with legends."""
+"""The figures of the page as files, for documents that show only pictures: an SVG per panel, in the light colours, with legends."""
 
 import json
 import re
@@ -8,7 +8,7 @@ import vl_convert
 from . import charts, figures, text_of
 
 WIDTH = 480
-# Vega writes attributes to a millionth of a pixel. These find the digits beyond a hundredth.
+# Vega writes attributes to a millionth of a pixel. These patterns find the digits beyond a hundredth, to cut them off.
 ATTRIBUTE, DIGITS = re.compile(r'="[^"]*"'), re.compile(r"(\d\.\d\d)\d+")
 
 
@@ -35,7 +35,7 @@ def svg(figure, panel):
     spec["config"] = charts.CONFIG | {"background": "white", "aria": False, "font": "DejaVu Sans, sans-serif"}
     if panel.step:
         spec["height"] = panel.step[1] * len({row[panel.step[0]] for row in rows})
-    # The light scheme: it stands before the first @media of the style.
+    # The colours of the light scheme, which stand before the first @media in page.css.
     colours = dict(re.findall(r"(--[\w-]+): (#\w+);", text_of("page.css").partition("@media")[0]))
     spec = re.sub(r"var\((--[\w-]+)\)", lambda name: colours[name[1]], json.dumps(spec))
     return ATTRIBUTE.sub(lambda found: DIGITS.sub(r"\1", found[0]), vl_convert.vegalite_to_svg(spec))

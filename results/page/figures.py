@@ -1,8 +1,9 @@
-"""The figures of the page: their rows and their findings in words. figures.vegalite describes the table and the charts of each.
+"""Makes the rows of each figure of the page, and its findings in words. figures.vegalite describes the table and the charts of
+each.
 
-A figure has a panel for each machine, or for each machine and scene. A panel's chart takes the rows of its figure that match the panel
-(the page hands them over under the name `rows`), less those that the reader's filters hide: the parameters `shown`, a
-list of backends, and `scene`, one name or empty.
+A figure has a panel for each machine, or for each combination of machine, scene and other keys. A panel's chart takes those rows of
+its figure that match the panel, as the data set `rows`. The filters of the page hide some of them by two parameters of the chart:
+`shown`, a list of backends, and `scene`, a name or empty.
 """
 
 import collections
@@ -20,17 +21,17 @@ from .charts import ABOUT
 
 # Keeps a number and its unit on one line.
 SPACE = "\N{NO-BREAK SPACE}"
-# Counters that figures.vegalite shows already, in columns with other units.
+# Metrics of a result that need no further column, since figures.vegalite has columns for them in other units.
 IN_COLUMNS = {"sustained_seconds_per_step", "limit_sum_seconds"}
 TARGETS = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7)
-# The most names in a headline.
+# The largest number of names in a headline.
 FEW = 3
 
 
 # --- Words -------------------------------------------------------------------------------------------------
 
 def engineering(value, unit):
-    """1234567 and "springs/s" as 1.23 M springs/s."""
+    """A value with its unit and its prefix: "1.23 M springs/s" for 1234567 and "springs/s"."""
     for factor, prefix in ((1e12, "T"), (1e9, "G"), (1e6, "M"), (1e3, "k")):
         if abs(value) >= factor:
             return f"{value / factor:.3g}{SPACE}{prefix} {unit}"
@@ -47,7 +48,7 @@ def rate_text(hertz):
 
 
 def error_text(error):
-    """2.4e-6, and 1e-5 rather than 1.0e-05."""
+    """An error as text: "2.4e-6", and "1e-5" rather than "1.0e-05"."""
     mantissa, exponent = f"{error:.1e}".split("e")
     return f"{mantissa.removesuffix('.0')}e{int(exponent)}" if error else "0"
 
@@ -81,7 +82,7 @@ def each_at_its_best(rows, *keys):
 
 
 def as_fast(best, group):
-    """The best rows of other backends that repetitions cannot tell from the fastest one, fastest first."""
+    """The best rows of those backends that repetitions cannot tell from the fastest one, `best`; sorted by time."""
     others = [row for row in each_at_its_best(group) if row["backend"] != best["backend"]]
     return sorted((row for row in others if not comparison.is_clearly_slower(
         best["repetition_times"], row["repetition_times"], bool(best["noisy"] or row["noisy"]))),
@@ -94,8 +95,8 @@ class Outcome:
 
     best: dict
     group: list  # every strategy that was measured there
-    equals: list  # rows of backends that repetitions do not tell from the fastest, each at its best
-    absent: list  # backends that win smaller and larger datasets, and neither were measured here nor refuse this one
+    equals: list  # the best rows of those backends that repetitions do not tell from the fastest one
+    absent: list  # backends that are the fastest on a smaller and on a larger dataset, but were not tried on this one
 
     @property
     def won(self):
@@ -121,10 +122,10 @@ def outcomes(results, rows):
 
 
 def ladder(entries):
-    """Which backend wins which range of sizes: (dataset, [(backends, whether the state stays on the chip,
-    (fewest, most particles))]), for the dataset with the most sizes. Neighbouring ranges of backends that keep
-    the state on the chip are one range. Sizes that no backend wins are left out. None if a backend wins several
-    ranges, or if there are few sizes, many ranges or only one range."""
+    """Which backend is the fastest in which range of sizes: (dataset, [(backends, whether the state stays on the
+    chip, (fewest, most particles))]), for the dataset with the most sizes. Neighbouring ranges of backends that
+    keep the state on the chip are one range. Sizes at which no backend is clearly the fastest are left out. None
+    if a backend has several ranges, or if there are at most FEW sizes, more than FEW ranges or only one range."""
     families = groups((entry.best for entry in entries if entry.won), lambda row: row["scene"].split("@")[0])
     (family,), rows = max(families.items(), key=lambda item: len(item[1]), default=((None,), []))
     steps = []
@@ -141,7 +142,7 @@ def ladder(entries):
 # --- A figure ----------------------------------------------------------------------------------------------
 
 class Page:
-    """The results that all figures of a page are made of, with what is computed from them once."""
+    """The results that a page shows, and what several of its figures compute from them."""
 
     def __init__(self, results):
         self.results, self.measured = results, reading.measured(results)
@@ -150,7 +151,7 @@ class Page:
         self.families = dict(sorted(families.items(), key=lambda item: item[::-1]))
 
     def counters(self, rows, known):
-        """Columns for the metrics that a result describes and that these rows have, beyond those that are known."""
+        """Columns for the metrics that a result describes and that these rows have, except the names in `known`."""
         found = {name: about["unit"] for result in self.results for name, about in result.counters.items() if name not in known}
         return [(name, name.replace("_", " ") + f" ({unit})" * bool(unit), 4) for name, unit in found.items()
                 if any(isinstance(row.get(name), (int, float)) for row in rows)]
@@ -161,7 +162,8 @@ class Page:
 
     @functools.cached_property
     def histories(self):
-        """{(machine, study): (its results by date, and what judged() says of the first and the last)} of several results."""
+        """{(machine, study): (results by date, *judged(the first, the last))} for each study that several files of a machine
+        have."""
         found = groups((result for result in self.results if result.lists["benchmarks"]), lambda one: one.machine, lambda one: one.study)
         found = {key: sorted(files, key=lambda file: file.date) for key, files in found.items() if len(files) > 1}
         return {key: (files, *judged(files[0], files[-1])) for key, files in found.items()}
@@ -176,17 +178,17 @@ class Panel:
 
 
 class Figure:
-    """A figure as it is drawn: the rows of its table, its panels and its findings. A backend has one colour in all figures."""
+    """The rows of a figure's table, its panels and its findings. A backend has one colour in all figures."""
 
     def __init__(self, name, rows, page, tell, by, below):
         self.name, self.rows, self.page, self.below, self.about = name, rows, page, below, ABOUT["figures"][name]
         self.columns, self.legend = charts.columns(self.about["columns"], self.about.get("named")), self.about.get("legend", "backend")
         self.columns += page.counters(rows, {key for key, *_ in self.columns} | IN_COLUMNS)
-        # The caption names the figure's results: those that have the list called `having`, or are of the study so called.
+        # The results that the caption names: those with a list called `having` or, if no list is called so, of that study.
         having = self.about.get("having", "benchmarks")
         self.results = [one for one in page.results if (one.lists[having] if having in one.lists else one.study == having)]
         groups_told = groups(rows, *by.split(" ")) if by else {(listed(distinct(rows, "machine")),): rows}
-        # For each group of rows: (machine, line, more words or "").
+        # A finding is (machine, a line, the finding in full or ""), for each group of rows.
         self.findings = [(machine, *tell(self, own)) for (machine, *_), own in groups_told.items()]
         keys = self.about["by"].split(" ")
         self.panels = [self.panel(dict(zip(keys, values)), group) for values, group in groups(rows, *keys).items()]
@@ -214,14 +216,15 @@ class Figure:
         return Panel(heading, match, spec, about.get("step"))
 
 
-# For each figure: (function that makes its rows from the Page, function that tells a finding, keys by which
-# findings are told, function that draws layers below the marks or None). A figure without rows is left out.
+# For each figure: (function that makes its rows from the Page; function that returns the finding of a group of
+# rows; keys by which rows are grouped for that; function that makes layers below the marks, or None). A figure
+# without rows is left out.
 MADE_BY = {}
 
 
 def figure_of(name, rows, below=None, by="machine"):
     """Registers how a figure of figures.vegalite is made. The decorated function is called with the rows of each machine, or of
-    each combination of the keys `by`. It returns what was found there: a line, and more words or an empty text."""
+    each combination of the keys `by`. It returns (a line, the finding in full or an empty text)."""
     def register(tell):
         MADE_BY[name] = (rows, tell, by, below)
         return tell
@@ -229,14 +232,14 @@ def figure_of(name, rows, below=None, by="machine"):
 
 
 def labelled(rows):
-    """Adds labels to rows: what tells them apart, without the formulation if all share it."""
+    """Adds a label to each row: its contender, without the formulation if all rows have the same one."""
     common = len({row["formulation"] for row in rows}) == 1
     words = [row["contender"].split(" ") for row in rows]
     return [{**row, "label": " ".join(own[:1] + own[2:] if common else own)} for row, own in zip(rows, words)]
 
 
 def latest_of(rows_of, *keys):
-    """Returns a function of the Page: the latest row of rows_of(results) for each combination of the keys, labelled."""
+    """Returns a function of the Page that makes rows: the latest of rows_of(results) for each combination of the keys, labelled."""
     return lambda page: labelled(reading.latest(rows_of(page.results), "machine", *keys))
 
 
@@ -249,7 +252,8 @@ def latest_runs(page):
 
 
 def as_lines(name, rows_of, line, x, y, *keys):
-    """Returns a function of the Page: the rows, with names at the ends of their lines. Each combination of the keys is a chart."""
+    """Returns a function of the Page that makes the rows of line charts, with a label at the end of each line. Each combination of
+    values of the keys is a chart."""
     return lambda page: [row for own in groups(rows_of(page), "machine", *keys).values()
                          for row in charts.with_end_labels(own, line, x, y, ABOUT["figures"][name]["height"])]
 
@@ -290,7 +294,7 @@ def figure8(_, group):
 
 
 def fastest_within(rows, target):
-    """The row that soonest reaches an error of at most `target`; None if there is none."""
+    """The row with the least time among those with an error of at most `target`; None if no row has such an error."""
     return min((row for row in rows if row["total"] <= target), key=lambda row: row["seconds"], default=None)
 
 
@@ -331,7 +335,7 @@ def curves(_, runs):
 
 
 def limits_below(rows):
-    """Lines at the limit and at ten times the limit, with names below their ends, where no points are."""
+    """Lines at the limit and at ten times the limit. Their names stand below their ends, where no points are."""
     low, high = (end(row["limit_microseconds"] for row in rows) for end in (min, max))
     slowest = max(row["microseconds"] for row in rows)
     layers = []
@@ -358,12 +362,14 @@ def roofline(_, group):
 # the smallest and the largest dataset have one.
 INTENSITY_SCENES = ("box@32", "box@256")
 ROOF_DASHES = {"memory": [1, 0], "memory, half written": [4, 4], "cache": [1, 3]}
-# Strategies that move no bytes have no number of operations per byte: they are drawn at this multiple of the roofs' right end.
+# Strategies that move no bytes have no number of operations per byte. Their marks stand right of the roofs, at this multiple of the
+# roofs' right end.
 ON_CHIP = 1.9
 
 
 def intensities(page):
-    """Rows in float32 that have a rate of operations, with their chart's roofs, the roofs' right end (`edge`) and range."""
+    """The rows in float32 that have a rate of operations, with the roofs of their chart, the roofs' right end (`edge`) and the
+    range of the axis (`domain`)."""
     rows = [row for row in reading.strategies(page.measured) if row["precision"] == "float32" and row["operation_rate"]]
     rows.sort(key=lambda row: row["particles"])
     scenes = set(INTENSITY_SCENES) & set(distinct(rows, "scene")) or {row["scene"] for row in rows[:1] + rows[-1:]}
@@ -382,7 +388,8 @@ def intensities(page):
 
 
 def roofs_below(rows):
-    """The roofs with their names and, beyond their right end, a strip for strategies on the chip, where the axis has no meaning."""
+    """The roofs with their names and, right of them, a strip for strategies whose state stays on the chip. The axis has no meaning
+    there."""
     edge, (start, end) = rows[0]["edge"], rows[0]["domain"]
     layers = []
     if end > edge:
@@ -413,7 +420,7 @@ def intensity(_, rows):
 
 
 def map_cells(page):
-    """A row for each cell of the last map of each machine and scene."""
+    """A row for each cell (damping and time step) of the latest map of stability of each machine and scene."""
     last = {(result.machine, row["scene"]): (result, row) for result in page.results for row in result.lists["stability_map"]}
     return [{"machine": machine, "scene": scene, "backend": row["backend"], "damping": damping, "fraction": fraction, "region": region,
              "letter": region[0], "file": result.path.name, "date": result.date, "amplitude": row["amplitude"]}
@@ -456,12 +463,13 @@ QUANTITIES = {"slower": ("Slow-down", "slower by (%)"), "edit_microseconds": ("L
 
 
 def by_edited_steps(rows):
-    """Rows by the number of steps in which their edits are made, the number with the most rows first."""
+    """{number of steps of a batch: rows}, the number with the most rows first."""
     return dict(sorted(groups(rows, "steps").items(), key=lambda item: -len(item[1])))
 
 
 def edited(page):
-    """A row for each quantity of each strategy; over several counts of edits the rows are drawn as lines."""
+    """A row for each strategy with edits and each of QUANTITIES. The rows are drawn as lines if there are several counts of
+    edits."""
     rows = [{**row, "base": row["without_edits"] * 1e6, "slower": 100 * (row["microseconds"] / (row["without_edits"] * 1e6) - 1)}
             for row in reading.strategies(page.measured) if row["edits"] and row["without_edits"]]
     found = []
@@ -543,7 +551,8 @@ BIN = 10 ** (1 / 20)
 
 
 def histograms(page):
-    """The rows with the begins, ends and shares of their bins, sorted by median; a contender's row with drawing follows that without."""
+    """The rows with the begins, ends and shares of their histogram's bins. Contenders are sorted by their medians; the row without
+    drawing comes before that with drawing."""
     found = []
     for row in latest_of(reading.haptic, "scene", "contender", "hertz", "edited", "drawn")(page):
         ticks = sum(count for _, count in row["histogram"])
@@ -581,7 +590,7 @@ def latencies(_, group):
 
 
 def claims_below(rows):
-    """A dashed line of each case's claimed order of convergence, from the error on its coarsest lattice on."""
+    """A dashed line for each case with a claimed order of convergence. It begins at the error on the case's coarsest lattice."""
     layers = []
     for own in groups((row for row in rows if row["claimed_order"]), "scene").values():
         first, last = (end(own, key=lambda row: row["across"]) for end in (min, max))
@@ -593,7 +602,7 @@ def claims_below(rows):
 @figure_of("truth", as_lines("truth", latest_of(reading.truth, "scene", "contender", "particles_at", "strain", "across"), "scene",
                              "across", "model_error", "particles_at", "strain"), below=claims_below)
 def truth(_, rows):
-    # Only cases with a claimed order are told: the errors of others may be small by chance.
+    # The finding is about cases with a claimed order only, since the errors of others may be small by chance.
     claimed = [row for row in rows if row["claimed_order"]]
     if not claimed:
         return "no order of convergence is claimed", ""
@@ -612,7 +621,8 @@ RULE = comparison.Rule()
 
 
 def judged(first, last):
-    """({(dataset, strategy): the row of diff.py for two files}, shifts of whole runs, why diff.py refuses the files or "")."""
+    """Compares two files as diff.py does. Returns ({(dataset, strategy): row}, the shifts of runs that are slower or faster as a
+    whole, the reason why diff.py refuses the files or "")."""
     try:
         found = comparison.document(first.path, last.path, RULE)
     except reading.BadInput as error:
@@ -624,7 +634,8 @@ def judged(first, last):
 
 
 def changes(rows, whole, first, last):
-    """How times changed between two files, in a line and in more words: of all rows, or the largest change, and rows per verdict."""
+    """How times changed between two files, as (a line, more words): the shift of the whole run or else the largest change, and the
+    number of rows per verdict."""
     commits = f"from commit {first.short_commit} to {last.short_commit}"
     counts = collections.Counter(row["verdict"] for row in rows)
     verdicts = listed(f"{counts[verdict]} {verdict}" for verdict in comparison.VERDICTS if counts[verdict])
@@ -645,7 +656,8 @@ def changes(rows, whole, first, last):
 
 
 def repeated(page):
-    """Rows of strategies that several files of one study on one machine have, with the verdict on the first and the last of these."""
+    """The rows of strategies that several files of one study of one machine have, with the verdict on the first and the last
+    file."""
     found = []
     for (machine, study), (_, verdicts, *_) in page.histories.items():
         rows = [row for row in page.measured if (row["machine"], row["study"]) == (machine, study)]
@@ -681,7 +693,8 @@ def latest_suites(results):
 
 def gates(page):
     def share(row):
-        """How much of a gate a measurement uses up: at most 1 if it passes. At least MIN_SHARE, since the axis is logarithmic."""
+        """The share of its gate that a measurement reaches: at most 1 if it passes. At least MIN_SHARE, since the axis is
+        logarithmic."""
         numbers = [row.get(key) for key in (("measured", "gate") if row["gate_is"] == "at most" else ("gate", "measured"))]
         return max(numbers[0] / numbers[1], MIN_SHARE) if all(numbers) else None
 
@@ -700,7 +713,7 @@ def stress(figure, rows):
 
 
 def all_figures(results):
-    """The page of these results, and the figures that they have something for, in the order of figures.vegalite."""
+    """(the Page of these results, its figures that have rows, in the order of figures.vegalite)."""
     page = Page(results)
     made = [(name, *MADE_BY[name]) for name in ABOUT["figures"]]
     return page, [Figure(name, rows, page, *how) for name, rows_of, *how in made if (rows := rows_of(page))]

@@ -5,11 +5,11 @@ const report = JSON.parse(document.getElementById("report").textContent);
 for (const figure of report.figures) {
     figure.rows = figure.rows.map((row) => Object.fromEntries(row.map((value, index) => [figure.keys[index], value])));
 }
-// The table behind a figure says to screen readers what its points are; the filters are its legend.
+// Marks are hidden from screen readers, which read the table below the chart, and the page's filters replace legends.
 const config = {...report.config, aria: true, mark: {aria: false}, legend: {disable: true}};
 const scene = document.getElementById("scene");
 const boxes = [...document.querySelectorAll("#filters input[type=checkbox]")];
-const views = [];  // of {figure, panel, element, view}
+const views = [];  // a {figure, panel, element, view} for each chart
 
 const shownBackends = () => boxes.filter((box) => box.checked).map((box) => box.value);
 const matches = (row, match) => Object.entries(match).every(([key, value]) => row[key] === value);

@@ -1,8 +1,8 @@
 """Pictures of the datasets: which to draw, drawing them with the program, and reading them back.
 
-A dataset's pictures are of the body after a run in the formulation and precision that its results say are the fastest: one
-coloured by displacement, one by the error against float64. Of the sizes of a dataset that differ in nothing else, one is
-drawn. A picture says itself what it shows (its text "voxspring", JSON), so that nothing here is taken on trust.
+A dataset has two pictures of the body after a run in the formulation and precision that are the fastest in its results: one
+is coloured by displacement, one by the error against float64. If a dataset has several sizes, one size is drawn. The PNG file has
+a text with the key "voxspring", JSON that says what the picture shows, so that a wrong picture is noticed.
 """
 
 import collections
@@ -22,17 +22,17 @@ from . import reading
 END = b"IEND\xaeB`\x82"
 COLOURED_BY = ("displacement", "error")
 SIZE = "560x420"
-# The most particle updates of a run (about two seconds of float64 on one core), and its most steps.
+# The largest number of particle updates of a run (about two seconds of float64 on one core), and of its steps.
 UPDATES = 30_000_000
 MAX_STEPS = 2000
-# The size of a dataset that is drawn is the largest one up to this number of particles, for which UPDATES
-# allows some hundred steps. If all sizes are larger, it is the smallest one.
+# A dataset is drawn in its largest size with at most this many particles, for which UPDATES allows some hundred
+# steps. If all sizes have more particles, the smallest size is drawn.
 FAMILIAR = 100_000
 # Bodies of more particles are not drawn.
 MAX_PARTICLES = 4_000_000
 SECONDS = 120
 ANOTHER_SIZE = "as those shown, in another size"
-# A built-in scene, perhaps in another size. Nothing else that a file calls a scene gets onto the program's command line.
+# The name of a built-in scene, perhaps with a size. No other text of a result file gets onto the program's command line.
 NAME = re.compile(r"\w+(@\w+)?")
 
 
@@ -59,12 +59,13 @@ class Wanted:
                 "--backend", f"auto:formulation={self.formulation},precision={self.precision}", "--out", path]
 
 
-# about: what the picture says of itself (its text "voxspring"). data: the bytes of its file.
+# about: what the picture shows, from the text "voxspring" in its file. data: the bytes of the file.
 Picture = collections.namedtuple("Picture", "about data width height")
 
 
 def choose(results):
-    """What to draw of the timed datasets, the heart first and the others by name, and (scenes, reason) of what is left out."""
+    """Returns what is to be drawn of the timed datasets, the heart first and the others by name, and [(scenes, reason)] for scenes
+    that are left out."""
     runs = [{**run, "microseconds": run["seconds"] / run["steps"] * 1e6} for run in reading.pareto(results)
             if run["particles"]]
     best = {scene: min(own, key=lambda row: row["microseconds"])
@@ -111,11 +112,11 @@ def read(path):
 
 
 def draw(program, path, wanted, coloured_by):
-    """Draws a picture, unless a file is there that is younger than the program. Returns why it could not, or an empty text."""
+    """Draws a picture, unless its file exists and is newer than the program. Returns why it could not, or an empty text."""
     try:
         if path.exists() and path.stat().st_mtime > program.stat().st_mtime:
             return ""
-        # A picture by an older program is out of date.
+        # The picture is from an older program.
         path.unlink(missing_ok=True)
         done = subprocess.run(wanted.command(program, path, coloured_by), capture_output=True, text=True, timeout=SECONDS)
     except OSError as error:
@@ -128,7 +129,8 @@ def draw(program, path, wanted, coloured_by):
 
 
 def gather(results, folder, program):
-    """{dataset: its two pictures in the folder} and (scenes, reason) of what is left out. A program draws what is missing."""
+    """Returns {dataset: its two pictures in the folder} and [(scenes, reason)] for scenes without pictures. The program, if given,
+    draws missing pictures."""
     chosen, left_out = choose(results)
     if program:
         try:
@@ -149,6 +151,6 @@ def gather(results, folder, program):
             missing.setdefault(reason, []).append(wanted.scene)
         else:
             found[wanted.scene] = drawn
-    # The reason "another size" only makes sense if some picture is shown.
+    # The reason ANOTHER_SIZE refers to pictures that are shown, so it is left out if there are none.
     return found, [(scenes, reason) for scenes, reason in left_out if found or reason != ANOTHER_SIZE] + [
         (scenes, reason) for reason, scenes in missing.items()]

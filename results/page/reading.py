@@ -18,13 +18,13 @@ from . import text_of
 
 REGIONS = ("bounded", "heating", "diverged")
 SCHEMA = json.loads(text_of("reading.schema.json"))
-# The lists that a file may have, and those of which a figure is made.
+# LISTS: the lists that a file may have. MEASURED: those of measured rows, of which figures are made.
 LISTS = tuple(name for name in SCHEMA["properties"] if name != "context")
 MEASURED = tuple(name for name in LISTS if name not in ("fastest", "failed", "skipped", "verification"))
 
 
 class Result:
-    """One file. `machine` is the GPU, or else the processor, and whatever tells it apart from others that are called alike."""
+    """One file. `machine` is the name of the GPU, or else of the processor; tell_apart() adds words where names are the same."""
 
     def __init__(self, path):
         data = result_files.load(path)
@@ -40,7 +40,7 @@ class Result:
         self.driver = about.get("driver") if isinstance(about.get("driver"), str) else ""
         self.cores, self.host = context.get("num_cpus"), context.get("host_name") or ""
         self.backends = {name: one for name, one in about.get("backends", {}).items() if isinstance(one, dict)}
-        # Identities of cards; processors have none.
+        # The identities (UUIDs) of cards. Processors have none.
         self.cards = tuple(sorted({one["uuid"] for one in self.backends.values() if one.get("uuid")}))
         # Measured limits of devices, by the name that backends refer to.
         self.limits = {name: one for name, one in about.get("limits", {}).items() if isinstance(one, dict) and one.get("bandwidth")}
@@ -89,7 +89,8 @@ ROOF_LABELS = {"memory, half written": "memory (dashed: half written)", "cache":
 
 
 def rooflines(results, rows):
-    """{API: the roofs that it measured} on the rows' devices, of each device the API that reached the fastest memory."""
+    """{API: the roofs that it measured}, with one API for each device of the rows: the one that reached the fastest memory
+    there."""
     of_devices = {}
     for result in results:
         for name in distinct(rows, "backend"):
@@ -100,8 +101,8 @@ def rooflines(results, rows):
 
 
 def tell_apart(results):
-    """Gives different names to different machines that are called alike. A card is known by its identity. A processor has none: it is
-    the same one where cores and host are the same, and the folder stands for a host that a file does not name."""
+    """Gives different names to different machines with the same name. A card is told by its identity. A processor has no identity:
+    it is told by its number of cores and its host. If a file does not name the host, its folder takes the host's place."""
     def traits(result):
         at = result.host or (result.path.resolve().parent if not result.cards else "")
         return {"cores": f"{result.cores} cores" if result.cores else "", "card": ", ".join(card[:12] for card in result.cards),
@@ -132,14 +133,15 @@ def read_all(paths):
 
 
 def significant(value, digits=5):
-    """A number with the digits that anybody reads, which keeps the page small; None if it is not finite. Other values stay."""
+    """A float rounded to `digits` significant digits, which keeps the page small; None if it is not finite. Other values
+    unchanged."""
     if isinstance(value, float):
         return float(f"{value:.{digits}g}") if math.isfinite(value) else None
     return value
 
 
 def contender(row):
-    """The backend, its formulation, its precision unless float32, and what tuning is not at its default."""
+    """The backend, its formulation, its precision unless float32, and the tuning parameters that are not at their defaults."""
     tuning = result_files.name_of(row).removeprefix(row["scene"] + "/").split("/")[3:]
     return " ".join([row["backend"], row["formulation"]] + [row["precision"]] * (row["precision"] != "float32") + tuning)
 
@@ -151,8 +153,8 @@ def short_contender(name):
 
 
 def moved_and_computed(row):
-    """What a step moves and computes; None if the file does not say. A step that moves nothing, since its state stays on the chip,
-    has a rate of operations and no operations per byte."""
+    """The columns on what a step moves and computes; None where the file does not say. A step that moves nothing, since its state
+    stays on the chip, has a rate of operations but no number of operations per byte."""
     moved, footprint, operations = (row.get(f"step_{what}") or 0 for what in ("bytes", "footprint_bytes", "operations"))
     on_chip = row.get("step_bytes") == 0 and operations > 0
     if not on_chip and min(moved, footprint, operations) <= 0:
@@ -162,8 +164,8 @@ def moved_and_computed(row):
 
 
 def rows_of(results, name):
-    """The rows of a list, with what tells them apart on the page, and microseconds per step. `compared` is the field `family` of a row in
-    the file."""
+    """The rows of a list with further keys: machine, study, commit and date, the contender, and microseconds per step. `family` is
+    the backend's API, and `compared` what the file calls `family`: the scenes that are compared with each other."""
     return [row | {"machine": result.machine, "study": result.study, "commit": result.short_commit, "date": result.date,
                    "compared": row.get("family"), "family": result.family(row["backend"]), "contender": contender(row),
                    "noisy": "; ".join(row.get("noisy", [])), "throttled": "; ".join(row.get("throttled", [])),
@@ -176,7 +178,7 @@ def in_microseconds(seconds):
 
 
 def measured(results):
-    """A row for each contender, scene and file: the median over the repetitions, with the least and the most of them."""
+    """A row for each contender, scene and file: the median over the repetitions, with the shortest and the longest one."""
     return [row | {
         "microseconds": row["real_time"], "least": min(row["times"]), "most": max(row["times"]),
         "repetition_times": tuple(row["times"]), "limited_by": result_files.binder(row),
@@ -191,13 +193,13 @@ def measured(results):
 
 
 def latest(rows, *keys):
-    """The last row of each combination of the keys, of rows in the order of their dates."""
+    """The last row for each combination of values of the keys. The rows are in the order of their dates."""
     return list({tuple(row[key] for key in keys): row for row in rows}.values())
 
 
 def strategies(rows):
-    """One measured row per contender and scene: of the latest row of each study the one with the most steps, which spreads the cost of a
-    launch over the most steps."""
+    """One measured row per contender and scene: among the latest rows of all studies the one with the most steps per batch, over
+    which the cost of a launch is spread."""
     rows = latest(rows, "machine", "scene", "contender", "study")
     return latest(sorted(rows, key=lambda row: row["steps"]), "machine", "scene", "contender")
 
@@ -214,19 +216,19 @@ def is_bricks(row):
 
 
 def scaling(results):
-    """A row for each number of ranks and way of exchange that has an efficiency, with the one that the model predicts."""
+    """A row for each number of ranks and way of exchange that has an efficiency, with the efficiency that the model predicts."""
     return [row | {"cut": row.get("cut", ""), "parts": "bricks" if is_bricks(row) else "slabs",
                    **{name: row[f"{name}_seconds"] * 1e6 for name in ("compute", "exchange", "waiting")},
                    "predicted": row["efficiency"] * row["seconds_per_step"] / row["predicted_seconds"]}
             for row in rows_of(results, "scaling") if row.get("efficiency") and row.get("predicted_seconds")]
 
 
-# Numbers of ranks to predict.
+# The numbers of ranks whose efficiency forecast() predicts.
 FORECAST_RANKS = (8, 64, 1024)
 
 
 def along_axes(row):
-    """How many parts lie beside each other along x, y and z. Older files have slabs alone."""
+    """The numbers of parts along x, y and z. A row of an older file, without `cut`, has slabs along z."""
     return [int(parts) for parts in row["cut"].split("x")] if row.get("cut") else [1, 1, row["ranks"]]
 
 
@@ -289,7 +291,7 @@ def scaling_forecast(results):
 
 
 def haptic(results):
-    """A row for each rate and way of playing, of those that keep a histogram; times in microseconds."""
+    """The rows of the study haptic that have a histogram of their ticks, with times in microseconds."""
     return [row | {"edited": "yes" if row["edited"] else "no", "drawn": "yes" if row.get("drawn") else "no",
                    "pictures": row.get("pictures_per_second"), "period": 1e6 / row["hertz"],
                    **{name: in_microseconds(result_files.tick_seconds(row, name)) for name in ("median", "p99", "p999", "worst")}}

@@ -1,1 +1,1 @@
-"""What pages say of the committed results: rows, tables, sentences, and the template they stand in."""
+"""Computes what the pages say of the committed results: rows, figures of sentences, and tables."""

@@ -1,7 +1,7 @@
 """Figures and verdicts for the sentences of README.in.md: one small function each, over the committed results.
 
-A case is named as in the tables: `cuda_implicit_cached fetch=l1`. Formulation and precision are `position` and `float32` unless
-said otherwise.
+A case is named as in the tables: `cuda_implicit_cached fetch=l1`. Formulation and precision are `position` and `float32` unless a
+function takes others.
 """
 
 import collections
@@ -25,7 +25,8 @@ ALIKE = 0.03
 LINEAR = 0.2
 # The verdict calls edits free if they slow steps down by at most this share.
 CHEAP = 0.05
-# If compute shaders reach more than this multiple of the arithmetic of fragment shaders, the latter say nothing about OpenGL.
+# If compute shaders reach more than this multiple of the arithmetic of fragment shaders, times of fragment shaders say nothing
+# about OpenGL.
 HELD_BACK = 4
 NOT_DECIDABLE = "not decidable on this card"
 
@@ -46,7 +47,7 @@ def us(study, scene, case, **which):
 
 
 def ratio(study, scene, case, over, **which):
-    """The time of a case over that of another."""
+    """The time of `case` divided by that of the case `over`."""
     return us(study, scene, case, **which) / us(study, scene, over, **which)
 
 
@@ -77,8 +78,8 @@ def span(values, written=figure):
 
 
 def verdict(ratios):
-    """Whether a preference of the paper holds: whether what it prefers is faster on all datasets. `ratios` are the times of that
-    over those of the other."""
+    """Whether a preference of the paper holds: whether what the paper prefers is faster on all datasets. `ratios`: the times of
+    what it prefers over those of the alternative."""
     ratios = list(ratios)
     if not ratios:
         raise Missing("there is no row to judge by")
@@ -88,7 +89,7 @@ def verdict(ratios):
 # --- Where the files are from -----------------------------------------------------------------------------
 
 def provenance():
-    """The numbers of commits and of cards that the results of the machine with the page's card come from."""
+    """The commits and the cards of the results of the page's machine, in words: "3 commits and of one card"."""
     commits = {one["context"]["voxspring"]["commit"][:8] for one in studies().values()}
     cards = {uuid for one in studies().values() for uuid in card_ids(one)}
     of_commits = f"commit {next(iter(commits))}" if len(commits) == 1 else f"{len(commits)} commits"
@@ -105,7 +106,7 @@ def rows_above_limit():
 
 
 def repetitions_above_limit():
-    """The number of single repetitions that are faster than their limit, the number of all, and the rows of the former."""
+    """How many single repetitions are faster than their limit, of how many, and in which rows, in words."""
     repetitions = [one for study in studies().values() for one in study["benchmarks"] if one["run_type"] == "iteration"]
     above = above_limit(repetitions)
     names = listed(sorted({f"{contender(one)} on {one['scene']}" for one in above}))
@@ -115,7 +116,7 @@ def repetitions_above_limit():
 
 
 def fragment_share():
-    """How many times as much arithmetic a compute shader reaches as a fragment shader."""
+    """The rate of arithmetic of a compute shader over that of a fragment shader."""
     limit = result("table1")["context"]["voxspring"]["limits"]["OpenGL"]
     return limit["compute_shader_float32_operations_per_second"] / limit["float32_operations_per_second"]
 
@@ -132,11 +133,11 @@ IMPLICIT, EXPLICIT = of_paper("implicit"), of_paper("explicit")
 
 
 def datasets(formulation="position", rows=None):
-    """The datasets, by size, on which both kinds of addressing ran without edits, in `rows` or else in the
+    """The datasets, by size, on which both kinds of addressing ran without edits. `rows`: by default those of the
     study `fastest`.
 
-    `implicit` and `explicit` are rows of the paper's CUDA strategies, `later` those of newer strategies with
-    lists. `ratio` is the best explicit time over the best implicit one.
+    In a dataset, `implicit` and `explicit` are the rows of the paper's CUDA strategies, and `later` those of newer
+    strategies with lists. `ratio` is the best explicit time over the best implicit one.
     """
     rows = [row for row in (medians("fastest") if rows is None else rows)
             if row["formulation"] == formulation and row["precision"] == "float32" and not row.get("edits")]
@@ -175,7 +176,7 @@ def addressing_verdict(of=None):
 # --- The paper's other questions ---------------------------------------------------------------------------
 
 def scaled_ratios(case, over, smallest=0):
-    """Ratios of two cases on every box of Figure 8 with at least `smallest` particles."""
+    """The time of `case` over that of the case `over`, on every box of Figure 8 with at least `smallest` particles."""
     by_case = groups((one for one in medians("figure8") if one["particles"] >= smallest), lambda one: contender(one).replace("`", ""))
     return ratios_between(by_case[case,], by_case[over,], "scene")
 
@@ -191,7 +192,7 @@ def largest_box(study):
 
 
 def concatenated(case, scene=None):
-    """How many times as long concatenated lists take as vertical ones, on the largest box unless a scene is named."""
+    """The time of a case with concatenated lists over that with vertical lists, on a scene or else the largest box."""
     return ratio("tuning", scene or f"box@{largest_box('tuning')}", case + " layout=concatenated", case)
 
 
@@ -213,7 +214,8 @@ FETCHES = {"cuda_implicit_cached": "texture", "cuda_implicit_shared": "shared me
 
 
 def fetches(times):
-    """(time, strategy) pairs as `texture (2.4), shared memory (2.9)`: how each strategy fetches a neighbour, fastest first."""
+    """How strategies fetch a neighbour, with their times, fastest first: `texture (2.4), shared memory (2.9)`. `times`: pairs
+    (time, strategy)."""
     return ", ".join(f"{FETCHES[way]} ({three_digits(time)})" for time, way in sorted(times))
 
 
@@ -222,7 +224,7 @@ def by_time(study, scene):
 
 
 def l1_wins():
-    """On how many boxes of Figure 8 plain L1-cached loads are the fastest of the implicit strategies."""
+    """The number of boxes of Figure 8 on which plain L1-cached loads are the fastest implicit strategy, in words."""
     won = {scene: us("figure8", scene, "cuda_implicit_cached fetch=l1") < min(us("figure8", scene, case) for case in IMPLICIT)
            for scene in distinct(medians("figure8"), "scene")}
     lost = [f"{scene.removeprefix('box@')}^3" for scene in won if not won[scene]]
@@ -242,7 +244,8 @@ def slow_downs(edits, of=papers_cuda):
 
 
 def edit_verdict():
-    """The most edits in 1000 steps that slow none of the paper's CUDA strategies down by more than CHEAP."""
+    """The verdict on the paper's statement that edits cost little: up to how many edits in 1000 steps slow each of its CUDA
+    strategies down by at most CHEAP."""
     counts = sorted({one["edits"] for one in medians("edits")})
     cheap = [count for count in counts if max(slow_downs(count)) <= CHEAP]
     if not cheap:
@@ -272,13 +275,13 @@ def growth(cases=papers_cuda, smallest=0, rows=None):
 
 
 def linear_from(cases=papers_cuda, rows=None):
-    """The number of particles from which on the times of the paper's CUDA strategies are linear in size."""
+    """The number of particles from which on times are linear in size. `cases`: by default the paper's CUDA strategies."""
     sizes = sorted({one["particles"] for one in (medians("figure8") if rows is None else rows) if cases(one)})
     return next(size for size in sizes if growth(cases, size, rows) <= LINEAR)
 
 
 def linear_verdict(cases=papers_cuda, rows=None):
-    """The verdict on the paper's statement about strategies with lists: that times are linear beyond 50,000 particles."""
+    """The verdict on the paper's statement that the times of strategies with lists are linear beyond 50,000 particles."""
     size = linear_from(cases, rows)
     if size <= 50_000:
         return "holds"
@@ -298,12 +301,12 @@ def is_concatenated(one):
 
 
 def as_paper():
-    """The rows of the study as_paper with vertical lists or none."""
+    """The rows of the study as_paper, without those of concatenated lists."""
     return [one for one in medians("as_paper") if not is_concatenated(one)]
 
 
 def ratios_between(some, others, *keys):
-    """The time of each row divided by that of the other row with the same values of `keys`."""
+    """The time of each row of `some` divided by that of the row of `others` with the same values of `keys`, if there is one."""
     over = {tuple(one[key] for key in keys): one["real_time"] for one in others}
     return [one["real_time"] / over[at] for one in some if (at := tuple(one[key] for key in keys)) in over]
 
@@ -339,7 +342,7 @@ def as_paper_opengl():
 # --- Between studies, formulations, errors -----------------------------------------------------------------
 
 def shared(first, second):
-    """For the rows that two studies share: the ratios of the second study's times over the first's."""
+    """The time in the second study over that in the first, of each row that both studies have."""
     one, other = by_name(result(first)), by_name(result(second))
     return [other[name]["real_time"] / one[name]["real_time"] for name in one if name in other]
 
@@ -350,26 +353,26 @@ def signed_percent(value):
 
 
 def increments_cost():
-    """The times of increment over those of position, over every case of the study formulations."""
+    """The time in the formulation increment over that in position, for every case of the study formulations."""
     by_formulation = groups([one | {"tuned": tuple(tuning_of(one))} for one in medians("formulations")], "formulation")
     return ratios_between(by_formulation["increment",], by_formulation["position",], "scene", "backend", "precision", "tuned")
 
 
 def increments_gain(scene):
-    """The error of position divided by that of increment, in a scene, with the implicit strategy that uses textures."""
+    """The error in the formulation position over that in increment, of the implicit strategy that uses textures."""
     errors = [row("formulations", scene, "cuda_implicit_cached", way)["error_relative_l2"] for way in ("position", "increment")]
     return errors[0] / errors[1]
 
 
 def front(machine=GPU):
-    """The runs on the Pareto fronts of a machine's card, or of its processor if it has none."""
+    """The runs of CUDA on the Pareto fronts of a machine, or all runs on its fronts if none is of CUDA."""
     found = result("pareto", machine)
     on_front = [one | about_backend(found, one) for one in found["pareto"] if one.get("on_front")]
     return [one for one in on_front if one["family"] == "CUDA"] or on_front
 
 
 def front_of():
-    """`cuda_resident` 12, ...: how many runs of the fronts each backend has."""
+    """How many runs of the fronts each backend has, in words: `cuda_resident` 12, ..."""
     counts = collections.Counter(one["backend"] for one in front())
     return ", ".join(f"`{name}` {count}" for name, count in counts.most_common())
 
@@ -387,7 +390,7 @@ def runs(machine, backend="cpu_parallel"):
 
 
 def float64_ratios(machine=CPU, backend="cpu_parallel"):
-    """How many times as long float64 takes as float32, of each formulation and time step of the study pareto, by scene."""
+    """{scene: the times of float64 over those of float32}, a ratio for each formulation and time step of the study pareto."""
     found, ratios = runs(machine, backend), {}
     for (scene, formulation, precision, fraction), one in found.items():
         if precision == "float64" and (scene, formulation, "float32", fraction) in found:
@@ -415,7 +418,7 @@ def worst_small_start():
 
 
 def resting_ratio(scene, case, formulation="increment"):
-    """The time of a step that leaves out what is at rest over the time of a step of everything."""
+    """The time of a step that leaves out tiles at rest over the time of a step of all tiles."""
     return ratio("skips", scene, f"{case} rest=skip", f"{case} rest=step", formulation=formulation)
 
 

@@ -1,4 +1,4 @@
-"""Rows of the committed results, how their figures are written, and what the tables of tables.jinja are made of."""
+"""Reads the rows of the committed results, writes their figures as text, and prepares the tables of tables.jinja."""
 
 import collections
 import functools
@@ -18,7 +18,7 @@ FORMULATIONS = ["paper", "position", "displacement", "increment", "compensated"]
 
 
 class Missing(Exception):
-    """No committed result has what is asked for."""
+    """Raised if no committed result has what is asked for."""
 
 
 @functools.lru_cache(maxsize=None)
@@ -85,22 +85,22 @@ def contender(row):
 
 
 def is_papers(row):
-    """Whether a row is a strategy of the paper. Plain L1-cached loads are not: they came after it (2008)."""
+    """Whether a row is of a strategy of the paper. Plain L1-cached loads are not, since they came after the paper (2008)."""
     return row["backend"] in PAPER and "fetch=l1" not in tuning_of(row)
 
 
 def alike(rows, row):
-    """The rows with the dataset, formulation and precision of `row`, from which the fastest is chosen."""
+    """The rows with the dataset, formulation and precision of `row`: those among which the fastest is chosen."""
     return [other for other in rows if all(other[key] == row[key] for key in ("scene", "formulation", "precision"))]
 
 
-# The least number of repetitions that are divided. Fewer of them all choose the row and are all reported, as in
-# harness/study/fastest.cpp.
+# A row with at least this many repetitions has them divided: one half takes part in choosing the fastest row, the
+# other half is reported. All of fewer repetitions do both, as in harness/study/fastest.cpp.
 FEWEST_TO_DIVIDE = 4
 
 
 def divided(row):
-    """(median of every other repetition from the first on, by which a row is chosen; median of the others, which is its time)."""
+    """(median of every other repetition from the first on, by which a row is chosen; median of the others, which is reported)."""
     times = row.get("times", ())
     if len(times) < FEWEST_TO_DIVIDE:
         return row["real_time"], row["real_time"]
@@ -108,7 +108,7 @@ def divided(row):
 
 
 def held_out(row):
-    """A row with the time of the repetitions by which it is not chosen, and with the rates and share of its limit for that time."""
+    """A row with the time of its reported repetitions (divided()), and with its rates and share of its limit for that time."""
     time = divided(row)[1]
     rates = {key: row[key] * row["real_time"] / time
              for key in ("particle_updates_per_second", "spring_updates_per_second", "fraction_of_limit") if row.get(key)}
@@ -116,10 +116,10 @@ def held_out(row):
 
 
 def fastest_of(rows):
-    """The fastest of several rows, as the study `fastest` has it: one half of the repetitions chooses, the
-    other half is reported.
+    """The fastest of several rows, as the study `fastest` chooses it: one half of the repetitions chooses the row,
+    the other half is reported.
 
-    The least of many medians is partly due to chance. The other half of the repetitions does not have that
+    The least of many medians is partly due to chance. The reported half of the repetitions does not have that
     bias. A single row needs no choice and keeps all its repetitions.
     """
     if len(rows) == 1:
@@ -154,18 +154,18 @@ def as_known(value, *rows, decimals=2):
 
 
 def ratio_text(row, base):
-    """The time of a row over that of another."""
+    """The time of `row` over that of `base`, as text."""
     return as_known(row["real_time"] / base["real_time"], row, base)
 
 
 def share(row):
-    """What share of its limit a row reaches."""
+    """The share of its limit that a row reaches, as text."""
     fraction = row.get("fraction_of_limit")
     return f"{as_known(100 * fraction, row, decimals=0)} %" if fraction is not None else "-"
 
 
 def share_of_sum(row):
-    """What share of its time the terms of its limit take together: more than 100 % if they overlap."""
+    """The sum of the terms of a row's limit as a share of its time, as text: more than 100 % if the terms overlap."""
     terms = row.get("limit_sum_seconds")
     return f"{as_known(100e6 * terms / row['real_time'], row, decimals=0)} %" if terms else "-"
 
@@ -204,7 +204,7 @@ def papers(row):
 
 
 def limit_of(row):
-    """What share of its limit a row reaches, which limit that is if it binds, and the share of the sum of its terms."""
+    """The share of its limit that a row reaches, then in parentheses the limit's name if it binds, and share_of_sum()."""
     if not row["fraction_of_limit"]:
         return "-"
     words = [result_files.binder(row), row.get("limit_sum_seconds") and f"sum {share_of_sum(row)}"]
@@ -217,19 +217,19 @@ def contenders(rows):
 
 
 def fastest_first(rows):
-    """Contenders by their times on the first scene."""
+    """contenders(rows), sorted by their times on the first scene."""
     first = rows[0]["scene"]
     return sorted(contenders(rows), key=lambda line: line[1][first]["real_time"] if first in line[1] else math.inf)
 
 
 def headings(rows, *texts):
-    """`texts` for each scene, as formats: {key} is the value in the scene's first row, and {edge} is 32 for box@32."""
+    """The formats `texts`, filled for each scene: {key} is the value in the scene's first row, and {edge} is 32 for box@32."""
     firsts = [own[0] | {"edge": own[0]["scene"][4:]} for own in groups(rows, "scene").values()]
     return [text.format_map(row) for row in firsts for text in texts]
 
 
 def thresholds(rows):
-    """Sentences below a table: by which thresholds the errors of its rows were judged, and in which rows some repetitions were not."""
+    """Sentences below a table: the thresholds on the errors of its rows, and the rows of which some repetitions were not judged."""
     scenes = {}
     for (scene, formulation, precision), own in groups(rows, "scene", "formulation", "precision").items():
         name = formulation + f" {precision}" * (precision != "float32")
@@ -243,8 +243,8 @@ def thresholds(rows):
 
 
 def across_cards():
-    """The results of `fastest` of each card, and [(dataset, formulation, precision, its fastest row on each card, or None)] for what
-    two cards or more have measured."""
+    """The results of the study fastest of each card, and [(dataset, formulation, precision, [its fastest row or None on each
+    card])] for datasets that two cards or more have measured."""
     results = [one for one in machines("fastest") if one["context"]["voxspring"].get("gpu")]
     best = [{(row["scene"], row["formulation"], row["precision"]): held_out(by_name(one)[row["name"]]) for row in one["fastest"]}
             for one in results]
@@ -263,7 +263,8 @@ def slow_down(row):
 
 
 def tunings():
-    """(row with the default tuning or None, row with the best one, number of tunings tried) of each strategy and scene."""
+    """Yields (row with the default tuning or None, row with the best tuning, number of tunings tried) for each strategy and
+    scene."""
     for _, rows in sorted(groups(medians("tuning"), "backend", "scene").items()):
         default = next((row for row in rows if not tuning_of(row)), None)
         if default and len(rows) > 1:
@@ -274,7 +275,8 @@ def tunings():
 
 
 def multiples():
-    """(case, its row of `position`, its row or None for each of FORMULATIONS) of cases that tune at most the fetch path."""
+    """Yields (case, its row in the formulation position, [its row or None in each of FORMULATIONS]) for cases whose tuning is at
+    most a fetch path."""
     rows = [row for row in medians("formulations") if all(part.startswith("fetch=") for part in tuning_of(row))]
     for (scene, count, name), group in groups(rows, "scene", "steps", contender).items():
         known = {row["formulation"]: row for row in group}
@@ -283,7 +285,8 @@ def multiples():
 
 
 def worst_measurements():
-    """(measurement, (largest error, gate or None) for each of FORMULATIONS), from the parts of the stress suite about rounding."""
+    """Yields (measurement, [(largest error, gate or None) for each of FORMULATIONS]) from the parts of the stress suite about
+    rounding."""
     rows = [row for row in result("stress")["stress"] if row["part"] in (7, 9) and row["precision"] == "float32"]
     for (measurement, scene, count), group in groups(rows, "measurement", "scene", "steps").items():
         own = {formulation: (max(math.inf if row["measured"] is None else row["measured"] for row in of), of[-1]["gate"])
@@ -298,7 +301,7 @@ def start_of(row):
 
 
 def aims(one):
-    """(entry of the list `fastest`, target) for the measured targets of a result."""
+    """[(entry of the list `fastest`, target)] for the targets of a result that were measured."""
     return [(block, target) for block in one["fastest"] for target in block["targets"] if target["met"] is not None]
 
 
@@ -327,15 +330,15 @@ def milliseconds(row, key):
 
 
 def starts_of(row):
-    """Milliseconds from the start to the first step: with no kernel in the disk cache (of which compiling, in
-    parentheses), and with all kernels there. A dash stands for a start that the study left out.
+    """Milliseconds from the start to the first step, as two texts: with no kernel in the disk cache (and in
+    parentheses the time of compiling), and with all kernels there. A dash stands for a start that was not measured.
     """
     compiling = f" ({milliseconds(row, 'compile_seconds')})" if row.get("compile_seconds") else ""
     return [milliseconds(row, "ready_seconds") + compiling, milliseconds(row, "warm_ready_seconds")]
 
 
 def resting_cases():
-    """[(case, {scene: (row that steps all tiles, row that skips tiles at rest, share of the tiles that the latter stepped)})]."""
+    """[(case, {scene: (row that steps all tiles, row that skips tiles at rest, share of tiles that the second row stepped)})]."""
     work = {row["name"]: row["work"] for row in result("skips")["verification"] if "work" in row}
     times, cases = by_name(result("skips")), {}
     for name, skipping in times.items():
@@ -348,7 +351,7 @@ def resting_cases():
 
 
 def cross_check(row):
-    """The difference between the sampled power and that of the energy counter in percent, or "no" if the device has no samples."""
+    """The difference in percent between the power by samples and the power by the energy counter; "no" without samples."""
     if row.get("sampled_watts") is None:
         return "no"
     return f"yes, {100 * abs(row['sampled_watts'] / row['watts'] - 1):.1f} %"
@@ -360,8 +363,8 @@ def card_ids(one):
 
 
 def marked_files():
-    """(study, result, letters of its cards, least and most repetitions, counts) of each file. The counts are those of rows that
-    their run marked, of all rows, and of rows that it marked because of other processes on the card."""
+    """Yields (study, result, letters of its cards, least and most repetitions, counts) for each file. The counts are the number of
+    rows that their run marked as noisy, of all rows, and of rows marked because of other processes on the card."""
     cards = {}
     for study, one in studies().items():
         counts = collections.Counter(row["name"] for row in one["benchmarks"] if row["run_type"] == "iteration").values()
