@@ -102,7 +102,8 @@ OF_A_RUN = ("date", "executable", "caches", "mhz_per_cpu", "commit", "clean", "c
 WORSE = ("now fails", "error grew", "counter worse", "slower")
 VERDICTS = WORSE + ("faster", "counter better", "new", "gone", "still fails", "not comparable", "too noisy to tell", "same")
 JUDGED = (*WORSE, "faster", "counter better", "too noisy to tell", "same")
-# The values of --fail-on, and the verdicts that each makes fail as well. `setup` fails if the setups differ.
+# The values of --fail-on, each with the verdicts that it makes the exit code 1. `setup` does so if the setups differ, and
+# `missing` also if the new file lacks a backend or a kind of time.
 FAIL_ON = {"missing": ("gone", "not comparable"), "undecided": ("too noisy to tell",), "setup": ()}
 
 
@@ -117,8 +118,9 @@ class Rule:
 
 @dataclasses.dataclass
 class Row:
-    """A row of a file: one contender in one place (its values of the keys of PLACES). `times` has one element
-    per repetition: seconds per step, or multiples of the device's limit."""
+    """A row of a file: a scene and a contender (backend, formulation, precision and tuning) at one place (its values
+    of the keys of PLACES). `times` has one element per repetition: seconds per step, or multiples of the device's
+    limit."""
     name: str
     measure: tuple = ()  # particles, springs and steps: two rows are comparable if these agree
     times: list = dataclasses.field(default_factory=list)
@@ -370,7 +372,7 @@ def judge_times(timed, threshold):
         return -scipy.special.stdtrit(values, chance / 2)[places]
 
     def margins(chance, unmeasured):
-        # The shift is a median of `samples` rows, and has an error as well.
+        # The shift is a median of `samples` rows, whose own error is added.
         between = student(chance, tails) * scales * numpy.sqrt(1 + math.pi / 2 / samples)
         within = student(chance, degrees) * errors
         return numpy.hypot(numpy.maximum(numpy.minimum(between, SINGLE_NOISE), unmeasured), within)

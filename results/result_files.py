@@ -59,13 +59,13 @@ def load(path):
             json.dumps(result, ensure_ascii=False).encode()
     except UnicodeEncodeError as error:
         half = json.dumps(error.object[max(0, error.start - 20):error.start + 1].rpartition('"')[2])
-        raise BadInput(f"{path}: {half}: is half a character (a lone surrogate); expected Unicode text") from None
+        raise BadInput(f"{path}: {half} ends in half a character (a lone surrogate); expected Unicode text") from None
     if not isinstance(result, dict):
         raise BadInput(f"{path}: the document: {shown(result)}: expected an object, the result of a study")
     version = result.get("schema_version", 1)  # a file without one is of version 1
     if isinstance(version, bool) or version not in range(1, RESULT + 1):
         accepted = RESULT if RESULT == 1 else f"1 to {RESULT}"
-        raise BadInput(f"{path}: schema_version: {version!r}; expected {accepted}: a newer Voxspring wrote it")
+        raise BadInput(f"{path}: schema_version: {version!r}; expected {accepted}: a newer Voxspring wrote the file")
     return result
 
 
@@ -82,7 +82,7 @@ def number(value):
 
 
 def unlike(row, key, value):
-    """Whether a row has a number under `key` that differs from `value`."""
+    """Whether a row has a number under `key` that differs from `value` by more than the relative difference SAME."""
     return number(row.get(key)) and number(value) and abs(row[key] - value) > SAME * abs(value)
 
 
@@ -107,9 +107,9 @@ def contradictions(result):
         times = [row["real_time"] for _, row in own if row.get("run_type") == "iteration" and number(row.get("real_time"))]
         place = f"benchmarks[{own[0][0]}]"
         if verdict.get("passed") is False:
-            yield place, name, "no time, since its state failed"
+            yield place, name, "no time, since its row of verification failed"
         if number(judged := verdict.get("repetitions_judged")) and judged < len(times) and not own[0][1].get("resumed"):
-            yield place, name, f"{len(times)} judged repetitions, but it has {judged}"
+            yield place, name, f"{len(times)} judged repetitions, but its row of verification has {judged}"
         for index, row in own:
             place = f"benchmarks[{index}]"
             for key in ("error_max", "error_relative_l2", "chaotic"):
