@@ -102,8 +102,8 @@ OF_A_RUN = ("date", "executable", "caches", "mhz_per_cpu", "commit", "clean", "c
 WORSE = ("now fails", "error grew", "counter worse", "slower")
 VERDICTS = WORSE + ("faster", "counter better", "new", "gone", "still fails", "not comparable", "too noisy to tell", "same")
 JUDGED = (*WORSE, "faster", "counter better", "too noisy to tell", "same")
-# The values of --fail-on, each with the verdicts that it makes the exit code 1. `setup` does so if the setups differ, and
-# `missing` also if the new file lacks a backend or a kind of time.
+# The values of --fail-on, each with the verdicts for which the exit code is then 1. With `setup` it is 1 if the setups differ,
+# with `missing` also if the new file lacks a backend or a kind of time.
 FAIL_ON = {"missing": ("gone", "not comparable"), "undecided": ("too noisy to tell",), "setup": ()}
 
 

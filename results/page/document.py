@@ -175,7 +175,7 @@ def page(results, pictures, left_out):
 
 @functools.cache
 def script_safe_bundle():
-    """The source of the chart library, kept because it takes two seconds to put together."""
+    """The source of the chart library. It is cached, because putting it together takes two seconds."""
     bundle = vl_convert.javascript_bundle()
     if "</script" in bundle or "<!--" in bundle:
         raise RuntimeError("the chart library cannot be inlined: it contains the end of a script")

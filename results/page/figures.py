@@ -687,7 +687,7 @@ MIN_SHARE = 1e-6
 
 
 def latest_suites(results):
-    """The latest stress suite of each machine. Rows of an older suite are never added to it."""
+    """The latest result with rows of the stress suite, of each machine. Rows of older results are left out."""
     return list({result.machine: result for result in results if result.lists["stress"]}.values())
 
 

@@ -23,7 +23,7 @@ KINDS = ("small sparse", "small full", "large sparse", "large full")
 ALIKE = 0.03
 # Time is linear in size as long as the time per particle is within this share of that of the largest box.
 LINEAR = 0.2
-# The verdict calls edits free if they slow steps down by at most this share.
+# The verdict is that edits cost little if they slow steps down by at most this share.
 CHEAP = 0.05
 # If compute shaders reach more than this multiple of the arithmetic of fragment shaders, times of fragment shaders say nothing
 # about OpenGL.
@@ -208,7 +208,7 @@ def opengl_verdict():
                    (("cuda_implicit_cached", "gl_fragment_implicit"), ("cuda_explicit_cached_grid", "gl_fragment_explicit")))
 
 
-# How an implicit strategy fetches a neighbour, in the words of the paper.
+# How an implicit strategy fetches a neighbour, in words for the page.
 FETCHES = {"cuda_implicit_cached": "texture", "cuda_implicit_shared": "shared memory", "cuda_implicit_device": "loads past L1",
            "cuda_implicit_cached fetch=l1": "L1-cached loads"}
 
@@ -440,5 +440,5 @@ def best_of(study, scene, backend, formulation="position"):
     return fastest_of(rows)["real_time"]
 
 
-# The names that the template may use.
+# The names that README.in.md and the tables may use.
 NAMES = {name: value for name, value in globals().items() if not name.startswith("_")} | {"min": min, "max": max}
