@@ -55,7 +55,7 @@ public:
     const std::string& file() const;
     /// The value as compact JSON.
     std::string text() const;
-    const nlohmann::json& json() const { return *value_; }
+    const nlohmann::json& raw() const { return *value_; }
 
 private:
     friend class JsonObject;

@@ -81,7 +81,7 @@ std::vector<ScalingRow> scaling_rows_of(JsonObject result, const std::string& sc
     for (const JsonValue& item : list.array()) {
         ScalingRow row;
         try {
-            row = row_of_json<ScalingRow>(item.json());
+            row = row_of_json<ScalingRow>(item.raw());
         } catch (const nlohmann::json::exception& error) {
             throw BadInput(list.file(), "scaling", error.what(), "rows as results/schema.json has them");
         }

@@ -45,7 +45,7 @@ int read_count(JsonObject& object, const std::string& key, int max, int otherwis
 nlohmann::json keys_of_the_kind(JsonObject object, const std::set<std::string>& common) {
     nlohmann::json settings = nlohmann::json::object();
     for (const auto& [key, value] : object.items()) {
-        if (!common.contains(key)) settings[key] = value.json();
+        if (!common.contains(key)) settings[key] = value.raw();
     }
     return settings;
 }
