@@ -119,6 +119,13 @@ public:
     void step(int count) override { ByBatch::step(batch() < held ? count : count - 1); }
 };
 
+/// A fast device whose states are wrong from the first batch on.
+class WrongAndFast final : public ByBatch {
+public:
+    WrongAndFast() : ByBatch([](int) { return 20; }) {}
+    void step(int count) override { ByBatch::step(count - 1); }
+};
+
 /// A backend that steps on the host.
 class OnHost final : public ByBatch {
 public:
@@ -190,6 +197,10 @@ const std::vector<Registered> registered = [] {
     all.push_back(registered_for_test("sustain_slow",
                                       [] { return std::make_unique<ByBatch>([](int) { return 101; }); }));
     all.push_back(registered_for_test("hot_wrong", [] { return std::make_unique<WrongWhenHot>(); }));
+    all.push_back(registered_for_test("rival_wrong", [] { return std::make_unique<WrongAndFast>(); }));
+    all.push_back(registered_for_test("rival_hot_wrong", [] { return std::make_unique<WrongWhenHot>(); }));
+    all.push_back(registered_for_test("rival_right",
+                                      [] { return std::make_unique<ByBatch>([](int) { return 100; }); }));
     all.push_back(
         registered_for_test("host_processes", [] { return std::make_unique<OnHost>(&of_process); }));
     all.push_back(
@@ -358,6 +369,17 @@ TEST(Sustained, BatchesLeaveTheStateOfTheFirst) {
     ASSERT_EQ(failed.size(), 1u);
     EXPECT_THAT(failed.front().reason.value_or(""),
                 ::testing::HasSubstr("without a pause left another state"));
+}
+
+// Catches a case that gets no row and that takes the place of the fastest row: one of a wrong state, and one
+// that fails without a pause.
+TEST(Sustained, IsThatOfTheFastestRowWhoeverFails) {
+    const Measured measured("rival_*", sustaining, held);
+    EXPECT_EQ(measured.result.rows("failed").size(), 2u);
+    ASSERT_EQ(measured.medians.size(), 1u) << nlohmann::json(measured.result).at("failed");
+    const Counters& counters = measured.medians.at("rival_right").counters;
+    ASSERT_NE(counters.find("sustained_seconds_per_step"), nullptr);
+    EXPECT_NEAR(counters.at("sustained_seconds_per_step"), 100e-6, rounding * 100e-6);
 }
 
 // Catches repetitions on the host that all come from one process, and a spread that is not that of processes.

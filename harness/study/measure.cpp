@@ -239,11 +239,10 @@ public:
         attempt([&] { case_.scope().keep("edits", case_.ask({{"do", "edits"}}, "timing its edits")); });
     }
 
-    /// The median time of a batch in seconds; infinite if the case has failed or is not finished.
-    double seconds() const {
-        if (!failure_.empty() || done() == 0 || missing() > 0) return INFINITY;
-        return median(observed().seconds);
-    }
+    /// Whether the case is finished, has not failed, and left states that agree with the reference.
+    bool passed() const { return failure_.empty() && finished() && verified().verdict->passed; }
+    /// The median time of a batch of a case that passed, in seconds.
+    double seconds() const { return median(observed().seconds); }
     bool on_host() const { return capabilities_of(case_.capabilities()).steps_on_host(); }
     /// Steps without a pause, in a separate process, while no other process uses the device.
     void sustain() {
@@ -306,6 +305,12 @@ private:
     }
     nlohmann::json timed();
     Row judged() const { return judged_row(context_.solution, context_.left, case_.spec(), own_share_); }
+    /// Errors and verdict of a case that is finished and has not failed.
+    Row verified() const {
+        Row row = row_from_json(repetitions_.back().at("verified"));
+        if (needs_strained_start()) add_strained(row, row_from_json(kept("strained")));
+        return row;
+    }
     void look_at_state(nlohmann::json& answer);
     std::string other_repetition() const;
     void look_at_card(nlohmann::json& answer);
@@ -503,13 +508,12 @@ Row TimedCase::common_row(const StudyBench& bench) const {
 void TimedCase::add_rows(StudyBench& bench, int number) {
     Row row = common_row(bench);
     if (failure_.empty()) {
-        const Row verified = row_from_json(repetitions_.back().at("verified"));
+        const Row verified = this->verified();
         row.errors = verified.errors;
         row.verdict = verified.verdict;
         row.reason = verified.reason;
         const nlohmann::json& work = kept("warm").at("work");
         if (!work.empty()) row.verdict->work = work.get<WorkCount>();
-        if (needs_strained_start()) add_strained(row, row_from_json(kept("strained")));
         bench.add("verification", row);
         if (!row.verdict->passed)
             failure_ = "does not agree with " + row.reference->reference + ": " + *row.reason;
@@ -720,22 +724,27 @@ struct TimedGroup {
 
 /// Makes the fastest case of each formulation and precision step without a pause. A case on the host counts
 /// only if none on a device was measured in that formulation and precision: where a result has a device,
-/// nobody asks for the host's sustained speed.
+/// nobody asks for the host's sustained speed. If the case fails meanwhile it gets no row, and the next one
+/// takes its place.
 void sustain_fastest(StudyBench& bench, std::deque<TimedGroup>& groups) {
-    std::map<std::pair<Formulation, Precision>, TimedCase*> fastest;
+    std::map<std::pair<Formulation, Precision>, std::vector<TimedCase*>> contenders;
     for (TimedGroup& group : groups) {
         for (TimedCase& one : group.cases) {
-            if (!std::isfinite(one.seconds())) continue;
             const Options& options = one.spec().options;
-            TimedCase*& best = fastest[{options.formulation, options.precision}];
-            const auto rank = [](const TimedCase& of) { return std::pair(of.on_host(), of.seconds()); };
-            if (best == nullptr || rank(one) < rank(*best)) best = &one;
+            if (one.passed()) contenders[{options.formulation, options.precision}].push_back(&one);
         }
     }
-    for (const auto& [key, one] : fastest) {
-        if (interrupted()) return;
-        bench.show(one->label() + " without a pause", int(bench.specs().size()), int(bench.specs().size()));
-        one->sustain();
+    const auto rank = [](const TimedCase* of) { return std::pair(of->on_host(), of->seconds()); };
+    for (auto& [key, cases] : contenders) {
+        std::stable_sort(cases.begin(), cases.end(),
+                         [&](const auto* a, const auto* b) { return rank(a) < rank(b); });
+        for (TimedCase* one : cases) {
+            if (interrupted()) return;
+            bench.show(one->label() + " without a pause", int(bench.specs().size()),
+                       int(bench.specs().size()));
+            one->sustain();
+            if (one->passed()) break;
+        }
     }
 }
 
