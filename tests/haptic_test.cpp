@@ -9,6 +9,7 @@
 #include <cstdint>
 #include <ctime>
 #include <glm/vec4.hpp>
+#include <limits>
 #include <map>
 #include <memory>
 #include <nlohmann/json.hpp>
@@ -119,7 +120,30 @@ private:
     int moves_ = 0;
 };
 
+/// A Withheld backend whose force is right but for one of those that are judged, which is no number.
+class ForceIsNoNumber final : public Withheld {
+public:
+    glm::dvec3 tool_force() override {
+        const glm::dvec3 force = Withheld::tool_force();
+        return ++forces_ == 5 ? glm::dvec3(force.x, std::numeric_limits<double>::quiet_NaN(), force.z)
+                              : force;
+    }
+
+private:
+    int forces_ = 0;
+};
+
+/// A Withheld backend whose force has a part that no spring gives it.
+class ForceOfNothing final : public Withheld {
+public:
+    glm::dvec3 tool_force() override { return Withheld::tool_force() + glm::dvec3(1e-3, 0, 0); }
+};
+
 const std::vector<Registered> wrong_ones = register_wrong_backends();
+const Registered force_is_no_number =
+    registered_for_test("force_is_no_number", [] { return std::make_unique<ForceIsNoNumber>(); });
+const Registered force_of_nothing =
+    registered_for_test("force_of_nothing", [] { return std::make_unique<ForceOfNothing>(); });
 const Registered loses = registered_for_test("loses", [] { return std::make_unique<Loses>(); });
 const Registered withheld = registered_for_test("withheld", [] { return std::make_unique<Withheld>(); });
 const Registered brought = registered_for_test("brought", [] { return std::make_unique<Brought>(); });
@@ -236,6 +260,28 @@ TEST_F(Haptic, HasNoRowOfAWrongBackend) {
         EXPECT_LT(row.at("tolerance_rms"), 0.1 * row.at("motion_rms").get<double>());
         EXPECT_LT(row.at("force_error"), row.at("force_tolerance"));
     }
+}
+
+// Catches a largest difference that drops what is no number.
+TEST_F(Haptic, HasNoRowOfAForceThatIsNoNumber) {
+    const nlohmann::json result = run_study(study({"force_is_no_number"}, {500}), {});
+    EXPECT_EQ(result.at("haptic"), nlohmann::json::array());
+    ASSERT_EQ(result.at("failed").size(), 1u);
+    EXPECT_THAT(result.at("failed")[0].at("reason").get<std::string>(),
+                ::testing::HasSubstr("force does not agree with float64: it is not finite"));
+}
+
+// The tool and the body rest while steps are judged. Catches a bound that is relative to a force of zero.
+TEST_F(Haptic, HasNoRowOfAForceWhereThereIsNone) {
+    Study resting = study({"force_of_nothing", "withheld"}, {500});
+    folder_.write("hand.csv", "time,x,y,z\n0,0,0,0\n1000,0,0,0\n2000,0.2,0,0\n");
+    const nlohmann::json result = run_study(resting, {});
+    const std::map<std::string, std::vector<bool>> expected = {{"withheld", {false, true}}};
+    EXPECT_EQ(rows_of(result), expected) << result.at("failed");
+    for (const auto& row : result.at("haptic")) EXPECT_TRUE(row.at("force_error").is_null()) << row;
+    ASSERT_FALSE(result.at("failed").empty());
+    EXPECT_THAT(result.at("failed")[0].at("reason").get<std::string>(),
+                ::testing::HasSubstr("force does not agree with float64: 1.0e-03, where there is none"));
 }
 
 TEST_F(Haptic, HasNoRowOfAMotionThatLeavesAnotherState) {

@@ -490,8 +490,34 @@ struct Judgement {
 
 /// Sets in `row` the largest difference of the forces from the reference's, relative to the largest force,
 /// and its bound. The bound is the change of the force if all particles that the tool holds are off by the
-/// largest accepted error, but no more than max_share_of_motion. Throws if the difference exceeds the bound.
-void judge_force(HapticRow& row, const nlohmann::json& forces, const Judgement& by);
+/// largest accepted error, but no more than max_share_of_motion. Where the reference's forces are all zero
+/// `row` gets no figures, and the bound is that change. Throws if a force is not finite, or if the difference
+/// exceeds the bound.
+void judge_force(HapticRow& row, const nlohmann::json& forces, const Judgement& by) {
+    const std::string disagreement = "its force does not agree with float64: ";
+    double difference = 0, largest = 0;
+    for (std::size_t n = 0; n < by.forces.size(); ++n) {
+        const nlohmann::json& f = forces.at(n);
+        const double apart = glm::distance(glm::dvec3(f.at(0), f.at(1), f.at(2)), by.forces[n]);
+        // std::max() would drop NaN.
+        if (!std::isfinite(apart)) throw std::runtime_error(disagreement + "it is not finite");
+        difference = std::max(difference, apart);
+        largest = std::max(largest, glm::length(by.forces[n]));
+    }
+    if (largest > 0) row.force_error = difference / largest;
+    if (!row.verdict->tolerance) return;
+    const Tool& tool = by.scene.problem.tool;
+    const double of_springs = tool.stiffness * double(tool.particles.size()) * *row.verdict->tolerance;
+    if (largest == 0) {
+        if (difference > of_springs)
+            throw std::runtime_error(disagreement + error_text(difference) + ", where there is none");
+        return;
+    }
+    row.force_tolerance = std::min(of_springs / largest, max_share_of_motion);
+    if (*row.force_error > *row.force_tolerance)
+        throw std::runtime_error(disagreement + "error " + error_text(*row.force_error) +
+                                 " of the largest force, tolerance " + error_text(*row.force_tolerance));
+}
 
 /// How the motion is played: settings of the study, which a scene may override.
 struct Motions {
@@ -567,25 +593,6 @@ Motions HapticStudy::motions_of(const StudyScene& item) const {
     if (const auto longest = item.settings.find("longest_seconds"); longest != item.settings.end())
         motions.longest_seconds = longest->get<double>();
     return motions;
-}
-
-void judge_force(HapticRow& row, const nlohmann::json& forces, const Judgement& by) {
-    double difference = 0, largest = 0;
-    for (std::size_t n = 0; n < by.forces.size(); ++n) {
-        const nlohmann::json& f = forces.at(n);
-        difference = std::max(difference, glm::distance(glm::dvec3(f.at(0), f.at(1), f.at(2)), by.forces[n]));
-        largest = std::max(largest, glm::length(by.forces[n]));
-    }
-    if (largest == 0) return;
-    row.force_error = difference / largest;
-    const Tool& tool = by.scene.problem.tool;
-    if (!row.verdict->tolerance) return;
-    const double of_springs = tool.stiffness * double(tool.particles.size()) * *row.verdict->tolerance;
-    row.force_tolerance = std::min(of_springs / largest, max_share_of_motion);
-    if (*row.force_error > *row.force_tolerance)
-        throw std::runtime_error("its force does not agree with float64: error " +
-                                 error_text(*row.force_error) + " of the largest force, tolerance " +
-                                 error_text(*row.force_tolerance));
 }
 
 std::string key_of_judged(bool edited, bool drawn) {
