@@ -180,6 +180,15 @@ private:
 };
 const Registered makes_no_edit_by_itself =
     registered_for_test("no_edit_by_itself", [] { return std::make_unique<MakesNoEditByItself>(); });
+/// A backend that does not take more than a hundred particles.
+class TakesSmallOnes final : public WrappedBackend {
+public:
+    std::string unsupported(const Problem& problem) const override {
+        return problem.particle_count() > 100 ? "too many particles" : "";
+    }
+};
+const Registered takes_small_ones =
+    registered_for_test("takes_small_ones", [] { return std::make_unique<TakesSmallOnes>(); });
 const std::vector<Registered> wrong_ones = register_wrong_backends();
 const Registered edited_with_all =
     registered_for_test("edited_with_all", [] { return std::make_unique<EditedWithAll>(); });
@@ -511,6 +520,20 @@ TEST_F(StudyKinds, AnEditThatIsTimedByItselfIsMade) {
     EXPECT_EQ(result.at("benchmarks"), nlohmann::json::array());
     ASSERT_EQ(result.at("failed").size(), 1U);
     expect_contains(result.at("failed")[0].at("reason"), "edits timed by themselves");
+}
+
+// Four voxels across are 64 particles at centres, and 125 at corners.
+TEST_F(StudyKinds, TruthNamesTheLatticesThatABackendDoesNotTake) {
+    const auto skipped_of = [&](const std::string& across, std::size_t rows) {
+        const nlohmann::json result = run(R"({"kind": "truth", "backends": ["takes_small_ones"],
+            "scenes": [{"scene": "cube"}], "voxels_across": )" +
+                                          across + "}");
+        EXPECT_EQ(result.at("truth").size(), rows) << result.at("failed");
+        EXPECT_EQ(result.at("skipped").size(), 1u) << result.at("skipped");
+        return result.at("skipped").at(0).at("reason").get<std::string>();
+    };
+    EXPECT_EQ(skipped_of("[2, 4]", 6), "particles at corners, 4 across: too many particles");
+    EXPECT_EQ(skipped_of("[4]", 2), "particles at corners: too many particles");
 }
 
 /// A scene that ranks share, and one that grows with them.

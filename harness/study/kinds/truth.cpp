@@ -2,6 +2,7 @@
 #include "harness/study/kinds/truth.h"
 
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <array>
@@ -11,6 +12,7 @@
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <numbers>
+#include <set>
 #include <stdexcept>
 #include <utility>
 
@@ -382,11 +384,27 @@ private:
     std::vector<int> across_of(const StudyScene& item) const {
         return item.settings.value("voxels_across", across_);
     }
+    /// The numbers of voxels across of the lattices that a backend does not take, by its reason.
+    using Refusals = std::map<std::string, std::set<int>>;
+
+    /// Adds a row to `skipped` for each reason. It names the numbers of voxels across, unless they are all
+    /// that the study asks for.
+    void skip(StudyBench& bench, const BackendSpec& spec, const std::string& particles_at,
+              const Refusals& refusals) const {
+        const std::vector<int> all = across_of(bench.item());
+        for (const auto& [reason, refused] : refusals) {
+            std::string lattices = "particles at " + particles_at;
+            if (refused != std::set<int>(all.begin(), all.end()))
+                lattices += fmt::format(", {} across", fmt::join(refused, ", "));
+            bench.skip(spec, lattices + ": " + reason);
+        }
+    }
     /// Measures a backend and adds its rows to `rows`.
     void measure(StudyBench& bench, const BackendSpec& spec, std::vector<TruthRow>& rows) const {
         auto entered = bench.enter(spec, {"truth"});
         if (!entered) return;
         for (const std::string particles_at : {"corners", "centres"}) {
+            Refusals refusals;
             for (const std::string strain : {"small", "large"}) {
                 for (const int across : across_of(bench.item())) {
                     if (interrupted()) return;
@@ -402,9 +420,7 @@ private:
                         name, [&] { return entered->ask(question, "coming to rest"); }, name + ": ");
                     if (measured == nullptr) continue;
                     if (measured->contains("unsupported")) {
-                        if (across == across_of(bench.item()).front() && strain == "small")
-                            bench.skip(spec, "particles at " + particles_at + ": " +
-                                                 measured->at("unsupported").get<std::string>());
+                        refusals[measured->at("unsupported").get<std::string>()].insert(across);
                         continue;
                     }
                     auto row = row_of_json<TruthRow>(*measured);
@@ -412,6 +428,7 @@ private:
                     rows.push_back(std::move(row));
                 }
             }
+            skip(bench, spec, particles_at, refusals);
         }
         bench.add_failure(*entered);
     }
