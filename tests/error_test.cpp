@@ -282,6 +282,30 @@ TEST(Reference, OfALongRunIsTheParallelOne) {
     EXPECT_LT(relative_difference(end.displacement, plain->download().displacement), 1e-13);
 }
 
+// Catches a limit that takes every kept state to be as large as the new one.
+TEST(LatestStates, OfAllSizesHaveOneLimit) {
+    const auto state_of = [](std::size_t particles) {
+        const std::vector<glm::dvec3> vectors(particles, glm::dvec3(double(particles), 0, 0));
+        return State{vectors, vectors};
+    };
+    constexpr std::size_t of_a_particle = 2 * sizeof(glm::dvec3), most = 1000 * of_a_particle;
+    LatestStates latest(most);
+    for (int n = 0; n < 9; ++n) (void)latest.keep("large " + std::to_string(n), state_of(100));
+    EXPECT_EQ(latest.bytes(), 900 * of_a_particle);
+    ASSERT_NE(latest.find("large 0"), nullptr);
+    EXPECT_EQ(latest.find("large 0")->displacement.at(0).x, 100);
+    for (int n = 0; n < 9; ++n) {
+        EXPECT_EQ(latest.keep("small " + std::to_string(n), state_of(53)).displacement.size(), 53u);
+        EXPECT_LE(latest.bytes(), most);
+    }
+    EXPECT_EQ(latest.find("large 8"), nullptr) << "one small state fits beside the large ones, two do not";
+    EXPECT_NE(latest.find("small 8"), nullptr);
+    EXPECT_EQ(latest.bytes(), 8 * 53 * of_a_particle);
+    (void)latest.keep("huge", state_of(2000));
+    EXPECT_NE(latest.find("huge"), nullptr);
+    EXPECT_EQ(latest.find("small 8"), nullptr);
+}
+
 // --- The cache -------------------------------------------------------------------------------------------
 
 class Cache : public ::testing::Test {

@@ -193,6 +193,21 @@ struct References::PerturbedRuns {
     State state;  ///< the final state of the latest run
 };
 
+const State* LatestStates::find(const std::string& name) const {
+    const auto found = states_.find(name);
+    return found != states_.end() ? &found->second : nullptr;
+}
+
+const State& LatestStates::keep(const std::string& name, State state) {
+    const std::size_t more = (state.displacement.size() + state.increment.size()) * sizeof(glm::dvec3);
+    if (bytes_ + more > max_bytes_) {
+        states_.clear();
+        bytes_ = 0;
+    }
+    bytes_ += more;
+    return states_[name] = std::move(state);
+}
+
 std::string fingerprint_of(const Scene& scene) {
     return name_of(scene, std::numeric_limits<int>::max(), "any backend");
 }
@@ -302,23 +317,16 @@ State References::after(const Scene& scene, int steps) {
     const std::string backend = name_of_backend(scene, steps);
     const bool keeps = !is_large(scene);
     const std::string name = keeps ? name_of(scene, steps, backend) : std::string();
-    if (const auto known = latest_.find(name); keeps && known != latest_.end()) return known->second;
+    if (const State* const known = latest_.find(name); keeps && known != nullptr) return *known;
     std::optional<State> state;
     if (keeps) state = unpacked(cache_.find(name), scene.problem.particle_count());
-    if (state) return latest(name, *std::move(state));
+    if (state) return latest_.keep(name, *std::move(state));
     if (!is_plain(scene, steps)) check_first_steps(scene, steps);
     state = computed(scene, steps, *backend_of(scene, steps));
     ++computed_;
     if (!keeps) return *std::move(state);
     cache_.keep(name, packed(*state));
-    return latest(name, *std::move(state));
-}
-
-const State& References::latest(const std::string& name, State state) {
-    constexpr std::size_t max_bytes = std::size_t(1) << 30;
-    if ((latest_.size() + 1) * sizeof(glm::dvec3) * 2 * state.displacement.size() > max_bytes)
-        latest_.clear();
-    return latest_[name] = std::move(state);
+    return latest_.keep(name, *std::move(state));
 }
 
 std::vector<Spread> References::spreads(const Scene& scene, int steps, const State& expected,

@@ -54,6 +54,24 @@ struct Refined {
     std::string reason;      ///< why `displacement` is empty
 };
 
+/// The states of the latest runs, by name.
+class LatestStates {
+public:
+    explicit LatestStates(std::size_t max_bytes) : max_bytes_(max_bytes) {}
+
+    /// Null if the state is not kept.
+    const State* find(const std::string& name) const;
+    /// Keeps `state`, which `name` must not have yet. If it does not fit into max_bytes beside the others,
+    /// they are dropped first; it is kept however large it is.
+    const State& keep(const std::string& name, State state);
+    std::size_t bytes() const { return bytes_; }
+
+private:
+    std::size_t max_bytes_;
+    std::size_t bytes_ = 0;
+    std::map<std::string, State> states_;
+};
+
 /// Computes references, each only once: the latest are kept in memory, up to about 1 GiB, and all on disk.
 ///
 /// Short runs of small bodies use cpu_reference: one thread and a plain loop over a list of springs. It
@@ -107,12 +125,11 @@ private:
     struct PerturbedRuns;
     Spread measured_spread(const Scene& scene, int steps, const State& expected, const RoundingModel& model,
                            std::uint64_t seed, PerturbedRuns& runs) const;
-    const State& latest(const std::string& name, State state);
 
     DiskCache cache_;
     OnProgress on_progress_;
     std::chrono::duration<double> quiet_;
-    std::map<std::string, State> latest_;
+    LatestStates latest_{std::size_t(1) << 30};
     int computed_ = 0;
 };
 
