@@ -50,7 +50,7 @@ TEST_F(Rapl, SumsPackagesAndCountsPastTheirRange) {
     EXPECT_EQ(meter->watts(), std::nullopt);
     EXPECT_EQ(meter->name(), "RAPL");
     std::filesystem::remove(folder_ / "intel-rapl:1/energy_uj");
-    EXPECT_THROW((void)meter->joules(), std::runtime_error);
+    EXPECT_THROW((void)meter->joules(), UnknownEnergy);
 }
 
 TEST_F(Rapl, CountsAPackageOnceThatLinuxShowsTwice) {
@@ -62,7 +62,7 @@ TEST_F(Rapl, CountsAPackageOnceThatLinuxShowsTwice) {
 
 TEST_F(Rapl, SaysWhyThereIsNone) {
     const auto refusal_of = [](const std::filesystem::path& folder) {
-        return testing::message_of<std::runtime_error>([&] { (void)rapl_meter(folder); });
+        return testing::message_of<UnknownEnergy>([&] { (void)rapl_meter(folder); });
     };
     EXPECT_THAT(refusal_of(folder_ / "nosuch"), HasSubstr("has no energy counter"));
     std::filesystem::remove(folder_ / "intel-rapl:0/energy_uj");
@@ -103,14 +103,20 @@ TEST(Energy, OfACounterThatStandsStillIsNotKnown) {
     class Still : public Leaping {
         double joules() override { return 1; }
     } meter;
-    EXPECT_THROW((void)measure_energy(meter, 0, 0.05, nap), std::runtime_error);
+    EXPECT_THROW((void)measure_energy(meter, 0, 0.05, nap), UnknownEnergy);
+}
+
+TEST(Energy, OfADeviceWithoutAMeterIsNotKnown) {
+    Capabilities no_card;
+    no_card.uuid = "GPU-that-nobody-has";
+    EXPECT_THROW((void)energy_meter_of(no_card), UnknownEnergy);
 }
 
 TEST(Energy, OfABrokenMeterIsNotKnown) {
     class Broken : public Leaping {
-        double joules() override { throw std::runtime_error("it broke"); }
+        double joules() override { throw UnknownEnergy("it broke"); }
     } meter;
-    EXPECT_THROW((void)measure_energy(meter, 0, 0.05, nap), std::runtime_error);
+    EXPECT_THROW((void)measure_energy(meter, 0, 0.05, nap), UnknownEnergy);
 }
 
 }  // namespace

@@ -10,15 +10,19 @@
 #include <cstdlib>
 #include <memory>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <sstream>
 #include <stdexcept>
 #include <string>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "backends/device_choice.h"
 #include "backends/registry.h"
+#include "harness/base/clock.h"
 #include "harness/device/card.h"
+#include "harness/device/energy.h"
 #include "harness/results/print.h"
 #include "harness/study/study.h"
 #include "tests/wrapped_backend.h"
@@ -136,6 +140,16 @@ TEST(Noise, WaitingGrowsWhereThreadsHaveNoCore) {
     EXPECT_GT(waited, 0.1);
 }
 
+/// A library that was loaded under this name is used for the name from then on, in the test and in its
+/// workers.
+void* const library = dlopen(FAKE_NVML, RTLD_NOW);
+
+/// Whether this process has asked for a card's energy.
+bool counts_energy() {
+    static auto* const queries = reinterpret_cast<int (*)()>(dlsym(library, "fake_energy_queries"));
+    return queries() > 0;
+}
+
 /// cpu_reference as a backend on a card.
 class OnCard : public WrappedBackend {
 public:
@@ -167,6 +181,46 @@ private:
     Problem wrong_;
 };
 
+/// OnCard, which fails once: in the first batch of which the energy is counted.
+class Torn final : public OnCard {
+public:
+    Torn() : OnCard("CUDA 13.0") {}
+    void step(int count) override {
+        if (counts_energy() && !std::exchange(torn_, true)) throw std::runtime_error("the batch is torn");
+        OnCard::step(count);
+    }
+
+private:
+    bool torn_ = false;
+};
+
+/// Seconds of batches without a pause, of which the energy is counted.
+constexpr double counted_seconds = 1;
+
+/// OnCard with a clock by which a step takes 100 us. It takes 200 us once energy has been counted for longer
+/// than it takes to measure it one time.
+class Tiring final : public OnCard {
+public:
+    Tiring() : OnCard("CUDA 13.0") {}
+    void step(int count) override {
+        OnCard::step(count);
+        if (counts_energy() && !begin_) begin_ = Clock::now();
+        const bool tired = begin_ && seconds_since(*begin_) > counted_seconds + max_leap_seconds + 0.1;
+        seconds_ += count * (tired ? 200e-6 : 100e-6);
+    }
+
+private:
+    void mark(Mark which) override {
+        if (which == Mark::begin) seconds_ = 0;
+    }
+    double seconds_between_marks() const override { return seconds_; }
+
+    std::optional<Clock::time_point> begin_;
+    double seconds_ = 0;
+};
+
+const Registered torn = registered_for_test("torn_on_card", [] { return std::make_unique<Torn>(); });
+const Registered tiring = registered_for_test("tiring_on_card", [] { return std::make_unique<Tiring>(); });
 const Registered on_card =
     registered_for_test("on_card", [] { return std::make_unique<OnCard>("CUDA 13.0"); });
 const Registered wrong_on_card =
@@ -203,16 +257,12 @@ std::string reasons_of(const nlohmann::json& result, const std::string& backend)
     return "no row";
 }
 
-/// A library that was loaded under this name is used for the name from then on, in the test and in its
-/// workers.
-void* const library = dlopen(FAKE_NVML, RTLD_NOW);
-
 class CardInAStudy : public ::testing::Test {
 protected:
     void SetUp() override { ASSERT_NE(library, nullptr) << FAKE_NVML; }
     void TearDown() override {
-        for (const char* name :
-             {"FAKE_FALLING_CARD", "FAKE_STRANGERS", "FAKE_LISTS_WORKERS", "FAKE_SAMPLED_WATTS"})
+        for (const char* name : {"FAKE_FALLING_CARD", "FAKE_STRANGERS", "FAKE_LISTS_WORKERS",
+                                 "FAKE_SAMPLED_WATTS", "FAKE_STILL_COUNTER"})
             unsetenv(name);
     }
 };
@@ -290,6 +340,26 @@ TEST_F(CardInAStudy, WhoseCounterAndSamplesDisagreeHasNoEnergy) {
     setenv("FAKE_SAMPLED_WATTS", "400", 1);
     const nlohmann::json row = row_of("energy", result_of_study("energy", {"on_card"}));
     EXPECT_THAT(row.value("reason", ""), HasSubstr("its energy is not known: the counter says 50"));
+}
+
+const nlohmann::json sustaining = {{"start_times", false}, {"sustained_seconds", counted_seconds}};
+
+// Catches a batch whose failure passes for that of the meter.
+TEST_F(CardInAStudy, HasNoSustainedTimeOfABatchThatFails) {
+    const nlohmann::json result = result_of_study("timing", {"torn_on_card"}, sustaining);
+    EXPECT_EQ(result.at("benchmarks"), nlohmann::json::array());
+    EXPECT_THAT(row_of("benchmarks", result).value("reason", ""), HasSubstr("the batch is torn"));
+}
+
+// Catches batches that are made once more because the power is not known.
+TEST_F(CardInAStudy, WhoseCounterStandsStillHasASustainedTime) {
+    for (const bool stands : {false, true}) {
+        setenv("FAKE_STILL_COUNTER", stands ? "1" : "0", 1);
+        const nlohmann::json row =
+            row_of("benchmarks", result_of_study("timing", {"tiring_on_card"}, sustaining));
+        EXPECT_EQ(row.value("sustained_watts", nlohmann::json()).is_null(), stands) << row.dump(2);
+        EXPECT_NEAR(row.value("sustained_seconds_per_step", 0.0), 100e-6, 10e-6) << row.dump(2);
+    }
 }
 
 TEST_F(CardInAStudy, TellsItsSettings) {

@@ -27,7 +27,7 @@ public:
 
     double joules() override {
         const auto joules = card_.energy_joules();
-        if (!joules) throw std::runtime_error("the driver does not count this card's energy");
+        if (!joules) throw UnknownEnergy("the driver does not count this card's energy");
         return *joules;
     }
     std::optional<double> watts() override { return card_.power_watts(); }
@@ -84,15 +84,15 @@ public:
             if (range && now)
                 packages_.push_back({.counter = domain / "energy_uj", .range = *range, .last = *now});
         }
-        if (refused) throw std::runtime_error("the processor's energy counter is readable by root alone");
-        if (packages_.empty()) throw std::runtime_error("the processor has no energy counter here");
+        if (refused) throw UnknownEnergy("the processor's energy counter is readable by root alone");
+        if (packages_.empty()) throw UnknownEnergy("the processor has no energy counter here");
     }
 
     double joules() override {
         double sum = 0;
         for (Package& package : packages_) {
             const auto now = number_in(package.counter);
-            if (!now) throw std::runtime_error("cannot read " + package.counter.string());
+            if (!now) throw UnknownEnergy("cannot read " + package.counter.string());
             if (*now < package.last) package.before += package.range;
             package.last = *now;
             sum += 1e-6 * double(package.before + *now);
@@ -119,11 +119,11 @@ public:
     /// The seconds between the first and the latest change of the energy counter.
     double measured_seconds() const { return measured_; }
     /// Stops reading, and returns what was measured. Rethrows an exception of the meter. Throws
-    /// std::runtime_error if the counter changed fewer than two times.
+    /// UnknownEnergy if the counter changed fewer than two times.
     EnergyUse end() {
         thread_ = {};
         if (error_) std::rethrow_exception(error_);
-        if (leaps_.size() < 2) throw std::runtime_error("the energy counter was updated less than twice");
+        if (leaps_.size() < 2) throw UnknownEnergy("the energy counter was updated fewer than two times");
         EnergyUse use;
         use.seconds = leaps_.back().seconds - leaps_.front().seconds;
         use.watts = (leaps_.back().joules - leaps_.front().joules) / use.seconds;
@@ -181,7 +181,11 @@ std::unique_ptr<EnergyMeter> rapl_meter(const std::string& folder) {
 
 std::unique_ptr<EnergyMeter> energy_meter_of(const Capabilities& capabilities) {
     if (capabilities.uuid.empty()) return rapl_meter();
-    return std::make_unique<CardMeter>(capabilities.uuid);
+    try {
+        return std::make_unique<CardMeter>(capabilities.uuid);
+    } catch (const std::runtime_error& reason) {
+        throw UnknownEnergy(reason.what());  // the card cannot be watched
+    }
 }
 
 EnergyUse measure_energy(EnergyMeter& meter, double lead_seconds, double seconds,

@@ -5,12 +5,18 @@
 #include <functional>
 #include <memory>
 #include <optional>
+#include <stdexcept>
 #include <string>
 #include <vector>
 
 #include "backends/backend.h"
 
 namespace voxspring {
+
+/// The energy that a device uses cannot be measured here, or the meter failed; the message says why.
+class UnknownEnergy : public std::runtime_error {
+    using std::runtime_error::runtime_error;
+};
 
 /// Counts the energy that a device uses.
 class EnergyMeter {
@@ -20,8 +26,7 @@ public:
     EnergyMeter& operator=(const EnergyMeter&) = delete;
     virtual ~EnergyMeter() = default;
 
-    /// The energy used since some past moment, in joules. Throws std::runtime_error if the energy cannot be
-    /// read.
+    /// The energy used since some past moment, in joules. Throws UnknownEnergy if it is not reported.
     virtual double joules() = 0;
     /// The power drawn now, in watts, as the device itself reports it (not derived from joules()). Empty if
     /// it reports none.
@@ -32,12 +37,11 @@ public:
     virtual std::string name() const = 0;
 };
 
-/// The meter of a device: NVML for a card, RAPL for the processor. Throws std::runtime_error, with the
-/// reason, if the device's energy cannot be measured.
+/// The meter of a device: NVML for a card, RAPL for the processor. Throws UnknownEnergy if there is none.
 std::unique_ptr<EnergyMeter> energy_meter_of(const Capabilities& capabilities);
 
-/// A meter of the energy of all processor packages together. `folder` is the folder in which Linux shows
-/// their counters. Throws std::runtime_error if there are no counters, or if one may not be read.
+/// A meter for the sum of all processor packages. `folder` is where Linux shows their counters. Throws
+/// UnknownEnergy if there are none, or if they may not be read.
 std::unique_ptr<EnergyMeter> rapl_meter(const std::string& folder = "/sys/class/powercap");
 
 /// A device's power and clock over a stretch of time in which its load did not change.
@@ -54,9 +58,10 @@ constexpr double max_leap_seconds = 0.5;
 
 /// Calls `work` repeatedly: first for `lead_seconds` without measuring, so that clocks and averages settle,
 /// and then until `seconds` are measured. The energy counter is updated only every few tens of milliseconds,
-/// so the mean power is that from its first update to its last one. If updates are more than half of
-/// max_leap_seconds apart, this time may be shorter than `seconds`. Throws std::runtime_error if the counter
-/// was updated fewer than two times.
+/// so the mean power is computed from its first update to its last one. If updates are more than
+/// half of max_leap_seconds apart, the measured time may be shorter than `seconds`. Throws what `work` throws. After
+/// all work has been done, throws UnknownEnergy if the meter failed or if its counter changed fewer than two
+/// times.
 EnergyUse measure_energy(EnergyMeter& meter, double lead_seconds, double seconds,
                          const std::function<void()>& work);
 

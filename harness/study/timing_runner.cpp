@@ -243,11 +243,14 @@ private:
             const EnergyUse use = measure_energy(*meter, 0, seconds, batch);
             answer["watts"] = use.watts;
             if (use.min_mhz) answer["min_mhz"] = *use.min_mhz;
-        } catch (const DeviceError&) {
-            throw;
-        } catch (const std::runtime_error&) {
-            // The device does not report its power, so that only the time is measured.
-            for (const auto begin = Clock::now(); batches == 0 || seconds_since(begin) < seconds;) batch();
+        } catch (const UnknownEnergy&) {
+            // Only the time is measured. A meter that failed did so after all batches.
+        }
+        if (batches == 0) {
+            const auto begin = Clock::now();
+            do {
+                batch();
+            } while (seconds_since(begin) < seconds);
         }
         answer["seconds_per_step"] = stepped / (double(batches) * batch_.steps);
         if (comparable && fingerprint_of(backend) != first)

@@ -151,7 +151,7 @@ public:
             if (!entered) continue;
             try {
                 (void)energy_meter_of(capabilities_of(entered->capabilities()));
-            } catch (const std::runtime_error& error) {
+            } catch (const UnknownEnergy& error) {
                 bench.refuse(spec, error.what());
                 continue;
             }
