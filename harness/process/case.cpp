@@ -224,6 +224,12 @@ DeviceLimits Case::measure_limits(JournalScope scope) {
     return device_limits_of(known);
 }
 
+std::vector<BackendSpec> specs_of(const std::vector<Case>& cases) {
+    std::vector<BackendSpec> specs;
+    for (const Case& one : cases) specs.push_back(one.spec());
+    return specs;
+}
+
 std::optional<std::string> failure_of(const std::function<void()>& action) {
     try {
         action();

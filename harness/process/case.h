@@ -101,6 +101,9 @@ private:
     std::exception_ptr too_early_;  ///< an error of begin_introduction() or await_introduction()
 };
 
+/// The backends of `cases`, in their order.
+std::vector<BackendSpec> specs_of(const std::vector<Case>& cases);
+
 /// Calls `action`, which concerns one case, and returns why it failed. The result is empty if `action`
 /// succeeded or was interrupted: an interrupted case goes on when the study is resumed. Rethrows BadInput and
 /// Unwritten, since these are not failures of the case.

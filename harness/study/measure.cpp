@@ -778,8 +778,7 @@ void measure(StudyBench& bench, const Batch& batch) {
             std::vector<Case> entered = bench.enter_all(group, timing_program(batch, state),
                                                         {.limits = true, .at_once = !batch.start_times});
             if (entered.empty()) continue;
-            std::vector<BackendSpec> specs;
-            for (const Case& one : entered) specs.push_back(one.spec());
+            const std::vector<BackendSpec> specs = specs_of(entered);
             if (!solution) {
                 solution.emplace(solution_of(bench, edited ? *edited : scene.problem, batch, specs));
             } else {

@@ -333,9 +333,7 @@ private:
                 // Backends are judged at the largest time step only (error_threshold.h). At smaller ones the
                 // effect of rounding is what the study measures, spreads would take as long as the rest of
                 // the study, and the backends run the same code as at the largest.
-                if (steps == counts.front()) {
-                    for (const Case& one : cases) add_spreads(bench, stepped, {one.spec()}, solution);
-                }
+                if (steps == counts.front()) add_spreads(bench, stepped, specs_of(cases), solution);
                 const Step step{scene, stepped, solution, span.time_step * span.steps, state};
                 for (Case& one : cases) {
                     bench.show(one.spec().label(), begun++, total());
