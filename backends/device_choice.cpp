@@ -55,11 +55,17 @@ std::string names_of(const std::vector<ListedDevice>& devices) {
 }
 
 std::vector<std::size_t> devices_to_try(const std::vector<ListedDevice>& devices, const std::string& asked) {
-    std::size_t number = 0;
-    const auto [end, error] = std::from_chars(asked.data(), asked.data() + asked.size(), number);
-    if (error == std::errc() && end == asked.data() + asked.size() && number < devices.size())
-        return {number};
     std::vector<std::size_t> tried;
+    const bool is_number = !asked.empty() && std::all_of(asked.begin(), asked.end(), [](unsigned char c) {
+        return std::isdigit(c) != 0;
+    });
+    if (is_number) {
+        // A number beyond the list is not looked for in names: "7" would find an RTX 4070.
+        std::size_t number = 0;
+        const auto [end, error] = std::from_chars(asked.data(), asked.data() + asked.size(), number);
+        if (error == std::errc() && number < devices.size()) tried.push_back(number);
+        return tried;
+    }
     for (std::size_t n = 0; n < devices.size(); ++n) {
         if (in_lower_case(devices[n].name).find(in_lower_case(asked)) != std::string::npos)
             tried.push_back(n);

@@ -28,6 +28,7 @@ struct ListedDevice {
 std::string names_of(const std::vector<ListedDevice>& devices);
 /// The numbers of the devices that `asked` names, in the order in which to try them: preferred kinds first.
 /// `asked` is the number of a device, or a part of its name in upper or lower case, or empty for all devices.
+/// Digits alone are a number. If no device has it, the result is empty.
 std::vector<std::size_t> devices_to_try(const std::vector<ListedDevice>& devices, const std::string& asked);
 
 /// The number of a device in its API's list, counted from 0.

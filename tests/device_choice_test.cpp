@@ -75,11 +75,16 @@ TEST(DevicesToTry, AreThoseThatAreAskedFor) {
     EXPECT_THAT(devices_to_try(several, "1"), ElementsAre(1));
     EXPECT_THAT(devices_to_try(several, "radeon"), ElementsAre(3, 1));
     EXPECT_THAT(devices_to_try(several, "780m"), ElementsAre(1));
-    EXPECT_THAT(devices_to_try(several, "4090"), ElementsAre(2))
-        << "a number beyond the last is a part of a name";
+    EXPECT_THAT(devices_to_try(several, "rtx 4090"), ElementsAre(2));
     EXPECT_THAT(devices_to_try(several, "Intel"), ElementsAre());
     EXPECT_EQ(names_of({several[0], several[1]}),
               "0 llvmpipe (LLVM 15) (software), 1 AMD Radeon 780M (integrated)");
+}
+
+TEST(DevicesToTry, AreNoneForANumberBeyondTheList) {
+    for (const char* number : {"4", "7", "4090", "99999999999999999999999"})
+        EXPECT_THAT(devices_to_try(several, number), ElementsAre()) << number;
+    EXPECT_THAT(devices_to_try(several, "03"), ElementsAre(3));
 }
 
 TEST(APace, IsAllAtOnceWhereStepsAreShort) {
