@@ -13,15 +13,19 @@
 #include "backends/cpu/kernel.h"
 #include "backends/physics/spring.h"
 #include "backends/registry.h"
+#include "harness/base/thread_count.h"
 #include "harness/verification/verify.h"
 #include "tests/bodies.h"
 #include "tests/required.h"
 #include "tests/simd_target.h"
 #include "tests/support.h"
+#include "tests/surroundings.h"
 
 namespace voxspring::testing {
 namespace {
 
+using ::testing::AllOf;
+using ::testing::EndsWith;
 using ::testing::HasSubstr;
 using ::testing::StartsWith;
 
@@ -375,6 +379,17 @@ TEST(CpuParallelThreads, ComputeAfterAStepAsBefore) {
 #pragma omp parallel for num_threads(3) schedule(static, 1) reduction(&& : all)
     for (int thread = 0; thread < 3; ++thread) all = all && has_subnormals();
     EXPECT_TRUE(all);
+}
+
+// OpenMP offers more threads than the maximum on a large machine, or if OMP_NUM_THREADS asks for them.
+TEST(CpuParallelThreads, AreAtMostTheMaximumWithAuto) {
+    const ThreadCount more(2000);
+    for (const char* backend : {"cpu_parallel", "cpu_explicit"}) {
+        EXPECT_THAT(BackendSpec::parse(backend).make()->capabilities().driver, EndsWith(", 1024 threads"));
+        EXPECT_THAT(message_of<BadSpecification>(
+                        [&] { (void)BackendSpec::parse(std::string(backend) + ":threads=1025").make(); }),
+                    AllOf(HasSubstr(backend), HasSubstr("threads=1025"), HasSubstr("1024")));
+    }
 }
 
 TEST(CpuParallelOptions, RefuseARawRootInFloat64) {

@@ -11,13 +11,14 @@
 
 namespace voxspring::cpu_parallel {
 
-/// The largest accepted number of threads. The system may refuse to start more, and OpenMP would then end the
-/// process.
+/// The largest accepted number of threads, and the largest that threads=auto means. The system may refuse to
+/// start more, and OpenMP would then end the process.
 constexpr int max_threads = 1024;
 
 int thread_count(const Options& options, const std::string& backend) {
     const std::string& threads = options.tuning.at("threads");
-    const int count = threads == "auto" ? omp_get_max_threads() : std::stoi(threads);
+    if (threads == "auto") return std::min(omp_get_max_threads(), max_threads);
+    const int count = std::stoi(threads);
     if (count > max_threads) {
         throw BadSpecification("backend " + backend + ": threads=" + threads + " is more than the maximum, " +
                                std::to_string(max_threads));
