@@ -1,5 +1,6 @@
 // What cpu_parallel promises beyond conformance: in every formulation its bits depend neither on the number
-// of threads, nor on the SIMD target, nor on what was skipped.
+// of threads, nor on the SIMD target, nor on what was skipped. Also how many threads there are, and the name
+// of the processor.
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 #include <hwy/targets.h>
@@ -10,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include "backends/cpu/cpu_backend.h"
 #include "backends/cpu/kernel.h"
 #include "backends/physics/spring.h"
 #include "backends/registry.h"
@@ -390,6 +392,19 @@ TEST(CpuParallelThreads, AreAtMostTheMaximumWithAuto) {
                         [&] { (void)BackendSpec::parse(std::string(backend) + ":threads=1025").make(); }),
                     AllOf(HasSubstr(backend), HasSubstr("threads=1025"), HasSubstr("1024")));
     }
+}
+
+TEST(CpuName, IsTheFirstThatTheSystemGives) {
+    const TemporaryFolder folder;
+    const auto name = [&](const std::string& lines) { return cpu_name(folder.write("cpuinfo", lines)); };
+    EXPECT_EQ(name("processor\t: 0\nmodel\t\t: 17\nmodel name\t: A CPU: 2 GHz\nmodel name\t: Another\n"),
+              "A CPU: 2 GHz");
+    EXPECT_EQ(name("model name\t:A CPU\n"), "A CPU");
+    for (const char* nameless : {"", "model name", "model name\n", "model name\t:", "model name\t:\n",
+                                 "model name\t: \n", "model name\t: \t\nflags\t\t: fpu\n"})
+        EXPECT_EQ(name(nameless), "unknown CPU") << nameless;
+    EXPECT_EQ(name("model name\t:\nmodel name\t: A CPU\n"), "A CPU");
+    EXPECT_EQ(cpu_name(folder.path() / "none"), "unknown CPU");
 }
 
 TEST(CpuParallelOptions, RefuseARawRootInFloat64) {

@@ -36,10 +36,14 @@ const RegisteredApi api({.name = host_api, .title = "CPU"});
 
 }  // namespace
 
-std::string cpu_name() {
-    std::ifstream cpuinfo("/proc/cpuinfo");
-    for (std::string line; std::getline(cpuinfo, line);) {
-        if (line.starts_with("model name")) return line.substr(line.find(':') + 2);
+std::string cpu_name(const std::filesystem::path& cpuinfo) {
+    std::ifstream stream(cpuinfo);
+    for (std::string line; std::getline(stream, line);) {
+        const auto colon = line.find(':');
+        if (!line.starts_with("model name") || colon == std::string::npos) continue;
+        // There may be no name after the colon.
+        const auto name = line.find_first_not_of(" \t", colon + 1);
+        if (name != std::string::npos) return line.substr(name);
     }
     return "unknown CPU";
 }

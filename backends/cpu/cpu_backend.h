@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <cstring>
+#include <filesystem>
 #include <functional>
 #include <optional>
 #include <string>
@@ -95,7 +96,7 @@ private:
 /// step.
 Capabilities cpu_capabilities(const std::string& target, int threads);
 
-/// The processor's model name as /proc/cpuinfo gives it, or "unknown CPU".
-std::string cpu_name();
+/// The first model name that a file like /proc/cpuinfo gives, or "unknown CPU" if it gives none.
+std::string cpu_name(const std::filesystem::path& cpuinfo = "/proc/cpuinfo");
 
 }  // namespace voxspring
