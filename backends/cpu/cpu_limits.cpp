@@ -182,7 +182,8 @@ public:
         for (auto& one : memory_) {
             one = hwy::AllocateAligned<float>(floats);
             if (one == nullptr)
-                throw DeviceError("cannot allocate " + std::to_string(max_footprint) + " bytes of memory");
+                throw DeviceError("cannot allocate " + std::to_string(floats * sizeof(float)) +
+                                  " bytes of memory per thread");
         }
         parallel_seconds(
             [&](std::size_t thread, std::size_t) { std::fill_n(memory_[thread].get(), floats, 1.0F); });
