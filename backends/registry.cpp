@@ -5,7 +5,6 @@
 #include <algorithm>
 #include <cctype>
 #include <set>
-#include <sstream>
 #include <utility>
 
 #include "backends/suggestion.h"
@@ -119,6 +118,21 @@ const std::map<std::string, BackendEntry>& registry() { return mutable_registry(
 
 const std::map<std::string, std::string>& left_out() { return left_out_backends; }
 
+std::vector<std::string> listed_options(const std::string& specification) {
+    const auto colon = specification.find(':');
+    std::vector<std::string> options;
+    for (auto comma = colon; comma != std::string::npos;) {
+        const auto begin = comma + 1;
+        comma = specification.find(',', begin);
+        options.push_back(specification.substr(begin, comma - begin));
+        if (options.back().empty())
+            throw BadSpecification("backend " + specification.substr(0, colon) +
+                                   ": an option is missing in '" + specification +
+                                   "'; expected key=value after the colon and after each comma");
+    }
+    return options;
+}
+
 BackendSpec BackendSpec::parse(const std::string& text) {
     const auto colon = text.find(':');
     const BackendEntry& entry = entry_named(text.substr(0, colon));
@@ -126,11 +140,8 @@ BackendSpec BackendSpec::parse(const std::string& text) {
     spec.options.precision = entry.precisions.front();
     spec.options.formulation = entry.formulations.front();
     for (const auto& [key, values] : entry.tuning) spec.options.tuning[key] = default_of(values);
-    if (colon == std::string::npos) return spec;
-
     std::set<std::string> seen;
-    std::istringstream items(text.substr(colon + 1));
-    for (std::string item; std::getline(items, item, ',');) {
+    for (const std::string& item : listed_options(text)) {
         const auto equals = item.find('=');
         const std::string key = item.substr(0, equals);
         const std::string value = equals == std::string::npos ? "" : item.substr(equals + 1);

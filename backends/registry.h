@@ -77,6 +77,10 @@ class BadSpecification : public std::invalid_argument {
     using std::invalid_argument::invalid_argument;
 };
 
+/// The options of a backend specification: {"rest=skip", "threads=2"} of "cpu_parallel:rest=skip,threads=2".
+/// Throws BadSpecification if there is none after the colon or after a comma.
+std::vector<std::string> listed_options(const std::string& specification);
+
 /// A backend and its options, as a user writes them: `NAME[:key=value[,key=value]...]`. A key is `precision`,
 /// `formulation` or a tuning parameter of that backend, and is named at most once.
 struct BackendSpec {

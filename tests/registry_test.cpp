@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "harness/choice/auto_choice.h"
 #include "harness/study/selection.h"
 #include "tests/required.h"
 #include "tests/surroundings.h"
@@ -49,6 +50,22 @@ TEST(BackendSpec, RefusesAKeyTwice) {
     }
     EXPECT_THAT(reason("cpu_parallel:rest=skip,rest=skip"),
                 AllOf(HasSubstr("cpu_parallel"), HasSubstr("'rest'"), HasSubstr("rest=skip,rest=skip")));
+}
+
+TEST(BackendSpec, RefusesAnEmptyPlaceInItsOptions) {
+    for (const char* empty : {"", ",", "threads=2,", ",threads=2", "threads=2,,rest=skip"}) {
+        const std::string text = std::string("cpu_parallel:") + empty;
+        const auto says =
+            AllOf(HasSubstr("backend cpu_parallel:"), HasSubstr("'" + text + "'"), HasSubstr("key=value"));
+        EXPECT_THAT(reason(text), says);
+        EXPECT_THAT(message_of<BadSpecification>([&] { (void)expand(text); }), says);
+    }
+    for (const char* text : {"auto:", "auto:precision=float64,", "auto:,precision=float64"}) {
+        EXPECT_THAT(message_of<BadSpecification>([&] { check_auto(text); }),
+                    AllOf(HasSubstr("backend auto:"), HasSubstr("key=value")))
+            << text;
+    }
+    EXPECT_NO_THROW(check_auto("auto:precision=float64"));
 }
 
 TEST(BackendSpec, RefusesValuesThatDoNotGoTogether) {

@@ -6,7 +6,6 @@
 #include <map>
 #include <nlohmann/json.hpp>
 #include <set>
-#include <sstream>
 #include <utility>
 
 #include "auto_rule_files.h"  // generated
@@ -117,15 +116,14 @@ std::string describe(const Workload& workload) {
 bool asks_for_auto(const std::string& text) { return text == "auto" || text.starts_with("auto:"); }
 
 Formulation check_auto(const std::string& text) {
-    const std::string options = options_of(text);
-    std::istringstream rest(options);
-    for (std::string item; std::getline(rest, item, ',');) {
+    for (const std::string& item : listed_options(text)) {
         const std::string key = item.substr(0, item.find('='));
         if (key != "formulation" && key != "precision")
             throw BadSpecification("backend auto has no parameter '" + key +
                                    "'; known: precision, formulation");
     }
     // cpu_parallel has every formulation and precision, so parsing for it accepts all valid options.
+    const std::string options = options_of(text);
     return BackendSpec::parse("cpu_parallel" + (options.empty() ? "" : ":" + options)).options.formulation;
 }
 
