@@ -21,6 +21,7 @@
 #include "backends/gl/texture.h"
 #include "backends/glsl/compute.h"
 #include "backends/glsl/implicit.h"
+#include "backends/physics/edit.h"
 #include "backends/registry.h"
 #include "harness/verification/verify.h"
 #include "tests/required.h"
@@ -469,6 +470,33 @@ TEST(GlMemory, IsRefusedWhereFewerBytesAreFreeThanAnUploadTakes) {
                 AllOf(HasSubstr("1000 bytes"), HasSubstr("999 are free")));
 }
 
+/// Returns action(), while new contexts have a driver that tells its free memory, as NVIDIA's or AMD's does.
+/// A context must have called both functions before, because libepoxy looks them up at their first call.
+template <class Action>
+std::string with_memory_told(const char* its_extension, GLenum its_query, GLint free_kilobytes,
+                             const Action& action) {
+    static const char* extension;
+    static GLenum query;
+    static GLint kilobytes;
+    static const auto integer = glGetIntegerv;
+    static const auto string = glGetStringi;
+    extension = its_extension;
+    query = its_query;
+    kilobytes = free_kilobytes;
+    const Replaced tells(glGetIntegerv, [](GLenum asked, GLint* value) {
+        if (asked == query) {
+            *value = kilobytes;
+        } else {
+            integer(asked, value);
+        }
+    });
+    const Replaced offers(glGetStringi, [](GLenum asked, GLuint index) {
+        if (asked == GL_EXTENSIONS && index == 0) return reinterpret_cast<const GLubyte*>(extension);
+        return string(asked, index);
+    });
+    return action();
+}
+
 TEST_F(Gl, ProblemsThatExceedFreeMemoryAreRefused) {
     const Problem problem = make_lattice_problem(solid({32, 32, 32}), FACE_BITS);
     for (const std::string name :
@@ -480,28 +508,9 @@ TEST_F(Gl, ProblemsThatExceedFreeMemoryAreRefused) {
         EXPECT_EQ(first->unsupported(problem), "");
         (void)glGetStringi(GL_EXTENSIONS, 0);
         const auto needed = GLint((spec.entry->bytes(problem, spec.options) + 1023) / 1024);
-        // With a driver that reports its memory, as NVIDIA's or AMD's does.
-        static const char* extension;
-        static GLenum query;
-        static GLint kilobytes;
-        static const auto integer = glGetIntegerv;
-        static const auto string = glGetStringi;
-        const auto refusal = [&](const char* its_extension, GLenum its_query, GLint free_kilobytes) {
-            extension = its_extension;
-            query = its_query;
-            kilobytes = free_kilobytes;
-            const Replaced tells(glGetIntegerv, [](GLenum asked, GLint* value) {
-                if (asked == query) {
-                    *value = kilobytes;
-                } else {
-                    integer(asked, value);
-                }
-            });
-            const Replaced offers(glGetStringi, [](GLenum asked, GLuint index) {
-                if (asked == GL_EXTENSIONS && index == 0) return reinterpret_cast<const GLubyte*>(extension);
-                return string(asked, index);
-            });
-            return spec.make()->unsupported(problem);
+        const auto refusal = [&](const char* extension, GLenum query, GLint free_kilobytes) {
+            return with_memory_told(extension, query, free_kilobytes,
+                                    [&] { return spec.make()->unsupported(problem); });
         };
         EXPECT_THAT(
             refusal("GL_NVX_gpu_memory_info", GL_GPU_MEMORY_INFO_CURRENT_AVAILABLE_VIDMEM_NVX, needed - 1),
@@ -509,6 +518,31 @@ TEST_F(Gl, ProblemsThatExceedFreeMemoryAreRefused) {
         EXPECT_THAT(refusal("GL_ATI_meminfo", GL_TEXTURE_FREE_MEMORY_ATI, needed - 1),
                     HasSubstr("bytes of device memory"));
         EXPECT_EQ(refusal("GL_ATI_meminfo", GL_TEXTURE_FREE_MEMORY_ATI, needed), "");
+    }
+}
+
+// The next upload frees the lists, which are larger than those that the upload before the edit made.
+TEST_F(Gl, ListsThatAnEditMakesAnewCountAsMemoryToFree) {
+    const Problem problem = make_lattice_problem(solid({16, 16, 16}), FACE_BITS);
+    Problem edited = problem;
+    const std::vector<std::pair<std::uint32_t, std::uint32_t>> pairs = {
+        {0, 100}, {0, 200}, {0, 300}, {0, 400}};
+    const SpringEdit edit = SpringEditor(edited).suture(pairs);
+    for (const std::string name : {"gl_compute_explicit", "gl_fragment_explicit"}) {
+        SCOPED_TRACE(name);
+        const BackendSpec spec = BackendSpec::parse(name);
+        const auto first = spec.make();
+        EXPECT_EQ(first->unsupported(edited), "");
+        (void)glGetStringi(GL_EXTENSIONS, 0);
+        const std::string refused = with_memory_told("GL_ATI_meminfo", GL_TEXTURE_FREE_MEMORY_ATI, 0, [&] {
+            const auto backend = spec.make();
+            backend->upload(problem, state_at_rest(problem));
+            EXPECT_EQ(backend->unsupported(problem), "");
+            EXPECT_THAT(backend->unsupported(edited), HasSubstr("bytes of device memory"));
+            backend->edit(edited, edit);
+            return backend->unsupported(edited);
+        });
+        EXPECT_EQ(refused, "");
     }
 }
 

@@ -237,6 +237,7 @@ void FragmentBackend::edit(const Problem& edited, const SpringEdit& edit) {
     for (std::uint32_t i = 0; i < layout.bits.size(); ++i)
         bits.particles.push_back({texel_of(i), layout.bits[i], 0, 0});
     write(bits);
+    held_bytes_ = bytes_needed(edited);
 }
 
 void FragmentBackend::write(const TexelEdit& edit) {

@@ -187,7 +187,7 @@ private:
     Buffer found_;  // number of the first check for divergence that failed
 
     const Problem* problem_ = nullptr;
-    std::uint64_t held_bytes_ = 0;
+    std::uint64_t held_bytes_ = 0;    // bytes_needed() of the problem for which the lists were made
     std::int64_t steps_ = 0;          // since upload()
     DivergenceMonitor monitor_;       // in use since the latest upload() or rewind()
     DivergenceMonitor next_monitor_;  // in use from the next upload() or rewind() on

@@ -355,6 +355,7 @@ template <class Real>
 void ComputeBackend<Real>::lay_out_anew() {
     device_->wait();
     layout_ = lay_out(*problem_);
+    held_bytes_ = bytes_needed(*problem_);
     make_step();
     tell_steps();
     compile_time_ += device_->take_compile_time();

@@ -147,7 +147,7 @@ private:
 
     const Problem* problem_ = nullptr;
     Layout layout_;
-    std::uint64_t held_bytes_ = 0;
+    std::uint64_t held_bytes_ = 0;  // bytes_needed() of the problem for which the lists were made
     CompileTime compile_time_;
     DivergenceMonitor monitor_;       // in use since the latest upload() or rewind()
     DivergenceMonitor next_monitor_;  // in use from the next upload() or rewind() on
