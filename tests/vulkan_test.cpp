@@ -5,6 +5,7 @@
 
 #include <chrono>
 #include <cstdlib>
+#include <cstring>
 #include <filesystem>
 #include <memory>
 #include <string>
@@ -13,6 +14,7 @@
 #include <vector>
 
 #include "backends/api.h"
+#include "backends/disk_cache.h"
 #include "backends/glsl/compute.h"
 #include "backends/glsl/implicit.h"
 #include "backends/registry.h"
@@ -415,6 +417,37 @@ TEST_F(Vulkan, KeepsWhatItCompiledInTheUsersCacheFolder) {
     const CompileTime warm = compiled();
     EXPECT_EQ(warm.cold, cold.cold) << "what it took when it was compiled";
     EXPECT_EQ(std::distance(std::filesystem::directory_iterator(folder.path()), {}), files);
+}
+
+// The file of the cache is whole, but its data are those of another driver.
+TEST_F(Vulkan, WhatTheDriverRejectsIsCompiledAndKeptAnew) {
+    const TemporaryFolder folder;
+    const Variable cache("VOXSPRING_CACHE", folder.path().string());
+    const Problem problem = plain_problem();
+    const auto compiled = [&] {
+        const auto backend = BackendSpec::parse("vulkan_implicit").make();
+        backend->upload(problem, random_state(problem, 0.05, 3));
+        return backend->compile_time();
+    };
+    (void)compiled();
+    const DiskCache disk(folder.path());
+    std::vector<std::string> names;
+    for (const auto& entry : std::filesystem::directory_iterator(folder.path()))
+        names.push_back(entry.path().stem().string());
+    ASSERT_FALSE(names.empty());
+    constexpr double other_seconds = 1e6;
+    for (const std::string& name : names) {
+        // An entry is the seconds that compiling took, and the data. Bytes 16 to 31 of the data's header are
+        // the driver's UUID. The data are longer than those of any empty cache.
+        std::string entry = disk.find(name).value();
+        ASSERT_GE(entry.size(), sizeof other_seconds + 32);
+        std::memcpy(entry.data(), &other_seconds, sizeof other_seconds);
+        for (std::size_t n = 16; n < 32; ++n) entry[sizeof other_seconds + n] ^= 0x55;
+        disk.keep(name, entry + std::string(4096, '\0'));
+    }
+    const CompileTime anew = compiled();
+    EXPECT_EQ(anew.cold, anew.spent);
+    EXPECT_EQ(compiled().cold, anew.cold);
 }
 
 TEST_F(Vulkan, ADamagedCacheIsNoCache) {

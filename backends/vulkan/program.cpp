@@ -69,6 +69,17 @@ std::optional<Kept> kept_in(const std::optional<std::string>& entry) {
     return kept;
 }
 
+/// Whether the driver rejects these data of a pipeline cache, which an earlier process kept: a cache that
+/// begins with them then holds no more than one that begins empty.
+bool rejects(const Device& device, std::string_view data) {
+    const auto size_from = [&](std::string_view initial) {
+        const vk::PipelineCacheCreateInfo info({}, initial.size(), initial.data());
+        return vk::raii::PipelineCache(device.get(), info).getData().size();
+    };
+    const std::size_t empty = size_from({});
+    return data.size() > empty && size_from(data) <= empty;
+}
+
 std::string to_keep(double cold, const std::vector<std::uint8_t>& data) {
     std::string entry(sizeof(double), '\0');
     std::memcpy(entry.data(), &cold, sizeof(double));
@@ -107,8 +118,9 @@ Program::Program(const Device& device, const std::string& module, const glsl::Co
                                                   &specialised);
     pipeline_ = {device.get(), cache, vk::ComputePipelineCreateInfo({}, stage, *layout_)};
     compile_time_.spent = std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
-    compile_time_.cold = kept ? kept->cold : compile_time_.spent;
-    if (!kept) disk.keep(name, to_keep(compile_time_.cold, cache.getData()));
+    const bool found = kept && !rejects(device, known);
+    compile_time_.cold = found ? kept->cold : compile_time_.spent;
+    if (!found) disk.keep(name, to_keep(compile_time_.cold, cache.getData()));
 }
 
 Pass::Pass(Queue& queue, std::shared_ptr<const Program> program, const glsl::Uniforms& uniforms,
