@@ -304,6 +304,19 @@ TEST(StepWork, OfCudaExplicit) {
     EXPECT_WORK(layout::explicit_work<float>(sutured, true, position), 6 * 48 + 24 * 12, 6 * 15 + 24 * 14, 1);
 }
 
+// A spring beyond the lattice has a stiffness: 1 operation at either end, whatever the materials are.
+TEST(StepWork, OfCudaExplicitDelta) {
+    Problem sutured = plate(), loaded = loaded_plate_of_two_materials();
+    sutured.springs = loaded.springs = {{0, 5, 1, 1}};
+    constexpr std::size_t slice = sizeof(layout::Slice);
+    EXPECT_WORK(layout::delta_work<float>(sutured, position), 6 * 48 + slice + 2 * (4 + 8),
+                6 * (15 + 6) + 22 * 13 + 2 * 14, 1);
+    EXPECT_WORK(layout::delta_work<float>(loaded, position), 6 * (48 + 12 + 4 + 4) + slice + 2 * (4 + 8),
+                6 * (18 + 3) + 22 * 16 + 2 * 14, 1);
+    EXPECT_WORK(layout::delta_work<double>(loaded, position), 6 * (96 + 24 + 8 + 8) + slice + 2 * (4 + 16),
+                6 * (18 + 3) + 22 * 26 + 2 * 20, 1);
+}
+
 TEST(StepWork, OfCudaScatter) {
     // Both launches read and write forces; the first also reads positions.
     EXPECT_WORK(layout::scatter_work<float>(plate(), position), 6 * (48 + 4 * 12 + 16) + 11 * 16,

@@ -27,8 +27,9 @@ std::uint64_t pull_operations(const Direction& direction, Formulation formulatio
 /// along all three axes.
 const Direction oblique{.bit = 0, .offset = {1, 1, 1}, .group = SpringGroup::corner};
 
-/// The operations for a spring between materials: the sum of the arguments of fast_series_stiffness(), that
-/// function itself, and multiplying the density by its result. In float32, then in float64.
+/// The operations for a lattice spring between materials: the sum of the arguments of
+/// fast_series_stiffness(), that function itself, and multiplying the density by its result. In float32, then
+/// in float64.
 template <class Real>
 constexpr std::uint64_t material_operations = is_single<Real> ? 1 + 1 + 1 : 1 + 5 + 1;
 
@@ -107,9 +108,11 @@ StepWork implicit_work(const Problem& problem, Formulation formulation) {
     StepWork work = motion_work<Real>(problem, formulation);
     if (problem.has_materials()) work.read_once(problem.particle_count() * sizeof(Real));  // compliance
     const std::uint64_t material = problem.has_materials() ? material_operations<Real> : 0;
+    // Springs beyond the lattice, which cuda_explicit_delta takes too, have a stiffness each.
+    const std::uint64_t ends = spring_ends(problem), lattice_ends = ends - 2 * problem.springs.size();
     work.operations += problem.particle_count() * group_operations(problem) +
-                       2 * pull_operations<Real>(problem, formulation) +
-                       spring_ends(problem) * (material + vector_operations);
+                       2 * pull_operations<Real>(problem, formulation) + ends * vector_operations +
+                       lattice_ends * material;
     return work;
 }
 
