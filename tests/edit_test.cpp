@@ -153,6 +153,29 @@ TEST(SpringEditor, APatchCutsWhatEachOfItsTrianglesCuts) {
     }
 }
 
+// The lines pass above the patch by less than coordinates of their ends are rounded by.
+TEST(SpringEditor, APatchCutsLinesThatReachFarAsItsTrianglesDo) {
+    const Shape patch = TrianglePatch{{{{{-0.5, -1, 0.5}, {0.5, -1, -0.5}, {0, 1, 0}}}}};
+    Problem whole;
+    std::mt19937 generator(6);
+    std::uniform_real_distribution<double> factor(0.5, 1);
+    for (std::uint32_t line = 0; line < 100; ++line) {
+        const double far = 1e8 * factor(generator), back = factor(generator), above = 1 + 4e-9;
+        const glm::dvec3 end(far, above, far * factor(generator));
+        whole.rest_position.push_back(end);
+        whole.rest_position.emplace_back(-back * end.x, above, -back * end.z);
+        whole.springs.push_back({2 * line, 2 * line + 1, 1, 1});
+    }
+    std::vector<Spring> kept = whole.springs;
+    std::erase_if(kept, [&](const Spring& spring) {
+        return cuts(patch, whole.rest_position[spring.first], whole.rest_position[spring.second]);
+    });
+    ASSERT_LT(kept.size(), whole.springs.size()) << "rounding moves no line";
+    Problem problem = whole;
+    EXPECT_EQ(SpringEditor(problem).cut(patch).removed.size(), whole.springs.size() - kept.size());
+    EXPECT_EQ(problem.springs, kept);
+}
+
 // A line is compared only with the triangles near it. Comparing all 3e10 pairs would take minutes.
 TEST(SpringEditor, ALargePatchTakesNoTimeForEachOfItsTriangles) {
     Problem problem = paper_box({64, 64, 64});

@@ -84,17 +84,21 @@ struct Bounds {
     Box operator()(const Ball& ball) const { return {ball.centre - ball.radius, ball.centre + ball.radius}; }
 };
 
-/// The triangles of a patch in a tree of boxes, so that a line is compared only with triangles near it. Each
-/// box is wider than its triangles by more than rounding can move a line. So a line that misses a box also
-/// misses the triangles in it.
+/// A box that is wider than `box` by more than rounding in goes_through() can move what lies in `box`.
+/// Rounding grows with coordinates.
+Box widened(const Box& box) {
+    const glm::dvec3 reach = glm::max(glm::abs(box.low), glm::abs(box.high));
+    const double margin = 1e-9 * std::max({reach.x, reach.y, reach.z});
+    return {box.low - margin, box.high + margin};
+}
+
+/// The triangles of a patch in a tree of boxes, so that a line is compared only with triangles near it. The
+/// boxes of triangles and of lines are widened. So a line whose box misses a box of the tree also misses the
+/// triangles in it.
 class TriangleTree {
 public:
     explicit TriangleTree(const TrianglePatch& patch) : triangles_(patch.triangles) {
-        if (triangles_.empty()) return;
-        const Box all = Bounds{}(patch);
-        const glm::dvec3 reach = glm::max(glm::abs(all.low), glm::abs(all.high));
-        margin_ = 1e-9 * std::max({reach.x, reach.y, reach.z});
-        build(0, triangles_.size());
+        if (!triangles_.empty()) build(0, triangles_.size());
     }
 
     bool cuts(const glm::dvec3& a, const glm::dvec3& b) const {
@@ -113,9 +117,10 @@ private:
     /// Whether holds(triangle) is true for at least one of the triangles near `box`.
     template <class Holds>
     bool any_near(const Box& box, const Holds& holds) const {
+        const Box wide = widened(box);
         for (std::size_t n = 0; n < nodes_.size();) {
             const Node& node = nodes_[n];
-            if (!node.box.meets(box)) {
+            if (!node.box.meets(wide)) {
                 n = node.next;
                 continue;
             }
@@ -141,8 +146,9 @@ private:
         Box box, centres;
         for (std::size_t t = first; t < end; ++t) {
             const Box own = box_of(triangles_[t]);
-            box.include(own.low - margin_);
-            box.include(own.high + margin_);
+            const Box wide = widened(own);
+            box.include(wide.low);
+            box.include(wide.high);
             centres.include(own.low + own.high);
         }
         if (end - first <= max_in_leaf) {
@@ -167,7 +173,6 @@ private:
 
     std::vector<Triangle> triangles_;
     std::vector<Node> nodes_;
-    double margin_ = 0;
 };
 
 /// Evaluates cuts() of one shape for many lines.
