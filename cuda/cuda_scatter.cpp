@@ -87,7 +87,8 @@ public:
 
 private:
     std::string refused(const Problem& problem) const override {
-        if (std::string why = list_entry_refusal(problem, this->formulation()); !why.empty()) return why;
+        if (std::string why = list_entry_refusal(problem.particle_count(), this->formulation()); !why.empty())
+            return why;
         return too_many_words<Real>(problem.particle_count(), this->device(), this->family().fetch);
     }
     std::uint64_t bytes_needed(const Problem& problem) const override {

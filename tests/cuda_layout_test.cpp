@@ -439,6 +439,20 @@ TEST(NeighbourLists, IndicesOfLargeLatticesDoNotWrap) {
     EXPECT_EQ(list_size(particles, 26, ListLayout::concatenated), 26ULL * particles);
 }
 
+TEST(NeighbourLists, EntriesNumberAsManyParticlesAsTheirBitsDo) {
+    constexpr std::size_t most = std::size_t(1) << LISTED_INDEX_BITS;
+    for (const Formulation formulation : every_formulation) {
+        EXPECT_EQ(list_entry_refusal(most, formulation), "");
+        EXPECT_EQ(list_entry_refusal(most + 1, formulation),
+                  on_positions(formulation) ? ""
+                                            : "134217729 particles exceed the 134217728 that an entry of a "
+                                              "neighbour list can number beside a direction");
+    }
+    const std::uint32_t last = entry_of(std::uint32_t(most - 1), -1, Formulation::displacement);
+    EXPECT_EQ(last & LISTED_INDEX, most - 1);
+    EXPECT_EQ(last >> LISTED_INDEX_BITS, OWN_DIRECTION);
+}
+
 TEST(DeltaLists, AreSharedByRuns) {
     // A box has one list for all but its first and last slice and row, where deltas would lead out of it.
     EXPECT_LE(compress_lists(lattice(solid({50, 40, 30}))).lists.size(), 8U);

@@ -96,7 +96,7 @@ private:
         const int limit = context().max_texture_size();
         const glm::ivec2 size = compact_size(problem.particle_count(), limit);
         const int layers = layer_count(problem);
-        if (problem.particle_count() > LISTED_INDEX)
+        if (problem.particle_count() > layout::max_listed_particles)
             return fmt::format("{} particles are too many for an index of {} bits, as neighbour lists have",
                                problem.particle_count(), LISTED_INDEX_BITS);
         if (size.x > limit)

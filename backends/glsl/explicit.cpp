@@ -60,7 +60,8 @@ private:
     std::string refused_layout(const Problem& problem) const override {
         // In formulations on positions this refuses nothing. Their list entries have no direction code, and
         // so room for more particles than any driver has memory for.
-        if (std::string why = layout::list_entry_refusal(problem, this->formulation()); !why.empty())
+        if (std::string why = layout::list_entry_refusal(problem.particle_count(), this->formulation());
+            !why.empty())
             return why;
         return lists_refusal(problem, this->options(), buffer_limits());
     }

@@ -70,10 +70,10 @@ std::vector<std::uint32_t> degrees(const Problem& problem) {
     return degree;
 }
 
-std::string list_entry_refusal(const Problem& problem, Formulation formulation) {
-    if (on_positions(formulation) || problem.particle_count() <= LISTED_INDEX) return {};
-    return std::to_string(problem.particle_count()) + " particles exceed the " +
-           std::to_string(LISTED_INDEX) + " that an entry of a neighbour list can number beside a direction";
+std::string list_entry_refusal(std::size_t particles, Formulation formulation) {
+    if (on_positions(formulation) || particles <= max_listed_particles) return {};
+    return std::to_string(particles) + " particles exceed the " + std::to_string(max_listed_particles) +
+           " that an entry of a neighbour list can number beside a direction";
 }
 
 std::string grouped_list_refusal(const Problem& problem) {

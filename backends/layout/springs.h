@@ -3,6 +3,7 @@
 
 #include <array>
 #include <bit>
+#include <cstddef>
 #include <cstdint>
 #include <string>
 #include <vector>
@@ -40,9 +41,11 @@ SpringRest<Real> off_lattice_rest_of(const Problem& problem, std::uint32_t parti
 /// the lattice. In formulations on positions the entry is the index alone.
 std::uint32_t entry_of(std::uint32_t index, int bit, Formulation formulation);
 
-/// Empty, or why a list entry has no room for the index of every particle beside a direction code. Only
-/// formulations on displacements need both.
-std::string list_entry_refusal(const Problem& problem, Formulation formulation);
+/// How many particles list entries with a direction code can number, from 0 on.
+inline constexpr std::size_t max_listed_particles = std::size_t(LISTED_INDEX) + 1;
+/// Empty, or why a list entry has no room for the index of each of `particles` particles beside a direction
+/// code. Only formulations on displacements need both.
+std::string list_entry_refusal(std::size_t particles, Formulation formulation);
 
 /// Empty, or why lists cannot have one stiffness and one rest length for all springs of a group.
 std::string grouped_list_refusal(const Problem& problem);

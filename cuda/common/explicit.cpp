@@ -162,7 +162,8 @@ private:
                        "for all edge springs and one for all corner springs: " +
                        why;
         }
-        if (std::string why = list_entry_refusal(problem, this->formulation()); !why.empty()) return why;
+        if (std::string why = list_entry_refusal(problem.particle_count(), this->formulation()); !why.empty())
+            return why;
         if (options_.rows && options_.layout == ListLayout::concatenated) {
             const std::size_t entries =
                 problem.particle_count() *
