@@ -166,6 +166,8 @@ TEST(Decompositions, RefuseWhatTheyCannotCut) {
               "the body has 13 layers with particles along z, so it cannot be cut into 14 parts");
     EXPECT_EQ(Decomposition::refusal(bodies_to_cut()[0], {2, 6, 2}),
               "the body has 5 layers with particles along y, so it cannot be cut into 6 parts");
+    EXPECT_EQ(Decomposition::refusal(make_lattice_problem(solid({4, 3, 1}), FACE_BITS), {1, 1, 2}),
+              "the body has 1 layer with particles along z, so it cannot be cut into 2 parts");
     EXPECT_THAT(refusal(bodies_to_cut()[0], 0), HasSubstr("at least one part"));
     EXPECT_THAT(refusal(random_network(10, 20, 1), 2), HasSubstr("lattice"));
     Problem beyond = bodies_to_cut()[0];

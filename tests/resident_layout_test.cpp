@@ -538,7 +538,9 @@ TEST(ResidentRefusal, IsOfBodiesThatNoLayoutHolds) {
     Problem problem = make_lattice_problem(solid({32, 8, 8}), FACE_BITS);
     EXPECT_EQ(resident_refusal(problem, 1, true), "");
     EXPECT_EQ(resident_refusal(make_lattice_problem(solid({32, 8, 9}), FACE_BITS), 1, true),
-              "2304 particles exceed the 2048 that 1 multiprocessors hold");
+              "2304 particles exceed the 2048 that 1 multiprocessor holds");
+    EXPECT_EQ(resident_refusal(make_lattice_problem(solid({32, 8, 17}), FACE_BITS), 2, true),
+              "4352 particles exceed the 4096 that 2 multiprocessors hold");
     EXPECT_EQ(resident_refusal(Problem{}, 132, true), "the scene has no particle");
 
     Problem several = problem;

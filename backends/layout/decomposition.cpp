@@ -139,8 +139,9 @@ private:
     }
     void refuse(const std::vector<std::size_t>& count, int axis) {
         const auto occupied = std::ptrdiff_t(count.size()) - std::count(count.begin(), count.end(), 0U);
-        refusal_ = "the body has " + std::to_string(occupied) + " layers with particles along " +
-                   "xyz"[axis] + ", so it cannot be cut into " + std::to_string(subdomains_[axis]) + " parts";
+        refusal_ = "the body has " + std::to_string(occupied) + (occupied == 1 ? " layer" : " layers") +
+                   " with particles along " + "xyz"[axis] + ", so it cannot be cut into " +
+                   std::to_string(subdomains_[axis]) + " parts";
     }
 
     const Lattice& lattice_;

@@ -565,7 +565,8 @@ std::string resident_refusal(const Problem& problem, int multiprocessors, bool l
     const std::size_t own = problem.particle_count() - problem.ghosts.size();
     if (own > max_particles)
         return std::to_string(own) + " particles exceed the " + std::to_string(max_particles) + " that " +
-               std::to_string(multiprocessors) + " multiprocessors hold";
+               std::to_string(multiprocessors) +
+               (multiprocessors == 1 ? " multiprocessor holds" : " multiprocessors hold");
     return {};
 }
 
