@@ -65,6 +65,34 @@ TEST(MarchCost, ChoosesTheTileThatWasMeasuredToBeTheFastest) {
     }
 }
 
+/// Counts the components along which the springs of visit_springs() have rest offsets.
+struct OffsetComponents {
+    int count = 0;
+    void both(int, int z, int r, int c, int z2, int r2, int c2) {
+        count += (z2 != z) + (r2 != r) + (c2 != c);
+    }
+    void half(int bit, int z, int r, int c, int z2, int r2, int c2) { both(bit, z, r, c, z2, r2, c2); }
+};
+template <int rows>
+int offset_components() {
+    OffsetComponents components;
+    visit_springs<rows>(components);
+    return components.count;
+}
+
+// Each component takes an instruction, for which the pipe of float64 takes two cycles.
+TEST(MarchCost, RestOffsetsTakeTheCyclesOfTheirInstructions) {
+    const auto extra = [](Precision precision, double MarchRates::*of) {
+        const MarchTile tile = march_tile("64x8", precision);
+        return march_rates(tile, precision, Formulation::displacement).*of -
+               march_rates(tile, precision, Formulation::position).*of;
+    };
+    for (double MarchRates::*const of : {&MarchRates::full, &MarchRates::masked}) {
+        EXPECT_EQ(extra(Precision::float32, of), offset_components<2>());
+        EXPECT_EQ(extra(Precision::float64, of), 2 * offset_components<1>());
+    }
+}
+
 // Computed by hand: two multiprocessors with one block each; three items of 10 planes, one of them with 8
 // warps' work.
 TEST(MarchCost, TheEmptiestMultiprocessorTakesTheNextItem) {

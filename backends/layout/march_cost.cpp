@@ -50,11 +50,12 @@ MarchRates rates_of(Precision precision, Formulation formulation) {
     } else {
         rates = increments ? MarchRates{3700, 1680, 1840, idle} : MarchRates{2300, 1066, 1170, idle};
     }
-    // In the formulation `displacement`, a thread with two rows subtracts 92 components of rest offsets as
-    // well. In float64, with one row, these are 53 in a pipe of two cycles: about as many cycles.
+    // In the formulation `displacement` a thread subtracts rest offsets as well: one component per face
+    // spring and two per edge spring. These are 92 with two rows, and 53 with the one row of float64.
     if (formulation == Formulation::displacement) {
-        rates.full += 92;
-        rates.masked += 92;
+        const double cycles = precision == Precision::float32 ? 92 : 2 * 53;
+        rates.full += cycles;
+        rates.masked += cycles;
     }
     return rates;
 }
