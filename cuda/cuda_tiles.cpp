@@ -139,7 +139,9 @@ private:
         return this->state_bytes_held() + rows_.bytes() + masks_.bytes() + staging_.bytes() + blocks_.bytes();
     }
 
-    /// How many tiles the card steps at once in float32 if each thread steps one.
+    /// How many tiles the card steps at once in float32 if each thread steps one. Float64, in which the card
+    /// has room for half as many, chooses by this number as well: one thread and two were timed in float32
+    /// alone.
     std::size_t resident_tiles() const {
         return std::size_t(this->device().multiprocessors) * whole_tile_blocks * block_threads;
     }
