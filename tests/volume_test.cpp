@@ -727,17 +727,43 @@ TEST(VolumeRules, AQformAndLettersPlaceAGridToo) {
     EXPECT_THAT(all_notes(both), HasSubstr("AnatomicalOrientation SLA contradicts TransformMatrix"));
 }
 
-TEST(VolumeRules, ANegativeDistanceIsItsLengthAndTurnsTheAxis) {
-    nifti_1_header header = nifti_header({2, 3, 2}, 4, {-0.5F, 1, 2});
-    header.qform_code = 1;
-    const std::string more = "ElementSpacing = -0.5 1 2\nTransformMatrix = 1 0 0 0 1 0 0 0 1\n";
-    for (const File& file : {nifti(header, shorts), metaimage(metaimage_fields("MET_SHORT", more), shorts),
-                             nrrd(nrrd_fields("short", "raw", "spacings: -0.5 1 2\n"), shorts)}) {
+TEST(VolumeRules, ANegativeDistanceIsItsLengthAndTurnsAPlacedAxis) {
+    nifti_1_header qform = nifti_header({2, 3, 2}, 4, {-0.5F, 1, 2}), sform = qform;
+    const nifti_1_header unplaced = qform;
+    qform.qform_code = sform.sform_code = 1;
+    sform.srow_x[0] = 0.5F;
+    sform.srow_y[1] = 1;
+    sform.srow_z[2] = 2;
+    const std::string spacing = "ElementSpacing = -0.5 1 2\n", spacings = "spacings: -0.5 1 2\n";
+    const auto in_metaimage = [&](const std::string& more) {
+        return metaimage(metaimage_fields("MET_SHORT", spacing + more), shorts);
+    };
+    const auto in_nrrd = [&](const std::string& more) {
+        return nrrd(nrrd_fields("short", "raw", spacings + more), shorts);
+    };
+    const auto notes_of = [](const File& file) {
         const Volume volume = read(file);
         EXPECT_EQ(volume.spacing, glm::dvec3(0.5, 1, 2));
-        EXPECT_THAT(all_notes(volume), HasSubstr("its absolute value is used, and x runs the other way"));
-        if (file.format == Format::nrrd) continue;
-        EXPECT_EQ(volume.facts.placement->direction[0], glm::dvec3(-1, 0, 0));
+        EXPECT_THAT(all_notes(volume), HasSubstr("its absolute value is used for x"));
+        return all_notes(volume);
+    };
+    for (const File& file :
+         {nifti(qform, shorts), in_metaimage("TransformMatrix = 1 0 0 0 1 0 0 0 1\n"),
+          in_metaimage("Offset = 1 2 3\n"), in_nrrd("space dimension: 3\nspace origin: (1,2,3)\n")}) {
+        EXPECT_THAT(notes_of(file), EndsWith(" is negative: x runs the other way"));
+        EXPECT_EQ(read(file).facts.placement->direction[0], glm::dvec3(-1, 0, 0));
+        // The user's spacing replaces the length, but not the direction.
+        const Volume chosen = read(file, {.spacing = glm::dvec3(1)});
+        EXPECT_THAT(all_notes(chosen), EndsWith(" is negative: x runs the other way"));
+        EXPECT_EQ(chosen.facts.placement->direction[0], glm::dvec3(-1, 0, 0));
+    }
+    // The sform gives the direction alone.
+    EXPECT_THAT(notes_of(nifti(sform, shorts)), Not(HasSubstr("the other way")));
+    EXPECT_EQ(read(nifti(sform, shorts)).facts.placement->direction[0], glm::dvec3(1, 0, 0));
+    // A grid without a place runs nowhere.
+    for (const File& file : {nifti(unplaced, shorts), in_metaimage(""), in_nrrd("")}) {
+        EXPECT_THAT(notes_of(file), Not(HasSubstr("the other way")));
+        EXPECT_FALSE(read(file).facts.placement);
     }
 }
 

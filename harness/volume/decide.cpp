@@ -234,8 +234,8 @@ private:
                     std::string("a distance between voxels along each axis, other than 0") + or_spacing);
             }
             if (distance < 0)
-                say(fmt::format("{} is {}: its absolute value is used, and {} runs the other way",
-                                claim.distance_key, claim.distance_text, axis_names[axis]));
+                say(fmt::format("{} is {}: its absolute value is used for {}", claim.distance_key,
+                                claim.distance_text, axis_names[axis]));
         }
     }
 
@@ -256,8 +256,13 @@ private:
                 direction = *space_[axis].direction / length;
                 check_length(axis, length);
             }
-            const bool turned = !claims_.directions_have_lengths && space_[axis].distance.value_or(1) < 0;
-            if (turned) direction = -direction;
+        }
+        // Only a grid that lies somewhere can run the other way. So the note comes from here.
+        for (int axis = 0; axis < 3; ++axis) {
+            if (claims_.directions_have_lengths || !(space_[axis].distance.value_or(1) < 0)) continue;
+            placement.direction[std::size_t(axis)] *= -1;
+            say(fmt::format("{} is negative: {} runs the other way", space_[axis].distance_key,
+                            axis_names[axis]));
         }
         if (!have_directions) placement.space.clear();
         check_angles(placement);
