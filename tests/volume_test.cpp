@@ -285,6 +285,11 @@ TEST(Volume, SeveralMembersAreOneStream) {
         values_of(read(nrrd(nrrd_fields("uint8", "gzip"), gzipped(first) + gzipped("") + gzipped(rest)))),
         values);
     EXPECT_EQ(values_of(read(nrrd(nrrd_fields("uint8", "bzip2"), bzip2ed(first) + bzip2ed(rest)))), values);
+    // What MetaImage calls compressed is zlib's format, which has a single member, or gzip.
+    const std::string compressed = metaimage_fields("MET_UCHAR", "CompressedData = True\n");
+    EXPECT_EQ(values_of(read(metaimage(compressed, gzipped(first) + gzipped("") + gzipped(rest)))), values);
+    EXPECT_EQ(refused_of(metaimage(compressed, zlib_packed(first) + zlib_packed(rest))),
+              "data: 5 bytes of data");
 }
 
 /// A file of twelve 16-bit numbers in every format and encoding.

@@ -19,9 +19,8 @@ class ByteStream::Decoder {
 public:
     /// `encoding` must not be raw.
     explicit Decoder(Encoding encoding) : is_bzip2_(encoding == Encoding::bzip2) {
-        // zlib wants MAX_WBITS plus 16 for data with a gzip header, plus 32 for data with a gzip or a zlib
-        // header.
-        const int bits = (encoding == Encoding::gzip ? 16 : 32) + MAX_WBITS;
+        // zlib wants MAX_WBITS plus 16 for data with a gzip header.
+        const int bits = (encoding == Encoding::gzip ? 16 : 0) + MAX_WBITS;
         if (is_bzip2_ ? BZ2_bzDecompressInit(&bzip2_, 0, 0) != BZ_OK : inflateInit2(&zlib_, bits) != Z_OK)
             throw std::bad_alloc();
     }
@@ -71,9 +70,11 @@ private:
 
 ByteStream::ByteStream(std::istream& stream, Encoding encoding, std::string file)
     : stream_(stream),
-      encoding_(encoding),
+      // A gzip stream may have several members, one of zlib's format has one. So the name must be right here.
+      encoding_(encoding == Encoding::zlib && encoding_at(stream) == Encoding::gzip ? Encoding::gzip
+                                                                                    : encoding),
       file_(std::move(file)),
-      decoder_(encoding == Encoding::raw ? nullptr : std::make_unique<Decoder>(encoding)) {}
+      decoder_(encoding_ == Encoding::raw ? nullptr : std::make_unique<Decoder>(encoding_)) {}
 
 ByteStream::~ByteStream() = default;
 
