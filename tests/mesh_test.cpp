@@ -30,6 +30,7 @@ namespace voxspring::testing {
 namespace {
 
 using ::testing::AllOf;
+using ::testing::EndsWith;
 using ::testing::HasSubstr;
 
 constexpr SceneSizeLimits limits{1 << 24, 1 << 24};
@@ -507,6 +508,13 @@ TEST(Voxels, NobodyCanMakeAreRefusedWithASuggestion) {
     EXPECT_THAT(refusal(box, 0.1), HasSubstr("about 1.6: the mesh is 100 x 100 x 100"));
     EXPECT_THAT(refusal(box, 1e-9), HasSubstr("about 1.6"));
     EXPECT_EQ(refusal(box, std::nullopt), "accepted");
+    EXPECT_THAT(refusal(box, 0.1), EndsWith("and at most 16777216 voxels fit here"));
+    // A wire has few voxels, but too many along x. The pitch for its thinnest side would give even more.
+    EXPECT_EQ(
+        refusal(box_mesh({2e6, 1, 1}), 1),
+        "box.obj: --pitch: 1, a grid of 2e+06 x 1 x 1 is not accepted; expected about 3.1e+04: the mesh "
+        "is 2e+06 x 1 x 1 in its file's unit of length, and a grid has at most 1048576 voxels along "
+        "each axis");
     const Mesh sheet{
         .file = "sheet.stl", .points = {{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}, .triangles = {{0, 1, 2}}};
     EXPECT_THAT(refusal(sheet, std::nullopt), HasSubstr("enclose nothing"));
@@ -546,6 +554,18 @@ TEST(Resampling, KeepsWhatFillsMostOfAVoxel) {
     LabelledGrid empty{{{3, 1, 1}, {1, 2, 2}, {1, 1, 1}}, {numbered_label(1)}};
     EXPECT_THROW(resample(empty, 2, 0.76, "x.nrrd", limits), BadInput);
     EXPECT_THROW(resample(labelled, 1e-5, 0.5, "x.nrrd", limits), TooLarge);
+}
+
+TEST(Resampling, SaysWhichLimitAGridExceeds) {
+    LabelledGrid wire{{{4, 1, 1}, {1, 1e-6, 1e-6}, {1, 1, 1, 1}}, {numbered_label(1)}};
+    EXPECT_EQ(
+        refusal([&] { resample(wire, 2e-6, 0.5, "x.nrrd", limits); }),
+        "x.nrrd: --pitch: 2e-06, a grid of 2e+06 x 1 x 1 is not accepted; expected a larger one: the "
+        "volume is 4 x 1e-06 x 1e-06 in its unit of length, and a grid has at most 1048576 voxels along "
+        "each axis");
+    LabelledGrid block{{{4, 1, 1}, glm::dvec3(1), {1, 1, 1, 1}}, {numbered_label(1)}};
+    EXPECT_THAT(refusal([&] { resample(block, 1e-3, 0.5, "x.nrrd", limits); }),
+                EndsWith("and at most 16777216 voxels fit here"));
 }
 
 // --- Meshes that a body carries -----------------------------------------------------------------------

@@ -252,16 +252,21 @@ Voxelised voxelise(Mesh mesh, std::optional<double> chosen_pitch, double fill,
     const MeshFacts& facts = surface.facts;
     const double pitch = chosen_pitch.value_or(default_pitch(facts));
     const glm::dvec3 extent = facts.high - facts.low;
-    // Four voxels fit across the thinnest side with this pitch. It is 0 if the mesh is flat.
+    const auto sides_of = [&](double edge) {
+        return glm::max(glm::ceil(extent / edge - 1e-9), glm::dvec3(1));
+    };
+    // Four voxels fit across the thinnest side with this pitch. It is 0 if the mesh is flat. The grid is too
+    // large if the mesh is very long.
     const double thinnest = std::min({extent.x, extent.y, extent.z}) / 4;
+    const bool is_useful = thinnest > 0 && exceeded_limit(sides_of(thinnest), limits).empty();
     const std::string suggestion = fmt::format(
         "about {:.2g}: the mesh is {} in its file's unit of length",
-        thinnest > 0 ? std::min(default_pitch(facts), thinnest) : default_pitch(facts), text_of(extent));
-    const glm::dvec3 sides = glm::max(glm::ceil(extent / pitch - 1e-9), glm::dvec3(1));
+        is_useful ? std::min(default_pitch(facts), thinnest) : default_pitch(facts), text_of(extent));
+    const glm::dvec3 sides = sides_of(pitch);
     const double voxels = sides.x * sides.y * sides.z;
-    if (!(voxels <= double(limits.voxels)) || std::max({sides.x, sides.y, sides.z}) > max_side)
+    if (const std::string limit = exceeded_limit(sides, limits); !limit.empty())
         throw TooLarge(mesh.file, "--pitch", fmt::format("{:g}, a grid of {}", pitch, text_of(sides)),
-                       fmt::format("{}, and at most {} voxels fit here", suggestion, limits.voxels));
+                       fmt::format("{}, and {}", suggestion, limit));
     const glm::ivec3 dims(sides);
     // The grid's middle is that of the mesh.
     const glm::dvec3 low = (facts.low + facts.high) / 2.0 - sides * pitch / 2.0;

@@ -121,6 +121,14 @@ std::uint64_t checked_voxel_count(GridSides dims, const SceneSizeLimits& limits,
     return count;
 }
 
+std::string exceeded_limit(const glm::dvec3& sides, const SceneSizeLimits& limits) {
+    if (!(sides.x * sides.y * sides.z <= double(limits.voxels)))
+        return "at most " + std::to_string(limits.voxels) + " voxels fit here";
+    if (std::max({sides.x, sides.y, sides.z}) > max_side)
+        return "a grid has at most " + std::to_string(max_side) + " voxels along each axis";
+    return {};
+}
+
 VoxelGrid make_box(glm::ivec3 dims) {
     return {dims, glm::dvec3(1),
             std::vector<std::uint8_t>(std::size_t(dims.x) * std::size_t(dims.y) * std::size_t(dims.z),

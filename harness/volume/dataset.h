@@ -46,6 +46,10 @@ using GridSides = glm::vec<3, std::int64_t>;
 std::uint64_t checked_voxel_count(GridSides dims, const SceneSizeLimits& limits, std::string_view file,
                                   std::string_view key);
 
+/// The limit that a grid with these sides exceeds, for messages: "at most 1000 voxels fit here". Empty if it
+/// exceeds none.
+std::string exceeded_limit(const glm::dvec3& sides, const SceneSizeLimits& limits);
+
 /// The sides as text: "60 x 51 x 46".
 std::string to_string(GridSides dims);
 

@@ -47,14 +47,11 @@ glm::dvec3 resample(LabelledGrid& labelled, double pitch, double fill, const std
     const glm::dvec3 extent = glm::dvec3(old.dims) * old.spacing;
     const glm::dvec3 sides = glm::max(glm::ceil(extent / pitch - rounding), glm::dvec3(1));
     const std::string size = fmt::format("{:g} x {:g} x {:g}", extent.x, extent.y, extent.z);
-    if (!(sides.x * sides.y * sides.z <= double(limits.voxels)) ||
-        std::max({sides.x, sides.y, sides.z}) > max_side)
+    if (const std::string limit = exceeded_limit(sides, limits); !limit.empty())
         throw TooLarge(
             file, "--pitch",
             fmt::format("{:g}, a grid of {:.4g} x {:.4g} x {:.4g}", pitch, sides.x, sides.y, sides.z),
-            fmt::format("a larger one: the volume is {} in its unit of length, and at most {} voxels "
-                        "fit here",
-                        size, limits.voxels));
+            fmt::format("a larger one: the volume is {} in its unit of length, and {}", size, limit));
     VoxelGrid grid{glm::ivec3(sides), glm::dvec3(pitch), {}};
     grid.label.resize(std::size_t(sides.x) * std::size_t(sides.y) * std::size_t(sides.z));
     std::array<std::vector<Overlap>, 3> axes;
