@@ -98,9 +98,11 @@ std::string describe(const BodyParts& parts, bool has_gravity) {
     const std::size_t loose = parts.loose().size();
     std::string text = fmt::format("the body has {} parts: {}", with_commas(sizes.size()), list);
     if (loose > 0)
-        text += fmt::format("; {} {} in parts that nothing pins, and {}", with_commas(loose),
+        text += fmt::format("; {} {} in parts that nothing pins{}", with_commas(loose),
                             loose == 1 ? "particle is" : "particles are",
-                            has_gravity ? (loose == 1 ? "falls" : "fall") : "nothing holds them back");
+                            !has_gravity ? ""
+                            : loose == 1 ? ", and falls"
+                                         : ", and fall");
     return text;
 }
 

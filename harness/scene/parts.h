@@ -27,7 +27,7 @@ struct BodyParts {
 BodyParts parts_of(const Problem& problem);
 
 /// A note: "the body has 3 parts: 10,437, 9 and 5 particles; 14 particles are in parts that nothing pins, and
-/// fall". Without gravity "nothing holds them back" replaces "fall". The text is empty if there is one part.
+/// fall". Without gravity it ends after "pins". The text is empty if there is one part.
 std::string describe(const BodyParts& parts, bool has_gravity);
 
 /// Writes the number 12345 as "12,345".
