@@ -128,10 +128,11 @@ private:
             const int row = n / across;
             const int i = x + n % across * piece, j = y + row % height, axis = row / height;
             const bool inside = i >= 0 && i < step_.nx && j >= 0 && j < step_.ny;
-            const Real* const at = from + std::size_t(axis) * step_.axis + std::size_t(z) * step_.plane +
-                                   std::size_t(j) * step_.row + std::size_t(i);
+            // No pointer is formed from an element outside: i and j may be negative there.
+            const std::size_t element = std::size_t(axis) * step_.axis + std::size_t(z) * step_.plane +
+                                        std::size_t(j) * step_.row + std::size_t(i);
             const int present = step_.nx - i < piece ? step_.nx - i : piece;
-            copy_async(to + n * piece, inside ? at : from, inside ? present * real : 0);
+            copy_async(to + n * piece, from + (inside ? element : 0), inside ? present * real : 0);
         }
     }
 
