@@ -20,6 +20,7 @@ struct Momentum {
 Momentum momentum(const Problem& problem, const State& state);
 
 /// Energy of the particles that can move and of the springs between particles; a tool's springs do not count.
+/// Velocities are those of Momentum, so the problem must have a time step.
 struct Energy {
     double kinetic = 0;     ///< sum of m |v|^2 / 2
     double springs = 0;     ///< sum of k (|d| - l)^2 / 2, free of cancellation
