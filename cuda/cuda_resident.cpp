@@ -192,15 +192,16 @@ public:
         start(problem, state, place_compact(problem), problem.lattice.mask, prepare(problem));
     }
 
-    /// Empty unless threads have several particles. Then cuda_bricks may be faster: the rules of `--backend
-    /// auto` come from cards with enough multiprocessors for one particle per thread.
+    /// A tool that moves leaves few steps per launch instead of thousands. Otherwise empty unless threads
+    /// have several particles. Then cuda_bricks may be faster: the rules of `--backend auto` come from cards
+    /// with enough multiprocessors for one particle per thread.
     std::string outpaced(const Problem& problem) const override {
+        if (problem.has_tool()) return "a tool ends its launches after few steps";
         const auto bricks = registry().find("cuda_bricks");
         const auto layout = layout_of(problem, stressed_at_rest(problem));
         if (layout->turns == 1 || bricks == registry().end()) return {};
         const auto& known = bricks->second.formulations;
-        if (std::find(known.begin(), known.end(), formulation()) == known.end() || problem.has_tool() ||
-            !problem.ghosts.empty() ||
+        if (std::find(known.begin(), known.end(), formulation()) == known.end() || !problem.ghosts.empty() ||
             !class_refusal(problem, Precision::float32, formulation(), "bricks").empty())
             return {};
         const MarchDevice planned = march_device(device());

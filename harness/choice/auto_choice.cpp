@@ -22,10 +22,6 @@ constexpr double any_number = std::numeric_limits<double>::infinity();
 /// Backends that are never chosen for scenes with edits: they rebuild their tables at every edit, which takes
 /// long for a large body.
 const std::set<std::string> never_edited = {"cuda_march"};
-/// Backends that are never chosen for scenes with a tool, although they accept tools: with a tool
-/// cuda_resident takes few steps per launch instead of thousands. Backends that refuse every tool need not be
-/// listed.
-const std::set<std::string> never_held = {"cuda_resident"};
 
 /// Why a backend is fast, as text for users.
 std::string reason_for(const std::string& backend) {
@@ -79,7 +75,7 @@ const std::vector<Rule>& rules() {
                                bound(particles[0]), bound(particles[1]), bound(occupancy[0]),
                                bound(occupancy[1]),
                                never_edited.contains(backend) ? any_number : edited.value(backend, 0.0),
-                               block.at("increments"), !never_held.contains(backend), reason_for(backend)});
+                               block.at("increments"), reason_for(backend)});
             }
         }
         return all;
@@ -91,7 +87,7 @@ Workload workload_of(const Scene& scene, Formulation formulation) {
     double between = any_number;
     if (!scene.edits.empty()) between = double(scene.edits.back().step + 1) / double(scene.edits.size());
     return {scene.problem.lattice.voxel_count(), scene.problem.particle_count(), between,
-            scene.problem.has_tool(), by_increments(formulation)};
+            by_increments(formulation)};
 }
 
 bool holds(const Rule& rule, const Workload& workload) {
@@ -100,7 +96,7 @@ bool holds(const Rule& rule, const Workload& workload) {
     const double occupancy = workload.voxels == 0 ? 0 : workload.occupancy();
     return particles >= rule.min_particles && particles < rule.max_particles &&
            occupancy >= rule.min_occupancy && occupancy < rule.max_occupancy &&
-           workload.steps_between_edits >= rule.min_steps_between_edits && (rule.tool || !workload.held) &&
+           workload.steps_between_edits >= rule.min_steps_between_edits &&
            workload.increments == rule.increments;
 }
 
@@ -175,7 +171,7 @@ nlohmann::json choose_among(const Result& result, const std::vector<Row>& rows) 
     const bool increments =
         std::any_of(every_formulation.begin(), every_formulation.end(),
                     [&](Formulation f) { return to_string(f) == of.formulation && by_increments(f); });
-    const Workload workload{first.reference.value().voxels, first.workpiece.value().particles, between, false,
+    const Workload workload{first.reference.value().voxels, first.workpiece.value().particles, between,
                             increments};
     // `known` are the backends with a row of this formulation and precision. `refused` are those of them that
     // did not run the scene.

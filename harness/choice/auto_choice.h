@@ -23,7 +23,6 @@ struct Workload {
     std::uint64_t voxels = 0, particles = 0;
     /// Mean number of steps between two edits that cut or join springs; infinite if the scene has no edits.
     double steps_between_edits = std::numeric_limits<double>::infinity();
-    bool held = false;       ///< whether a tool holds particles
     bool increments = true;  ///< whether the state has the increments of particles: by_increments()
     double occupancy() const { return double(particles) / double(voxels); }
 };
@@ -39,7 +38,6 @@ struct Rule {
     double min_occupancy, max_occupancy;
     double min_steps_between_edits;  ///< infinite: the rule is only for scenes without edits
     bool increments;                 ///< what Workload::increments must be
-    bool tool;                       ///< whether the rule also holds if Workload::held
     std::string reason;              ///< why the backend is fast, as text for users
 };
 /// The rules in order of preference. The choice is the backend of the first rule that holds for the workload
