@@ -40,7 +40,8 @@ struct BackendEntry {
     /// The API that it is written in (Api::name). Backends of one API share a driver.
     std::string api = host_api;
     Addressing addressing = Addressing::by_lists;
-    std::string summary;                                           ///< one sentence
+    std::string summary;        ///< one sentence
+    std::string strength = {};  ///< why it is fast, as text for users; empty: because of its addressing
     std::vector<Precision> precisions{Precision::float32};         ///< the default first
     std::vector<Formulation> formulations{Formulation::position};  ///< the default first
     std::map<std::string, TuningValues> tuning;

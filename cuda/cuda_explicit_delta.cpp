@@ -185,6 +185,7 @@ const Registered entry({
     .api = "cuda",
     .summary = "One thread per particle, neighbours by delta-compressed lists that runs of particles share, "
                "springs beyond the lattice by one list per 32 particles.",
+    .strength = "only active particles have neighbour lists, and all particles of a run share one list",
     .precisions = {Precision::float32, Precision::float64},
     .formulations = every_formulation,
     // On an H200, dependent launches make a step of the heart take 0.86 times as long. For box 96^3 they

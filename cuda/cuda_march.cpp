@@ -307,6 +307,7 @@ const Registered entry({
     .summary =
         "Blocks march along z, two to four columns per thread, planes copied ahead into shared memory. "
         "Only one material, face and edge springs.",
+    .strength = "each thread marches along a column and reads a particle once",
     .precisions = {Precision::float32, Precision::float64},
     .formulations = {Formulation::increment, Formulation::position, Formulation::displacement},
     // How windows are filled. `auto`: by the tensor copy engine from compute capability 9.0 on, otherwise by

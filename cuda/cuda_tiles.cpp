@@ -167,6 +167,7 @@ const Registered entry({
     .summary =
         "One or two threads per active tile of 2x2x2 voxels, tiles by list, neighbours by rows of tiles; "
         "springs within a thread's share are computed once. Only one material, face and edge springs.",
+    .strength = "only active tiles are stepped, each by one or two threads",
     .precisions = {Precision::float32, Precision::float64},
     .formulations = {Formulation::increment, Formulation::position, Formulation::displacement},
     .tuning = {{"threads", {"auto", "1", "2"}}},

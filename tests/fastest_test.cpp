@@ -353,6 +353,10 @@ TEST(Auto, GoesOnFromABackendThatAnotherOneOutpaces) {
     EXPECT_EQ(choice().spec.entry->name, "cpu_parallel");
     EXPECT_THAT(choice().reason, Not(HasSubstr("; not ")));
     BackendEntry& entry = const_cast<BackendEntry&>(registry().at("cpu_parallel"));
+    EXPECT_THAT(choice().reason, HasSubstr(": " + entry.strength));
+    const std::string strength = std::exchange(entry.strength, "");
+    EXPECT_THAT(choice().reason, HasSubstr(": a lattice needs no neighbour lists"));
+    entry.strength = strength;
     const auto make =
         std::exchange(entry.make, [](const Options&) { return std::make_unique<SlowBackend>(); });
     EXPECT_EQ(choice().spec.entry->name, "cpu_explicit");

@@ -543,6 +543,7 @@ const Registered entry({
     .name = "cpu_parallel",
     .addressing = Addressing::by_grid,
     .summary = "All cores and their SIMD registers, with implicit addressing on a padded grid.",
+    .strength = "it steps on every core, with SIMD instructions",
     .precisions = {Precision::float32, Precision::float64},
     .formulations = every_formulation,
     .tuning = {{"threads", {}},

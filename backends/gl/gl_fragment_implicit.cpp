@@ -126,6 +126,7 @@ const Registered entry({
     .summary =
         "OpenGL fragment shader over the flattened grid, neighbours by grid offset (Mosegaard and Sorensen "
         "2005).",
+    .strength = "a lattice needs no neighbour lists, and the stencil mask skips empty voxels",
     .precisions = {Precision::float32},
     .formulations = every_formulation,
     .tuning = gl::fragment_tuning(),

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <map>
 #include <nlohmann/json.hpp>
 #include <set>
 #include <utility>
@@ -23,21 +22,13 @@ constexpr double any_number = std::numeric_limits<double>::infinity();
 /// long for a large body.
 const std::set<std::string> never_edited = {"cuda_march"};
 
-/// Why a backend is fast, as text for users.
+/// Why a backend is fast, as text for users. A build that leaves the backend out does not know.
 std::string reason_for(const std::string& backend) {
-    static const std::map<std::string, std::string> reasons = {
-        {"cuda_resident", "state stays on the chip from step to step"},
-        {"cuda_bricks", "shared memory of all multiprocessors holds the state from step to step"},
-        {"cuda_march", "each thread marches along a column and reads a particle once"},
-        {"cuda_tiles", "only active tiles are stepped, each by one or two threads"},
-        {"cuda_explicit_delta",
-         "only active particles have neighbour lists, and all particles of a run share one list"},
-        {"gl_fragment_implicit",
-         "a lattice needs no neighbour lists, and the stencil mask skips empty voxels"},
-        {"cpu_parallel", "it steps on every core, with SIMD instructions"}};
-    if (const auto found = reasons.find(backend); found != reasons.end()) return found->second;
-    return backend.find("implicit") != std::string::npos ? "a lattice needs no neighbour lists"
-                                                         : "neighbour lists allow springs beyond the lattice";
+    const auto found = registry().find(backend);
+    if (found == registry().end()) return "measured as the fastest";
+    if (!found->second.strength.empty()) return found->second.strength;
+    return found->second.addressing == Addressing::by_grid ? "a lattice needs no neighbour lists"
+                                                           : "neighbour lists allow springs beyond the lattice";
 }
 
 std::string count_text(std::uint64_t count) {
@@ -47,7 +38,7 @@ std::string count_text(std::uint64_t count) {
 
 std::string said(const Rule& rule, const Workload& workload) {
     return rule.backend + (rule.tuning.empty() ? "" : ":" + rule.tuning) + ", " + describe(workload) + ": " +
-           rule.reason;
+           reason_for(rule.backend);
 }
 
 std::string options_of(const std::string& text) {
@@ -75,7 +66,7 @@ const std::vector<Rule>& rules() {
                                bound(particles[0]), bound(particles[1]), bound(occupancy[0]),
                                bound(occupancy[1]),
                                never_edited.contains(backend) ? any_number : edited.value(backend, 0.0),
-                               block.at("increments"), reason_for(backend)});
+                               block.at("increments")});
             }
         }
         return all;

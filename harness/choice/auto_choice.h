@@ -38,7 +38,6 @@ struct Rule {
     double min_occupancy, max_occupancy;
     double min_steps_between_edits;  ///< infinite: the rule is only for scenes without edits
     bool increments;                 ///< what Workload::increments must be
-    std::string reason;              ///< why the backend is fast, as text for users
 };
 /// The rules in order of preference. The choice is the backend of the first rule that holds for the workload
 /// and whose backend is available, supports the problem and is not outpaced: predicted to be slower than
