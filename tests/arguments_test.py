@@ -241,6 +241,27 @@ class Output(InTemporaryFolder):
             self.assertIn(ran.returncode, (0, 2), ran.stderr)
             self.assertNotIn("json.exception", ran.stderr)
 
+    def test_advice_takes_only_whole_results_of_its_kind(self):
+        def context(kind, **more):
+            return {"context": {"voxspring": {"study": {"kind": kind}, **more}}}
+
+        for kind, scene, options in (("truth", "cantilever", ["--continuum", "--error", 1]), ("scaling", "box@4", ["--ranks", 2])):
+            row = {"name": f"{scene}/cpu_explicit/increment/float64", "scene": scene, "particles": 8, "steps": 1}
+            whole = context(kind) | {kind: [row]}
+            for result, words in (
+                    (context("timing") | {"benchmarks": []}, [f"{kind} is missing", f"result of a study of kind {kind}"]),
+                    ({kind: [row]}, ["context is missing"]),
+                    (whole | {"context": 1}, ["context: 1", "an object"]),
+                    (whole | context("pareto"), ['context.voxspring.study.kind: "pareto"', f"expected {kind}"]),
+                    (whole | {kind: 3}, [f"{kind}: 3", "an array"]),
+                    (whole | {kind: []}, [f"{kind}: {scene}", "it has none"]),
+                    (whole | {kind: [row | {"name": "box"}]}, [f'{kind}[0].name: "box"', f"{scene}/BACKEND"]),
+                    (whole | {kind: [{"name": row["name"], "scene": scene}]}, [f"{kind}[0].particles is missing"]),
+                    (whole | {kind: [row, row | {"steps": "many"}]}, [f"{kind}[1]: ", "results/schema.json"]),
+                    (context(kind, counters={"steps": {"unit": "eV", "better": "less"}}) | {kind: [row]}, [f"{kind}[0]: ", "eV"])):
+                other = self.write("other.json", result)
+                self.assert_refused(voxspring("advise", scene, *options, "--results", other), "other.json", *words)
+
     def test_progress_in_a_pipe(self):
         environment = os.environ | {"VOXSPRING_PROGRESS_SECONDS": "0.02"}
         ran = succeeds("run", "box@20", "--backend", "cpu_reference", "--steps", 400, env=environment)

@@ -4,14 +4,12 @@
 
 #include <algorithm>
 #include <cmath>
-#include <nlohmann/json.hpp>
 #include <set>
 #include <utility>
 
-#include "harness/base/bad_input.h"
 #include "harness/base/json.h"
 #include "harness/base/text.h"
-#include "harness/results/row_fields.h"
+#include "harness/study/study_kind.h"
 
 namespace voxspring {
 namespace {
@@ -74,24 +72,9 @@ void compare(ScalingRow& row, const ScalingRow& one) {
 }
 
 std::vector<ScalingRow> scaling_rows_of(JsonObject result, const std::string& scene) {
-    check_schema_version(result, result_schema_version);
-    const JsonValue list = result.require("scaling", "the result of a study of kind scaling");
-    std::vector<ScalingRow> rows;
-    std::set<std::string> scenes;
-    for (const JsonValue& item : list.array()) {
-        ScalingRow row;
-        try {
-            row = row_of_json<ScalingRow>(item.raw());
-        } catch (const nlohmann::json::exception& error) {
-            throw BadInput(list.file(), "scaling", error.what(), "rows as results/schema.json has them");
-        }
-        scenes.insert(row.identity.scene);
-        if (row.identity.scene == scene) rows.push_back(std::move(row));
-    }
-    if (rows.empty())
-        throw BadInput(list.file(), "scaling", scene,
-                       "one of the result's scenes: " +
-                           (scenes.empty() ? "it has none" : joined({scenes.begin(), scenes.end()})));
+    Result read = read_result_of("scaling", std::move(result), scene);
+    std::vector<ScalingRow> rows = std::move(read.rows<ScalingRow>("scaling"));
+    std::erase_if(rows, [&](const ScalingRow& row) { return row.identity.scene != scene; });
     return rows;
 }
 

@@ -64,8 +64,7 @@ struct ScalingRow : Row {
 /// time of an exchange was not measured, or if there is no such size.
 void compare(ScalingRow& row, const ScalingRow& one);
 
-/// The rows of `scene` in the result of a scaling study. Throws BadInput if the result has no list `scaling`,
-/// no row of the scene, or a row unlike results/schema.json.
+/// The rows of `scene` in the result of a scaling study. Throws BadInput as read_result_of().
 std::vector<ScalingRow> scaling_rows_of(JsonObject result, const std::string& scene);
 
 /// Prints which scenes were verified by a sample only.

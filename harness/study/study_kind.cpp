@@ -2,8 +2,12 @@
 
 #include <fmt/format.h>
 
+#include <cstddef>
+#include <exception>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <set>
+#include <stdexcept>
 #include <utility>
 
 #include "harness/base/bad_input.h"
@@ -17,6 +21,21 @@ using Factories = std::map<std::string, std::function<std::unique_ptr<StudyKind>
 Factories& factories() {
     static Factories all;
     return all;
+}
+
+/// The row of a file with its counters, which the file describes in its context.
+nlohmann::json with_counters(nlohmann::json row, const nlohmann::json& counters) {
+    for (const auto& [name, of] : counters.items()) {
+        if (!row.contains(name)) continue;
+        row["counters"].push_back(of);
+        row["counters"].back()["name"] = name;
+    }
+    return row;
+}
+
+BadInput refusal_of_row(const std::string& file, const std::string& list, std::size_t number,
+                        const std::exception& error) {
+    return {file, fmt::format("{}[{}]", list, number), error.what(), "a row as results/schema.json has it"};
 }
 
 }  // namespace
@@ -58,7 +77,7 @@ void print_result(const Result& result, std::ostream& out, TableWidth width) {
                            of.at("force").get<std::string>());
 }
 
-Result read_result(const nlohmann::json& file) {
+Result read_result(const nlohmann::json& file, const std::string& name) {
     Result result;
     result.context = file.at("context");
     const nlohmann::json study = result.own_context().value("study", nlohmann::json::object());
@@ -67,16 +86,41 @@ Result read_result(const nlohmann::json& file) {
     result.own_context().erase("counters");
     for (const auto& [list, rows] : file.items()) {
         if (!rows.is_array()) continue;
-        for (nlohmann::json row : rows) {
-            for (const auto& [name, of] : counters.items()) {
-                if (!row.contains(name)) continue;
-                row["counters"].push_back(of);
-                row["counters"].back()["name"] = name;
+        for (std::size_t n = 0; n < rows.size(); ++n) {
+            try {
+                result.add(list, with_counters(rows[n], counters));
+            } catch (const nlohmann::json::exception& error) {
+                throw refusal_of_row(name, list, n, error);
+            } catch (const std::logic_error& error) {  // an unknown unit, or a counter that is there twice
+                throw refusal_of_row(name, list, n, error);
             }
-            result.add(list, row);
         }
     }
     return result;
+}
+
+Result read_result_of(const std::string& kind, JsonObject file, const std::string& scene) {
+    const std::string accepted = "the result of a study of kind " + kind;
+    check_schema_version(file, result_schema_version);
+    const JsonValue list = file.require(kind, accepted);
+    JsonObject context = file.require("context", accepted).object().require("voxspring", accepted).object();
+    const JsonValue found = context.require("study", accepted).object().require("kind", accepted);
+    if (found.string() != kind) found.refuse(kind);
+    std::set<std::string> scenes;
+    for (const JsonValue& item : list.array()) {
+        JsonObject row = item.object();
+        const std::string of = row.require("scene").string();
+        // Tables have the name without its scene (Row::label()), and the size of the body.
+        const JsonValue name = row.require("name");
+        if (!name.string().starts_with(of + "/")) name.refuse(of + "/BACKEND/FORMULATION/PRECISION");
+        (void)row.require("particles", "a number").number();
+        scenes.insert(of);
+    }
+    if (!scenes.contains(scene))
+        throw BadInput(list.file(), kind, scene,
+                       "one of the result's scenes: " +
+                           (scenes.empty() ? "it has none" : joined({scenes.begin(), scenes.end()})));
+    return read_result(file.value().json(), list.file());
 }
 
 }  // namespace voxspring

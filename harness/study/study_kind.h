@@ -76,7 +76,11 @@ std::unique_ptr<StudyKind> kind_of(const Study& study);
 /// Prints a result by its kind.
 void print_result(const Result& result, std::ostream& out, TableWidth width = 0);
 
-/// Reads a result from the JSON of its file. Its kind of study must be registered.
-Result read_result(const nlohmann::json& file);
+/// Reads a result from the JSON of its file, which messages call `name`. Its kind of study must be
+/// registered. Throws BadInput for a row unlike results/schema.json.
+Result read_result(const nlohmann::json& file, const std::string& name = "result");
+/// Reads the result of a study of kind `kind`, whose rows are in a list of the same name. Throws BadInput if
+/// the file has no such result, a row that could not be printed, or no row of `scene`.
+Result read_result_of(const std::string& kind, JsonObject file, const std::string& scene);
 
 }  // namespace voxspring
