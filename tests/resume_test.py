@@ -116,6 +116,12 @@ class Interrupted(InTemporaryFolder):
         self.assertIn("\n  voxspring run box@8 --backend cpu_parallel:", said)
         self.assertLess(seconds, SOON_SECONDS)
 
+    def test_advise_on_the_continuum_says_that_it_was_interrupted(self):
+        code, said, errors, _ = self.interrupt("advise", "cantilever", "--continuum", "--error", "0.1", "--backend", "cpu_explicit",
+                                               after=" across")
+        self.assertEqual(code, 130, errors)
+        self.assertRegex(said, r"^cantilever: interrupted( before anything was measured\n$|; the advice follows from what was measured\ncan)")
+
 
 class Resume(InTemporaryFolder):
     def run_in_two(self, scene, backend, steps, first, name="body"):

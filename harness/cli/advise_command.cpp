@@ -146,6 +146,16 @@ int print_advice_on_errors(const std::string& argument, const AdviseOptions& opt
     return exit_code;
 }
 
+/// Prints that there is nothing to advise on.
+void print_nothing_measured(const std::string& argument, bool unfinished, std::ostream& out) {
+    out << argument << ": " << (unfinished ? "interrupted before anything" : "nothing") << " was measured\n";
+}
+
+/// Prints, before the advice of an interrupted measurement, that more was to be measured.
+void print_interrupted(const std::string& argument, std::ostream& out) {
+    out << argument << ": interrupted; the advice follows from what was measured\n";
+}
+
 /// Prints whether several ranks are faster than one, and the fastest row.
 int print_advice_on_ranks(const std::string& argument, const AdviseOptions& options, std::ostream& out) {
     std::vector<ScalingRow> rows;
@@ -158,9 +168,7 @@ int print_advice_on_ranks(const std::string& argument, const AdviseOptions& opti
         rows = result.rows<ScalingRow>("scaling");
     }
     if (rows.empty()) {
-        (options.json ? std::cerr : out)
-            << argument << ": " << (unfinished ? "interrupted before anything" : "nothing")
-            << " was measured\n";
+        print_nothing_measured(argument, unfinished, options.json ? std::cerr : out);
         return unfinished ? interrupted_exit_code : 1;
     }
     const ScalingRow& best = *std::min_element(rows.begin(), rows.end(), [](const auto& a, const auto& b) {
@@ -173,7 +181,7 @@ int print_advice_on_ranks(const std::string& argument, const AdviseOptions& opti
         out << json_text(json, 2) << "\n";
         return exit_code;
     }
-    if (unfinished) out << argument << ": interrupted; the advice follows from what was measured\n";
+    if (unfinished) print_interrupted(argument, out);
     print_what_pays(rows, out);
     out << fmt::format(
         "best: {} by {}, {} per step\n", best.label(),
@@ -211,9 +219,10 @@ int print_advice_on_continuum(const std::string& argument, const AdviseOptions& 
     }
     const TruthRow* shown = best != nullptr ? best : closest;
     if (shown == nullptr) {
-        out << argument << ": nothing was measured\n";
+        print_nothing_measured(argument, unfinished, out);
         return exit_code;
     }
+    if (unfinished) print_interrupted(argument, out);
     out << argument << ": "
         << (best != nullptr
                 ? fmt::format("an error of {:g} against the continuum is reached soonest by\n",
