@@ -34,6 +34,8 @@ const std::string& measured_card() {
     return uuid;
 }
 
+std::string device_option(const std::string& api) { return "--" + api + "-device"; }
+
 std::string device_variable(const std::string& api) {
     std::string name = "VOXSPRING_" + api + "_DEVICE";
     std::transform(name.begin(), name.end(), name.begin(),

@@ -37,6 +37,8 @@ const std::map<std::string, Api>& apis();
 /// first call asks the APIs, so the result stays the same even if the card fails later.
 const std::string& measured_card();
 
+/// The option of the command line that selects the device for backends of `api`: --vulkan-device.
+std::string device_option(const std::string& api);
 /// The name of the environment variable that selects the device for backends of `api`, such as
 /// VOXSPRING_VULKAN_DEVICE. Its value is a device's number or a part of its name (devices_to_try()). Child
 /// processes inherit the variable.

@@ -650,6 +650,17 @@ class Pareto(InTemporaryFolder):
         parts = json_of("advise", "box@6", "--error", 1, "--results", self.out, "--json", "--parts", 30)
         self.assertIn(" --parts 30 ", parts["best"]["command"])
 
+    def test_the_command_that_it_ends_with_takes_the_same_device(self):
+        if not json_of("list", "--json").get("vulkan_devices"):
+            self.skipTest("no Vulkan")
+        row = next(row for row in self.result["pareto"] if row["scene"] == "box@6" and row["precision"] == "float32")
+        on_card = row | {"backend": "vulkan_implicit", "tuning": "", "device": "a card", "seconds": 0.5 * row["seconds"]}
+        result = self.write("two.json", self.result | {"pareto": [row, on_card]})
+        advice = json_of("advise", "box@6", "--error", 1, "--results", result, "--json", "--vulkan-device", 0)
+        self.assertIn(" --backend vulkan_implicit:", advice["best"]["command"])
+        self.assertIn(" --vulkan-device 0 ", advice["best"]["command"])
+        self.assertNotIn("--vulkan-device", advice["runners_up"][0]["command"])
+
     def displacement_after(self, *arguments):
         out = self.folder / "displacement.npz"
         succeeds(*arguments, "--out", out)

@@ -297,6 +297,9 @@ class View(InTemporaryFolder):
         self.assertIn("no window", ran.stderr)
         self.assertIn("voxspring run", ran.stderr)
         self.assertIn("--frames", ran.stderr)
+        volume = self.write("two labels.nrrd", nrrd("4 4 4", [1, 2] * 32))
+        ran = run(VOXSPRING, "view", volume, "--labels", 2, env=nowhere)
+        self.assertIn(f"voxspring run '{volume}' --labels 2 --backend auto --frames frames ", ran.stderr)
 
     def test_bad_input_is_refused_before_a_window_opens(self):
         for arguments, words in ((["nowhere.json"], "nowhere.json"), ([self.scene, "--backend", "cuda_nothing"], "cuda_nothing"),

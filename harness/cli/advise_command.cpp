@@ -1,5 +1,4 @@
 #include <fmt/format.h>
-#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <iostream>
@@ -38,32 +37,13 @@ Result measured(const std::string& study, const std::string& scene, const Advise
     return result;
 }
 
-/// The options of `voxspring run` that make the same body from a volume or mesh, quoted for a shell.
-std::string text_of(const VolumeOptions& volume) {
-    const auto vector = [](const glm::dvec3& v) { return fmt::format("{},{},{}", v.x, v.y, v.z); };
-    std::string text;
-    if (volume.labels) text += " --labels " + shell_word(fmt::format("{}", fmt::join(*volume.labels, ",")));
-    if (volume.threshold) text += fmt::format(" --threshold {}", *volume.threshold);
-    if (volume.frame) text += fmt::format(" --frame {}", *volume.frame);
-    if (volume.spacing) text += " --spacing " + vector(*volume.spacing);
-    if (volume.pitch) text += fmt::format(" --pitch {}", *volume.pitch);
-    if (volume.fill) text += fmt::format(" --fill {}", *volume.fill);
-    if (volume.gravity) text += " --gravity " + vector(*volume.gravity);
-    if (volume.parts) text += " --parts " + volume.parts->text();
-    if (volume.young) text += fmt::format(" --young {} --density {}", *volume.young, *volume.density);
-    if (volume.unit) text += " --unit " + shell_word(*volume.unit);
-    if (volume.damping) text += fmt::format(" --damping {}", *volume.damping);
-    if (volume.corners) text += " --corners";
-    return text;
-}
-
 /// The command that repeats the run of a candidate. Its time step has all digits, so that the run is the same
 /// to the last bit.
 std::string command_of(const Candidate& candidate, const std::string& argument,
                        const AdviseOptions& options) {
-    return fmt::format("voxspring run {}{} --backend {} --time-step {} --steps {} --out state.npz",
-                       shell_word(argument), text_of(options.study.volume),
-                       shell_word(specification(candidate)), candidate.time_step, candidate.steps);
+    return fmt::format("{} --time-step {} --steps {} --out state.npz",
+                       run_command_of(argument, options.study.volume, specification(candidate)),
+                       candidate.time_step, candidate.steps);
 }
 
 nlohmann::json to_json(const Candidate& candidate, const std::string& command) {

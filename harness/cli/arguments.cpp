@@ -149,7 +149,7 @@ CLI::Option* add_repetitions(CLI::App& command, StudyOptions& study, const char*
 /// Adds the option that chooses the device of `api`. The option sets an environment variable, which processes
 /// that the command starts inherit.
 void add_device(CLI::App& command, const Api& api) {
-    const std::string option = "--" + api.name + "-device";
+    const std::string option = device_option(api.name);
     command
         .add_option_function<std::string>(
             option,

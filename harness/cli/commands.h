@@ -43,6 +43,10 @@ struct RunOptions {
 /// `voxspring run`: runs a scene on a backend and returns the exit code. Throws BadInput, BadSpecification.
 int run_scene(const std::string& scene, const RunOptions& options, std::ostream& out);
 
+/// The command that runs `backend` on the same body and device, each word as a shell reads it: "voxspring run
+/// SCENE --labels 2 --backend vulkan_implicit --vulkan-device 1".
+std::string run_command_of(const std::string& scene, const VolumeOptions& volume, const std::string& backend);
+
 /// `voxspring study`: runs a study, prints its result and returns the exit code. Throws BadInput,
 /// BadSpecification.
 int run_and_print_study(const std::string& study, const StudyOptions& options, std::ostream& out);

@@ -1,4 +1,5 @@
 #include <fmt/format.h>
+#include <fmt/ranges.h>
 
 #include <algorithm>
 #include <bit>
@@ -11,6 +12,7 @@
 #include <utility>
 #include <vector>
 
+#include "backends/api.h"
 #include "backends/registry.h"
 #include "harness/base/bad_input.h"
 #include "harness/base/interruption.h"
@@ -29,6 +31,39 @@
 
 namespace voxspring {
 namespace {
+
+/// The options of `voxspring run` that make the same body from a volume or mesh, quoted for a shell.
+std::string text_of(const VolumeOptions& volume) {
+    const auto vector = [](const glm::dvec3& v) { return fmt::format("{},{},{}", v.x, v.y, v.z); };
+    std::string text;
+    if (volume.labels) text += " --labels " + shell_word(fmt::format("{}", fmt::join(*volume.labels, ",")));
+    if (volume.threshold) text += fmt::format(" --threshold {}", *volume.threshold);
+    if (volume.frame) text += fmt::format(" --frame {}", *volume.frame);
+    if (volume.spacing) text += " --spacing " + vector(*volume.spacing);
+    if (volume.pitch) text += fmt::format(" --pitch {}", *volume.pitch);
+    if (volume.fill) text += fmt::format(" --fill {}", *volume.fill);
+    if (volume.gravity) text += " --gravity " + vector(*volume.gravity);
+    if (volume.parts) text += " --parts " + volume.parts->text();
+    if (volume.young) text += fmt::format(" --young {} --density {}", *volume.young, *volume.density);
+    if (volume.unit) text += " --unit " + shell_word(*volume.unit);
+    if (volume.damping) text += fmt::format(" --damping {}", *volume.damping);
+    if (volume.corners) text += " --corners";
+    return text;
+}
+
+/// The options that choose the devices which the command line or an environment variable asks for: of the API
+/// of `backend`, or of each API if the backend is `auto` or of another build.
+std::string device_options_for(const std::string& backend) {
+    const auto entry = registry().find(backend.substr(0, backend.find(':')));
+    std::string text;
+    for (const auto& [name, api] : apis()) {
+        const std::string asked = asked_device(name);
+        if (!api.devices || asked.empty()) continue;
+        if (entry == registry().end() || entry->second.api == name)
+            text += " " + device_option(name) + " " + shell_word(asked);
+    }
+    return text;
+}
 
 /// The largest displacements from rest: `loose` in parts of the body that fall away since no particle of them
 /// is held (BodyParts::loose()), `held` in all other parts. Both are not finite if any displacement is not
@@ -356,6 +391,12 @@ private:
 };
 
 }  // namespace
+
+std::string run_command_of(const std::string& scene, const VolumeOptions& volume,
+                           const std::string& backend) {
+    return fmt::format("voxspring run {}{} --backend {}{}", shell_word(scene), text_of(volume),
+                       shell_word(backend), device_options_for(backend));
+}
 
 int run_scene(const std::string& argument, const RunOptions& options, std::ostream& out) {
     return Run(argument, options, out).exit_code();

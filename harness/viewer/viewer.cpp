@@ -22,6 +22,7 @@
 #include "harness/base/progress.h"
 #include "harness/choice/auto_choice.h"
 #include "harness/cli/arguments.h"
+#include "harness/cli/commands.h"
 #include "harness/drawing/body_painter.h"
 #include "harness/mesh/carried_mesh.h"
 #include "harness/scene/parts.h"
@@ -463,9 +464,8 @@ int view_scene(const std::string& scene, const ViewOptions& options, std::ostrea
         return Viewer(std::move(loaded), options, out).run();
     } catch (const Unavailable& absent) {
         throw Unavailable(
-            fmt::format("view: {}\nWithout a display: voxspring run {} --backend {} --frames frames "
-                        "draws pictures of a run.",
-                        absent.what(), scene, options.backend));
+            fmt::format("view: {}\nWithout a display: {} --frames frames draws pictures of a run.",
+                        absent.what(), run_command_of(scene, options.volume, options.backend)));
     }
 }
 
