@@ -74,7 +74,10 @@ class Words(InTemporaryFolder):
                 self.assert_refused(voxspring("study", "smoke", f"{option}={value}"), option, value, accepted)
         for value in ("0", "-1", "nan", "inf", "small"):
             self.assert_refused(voxspring("advise", "box@4", f"--error={value}"), "--error", value, "a number from 1e-30 to 1e+06")
-        self.assert_refused(voxspring(*RUN, "--time", "1e12"), "--time", "the time of at most 1000000000 time steps")
+        self.assert_refused(voxspring(*RUN, "--time", "1e12"), "--time: 1e+12 ", "the time of at most 1000000000 time steps")
+        study = self.write("study.json", {"kind": "pareto", "backends": ["cpu_reference"], "time_steps": [0.5, 1.25e-6],
+                                          "scenes": [{"scene": "box@4", "steps": 10**6}]})
+        self.assert_refused(voxspring("study", study), "time_steps: 1.25e-06 ", "at most 1000000000 steps")
         self.assert_refused(voxspring(*RUN, "--frames", ""), "--frames", "the path of a folder")
         self.assert_refused(voxspring("info", "box@99999999"), "@99999999", "sides from 1 to 1048576")
 

@@ -182,6 +182,13 @@ class Run(InTemporaryFolder):
         self.assertRegex(result.stderr, r"diverged at step \d+: .* moved by more than")
         self.assertFalse(out.exists())
 
+    def test_divergence_with_a_short_time_step_names_it(self):
+        scene = self.write("stiff.json", {"dataset": {"type": "box", "dims": [5, 5, 5]}, "time_step": 1.5e-6, "stiffness": 1e12,
+                                          "initial": {"displacement": {"random": 0.1, "seed": 1}}})
+        result = voxspring("run", scene, "--backend", "cpu_reference", "--steps", 5000)
+        self.assertEqual(result.returncode, 1, result.stdout)
+        self.assertRegex(result.stderr, r"diverged at step \d+: .*; time step 1\.5e-06, stable [1-9]\S*e-07\n$")
+
 
 def read_png(path):
     """A picture's size, its pixels as rows of (red, green, blue, opacity) from 0 to 1, and the text stored in it."""

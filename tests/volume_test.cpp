@@ -393,6 +393,7 @@ TEST(Volume, NiftiHeadersThatLieAreRefused) {
         EXPECT_THAT(with([&](Header h) { h.pixdim[2] = distance; }), StartsWith("pixdim[2]: "));
     for (const float offset : {348.F, -1.F, 1e30F, nan})
         EXPECT_THAT(with([&](Header h) { h.vox_offset = offset; }), StartsWith("vox_offset: "));
+    EXPECT_EQ(with([](Header h) { h.vox_offset = 348; }), "vox_offset: 348");
     for (const int code : {3001, 3006, 1008, 1009, 2002, 2005})  // connectivity and surfaces
         EXPECT_EQ(with([&](Header h) { h.intent_code = short(code); }),
                   "intent_code: " + std::to_string(code));

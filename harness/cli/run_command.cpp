@@ -92,7 +92,7 @@ int steps_to(double time, const Scene& scene, std::ostream& out) {
     const double time_step = scene.problem.time_step;
     const double steps = std::max(1.0, std::round(time / time_step));
     if (steps > max_run_steps) {
-        throw BadInput("command line", "--time", std::to_string(time),
+        throw BadInput("command line", "--time", fmt::format("{:g}", time),
                        fmt::format("the time of at most {} time steps; a time step of the scene {} is {:g}",
                                    max_run_steps, scene.name, time_step));
     }
@@ -308,8 +308,8 @@ private:
         }
         throw std::runtime_error(spec_.entry->name + ": " + scene_->name + " " +
                                  (divergence ? describe(*divergence, monitor_) : "is no longer finite") +
-                                 "; time step " + std::to_string(scene_->problem.time_step) + ", stable " +
-                                 std::to_string(scene_->stable_time_step));
+                                 fmt::format("; time step {:g}, stable {:g}", scene_->problem.time_step,
+                                             scene_->stable_time_step));
     }
 
     int finish() {

@@ -169,7 +169,7 @@ private:
             }
         }
         if (!(offset >= double(min) && offset <= double(max))) {
-            refuse("vox_offset", std::to_string(offset),
+            refuse("vox_offset", fmt::format("{}", offset),
                    fmt::format("a byte offset from {} to {}{}", min, max,
                                is_pair_ ? "" : ", behind the header"));
         }

@@ -265,7 +265,7 @@ public:
             throw BadInput(where, "stable time step", "infinite", "a scene with springs");
         if (steps_at(fractions_.back(), item) > max_steps_in_all)
             throw BadInput(
-                where, "time_steps", std::to_string(fractions_.back()),
+                where, "time_steps", fmt::format("{:g}", fractions_.back()),
                 "fractions with which a run takes at most " + std::to_string(max_steps_in_all) + " steps");
     }
     int rows_of_case(const Study&, const StudyScene&) const override { return int(fractions_.size()); }
