@@ -326,7 +326,7 @@ def tick_seconds(row, name):
 
 def threshold_of(verdict):
     """The bound on the error of a row of `verification`, as a share of the motion. "chaotic" if no displacement
-    is judged, "not verified" if even a backend without springs might pass, "-" if the file does not say. "*"
+    is judged, "not verified" if even a backend without springs might pass, "-" if the file does not say or nothing moved. "*"
     marks the bound of a start that strains every spring."""
     strained = verdict.get("strained_start")
     run = strained or verdict

@@ -291,7 +291,7 @@ TEST(Thresholds, SayWhichRunVerifiesARowAndWhichRowNoneDoes) {
                           .motion_rms = 1,
                           .repetitions_judged = 9,
                           .strained_share = 0.9};
-    VerdictPart falling = own, verified = own, chaotic = own, old = own;
+    VerdictPart falling = own, verified = own, chaotic = own, old = own, still = own, unknown = own;
     falling.strained_share = 0.01;
     verified.strained_share = 0.01;
     verified.strained_start = StrainedPart{
@@ -300,12 +300,17 @@ TEST(Thresholds, SayWhichRunVerifiesARowAndWhichRowNoneDoes) {
     chaotic.strained_share = 0;
     old.strained_share.reset();
     old.repetitions_judged.reset();
+    still.motion_max = still.motion_rms = 0;
+    unknown.motion_max.reset();
+    unknown.motion_rms.reset();
     Result result;
     for (const auto& [name, verdict] : {std::pair("own", own),
                                         {"falling", falling},
                                         {"verified", verified},
                                         {"chaotic", chaotic},
-                                        {"old", old}}) {
+                                        {"old", old},
+                                        {"still", still},
+                                        {"unknown", unknown}}) {
         Row row{.identity = {.name = std::string("a/") + name, .scene = "a"}};
         row.verdict = verdict;
         result.rows("verification").push_back(row_from_json(to_json(row)));
@@ -313,17 +318,16 @@ TEST(Thresholds, SayWhichRunVerifiesARowAndWhichRowNoneDoes) {
     const Verdicts verdicts = verdicts_of(result);
     std::map<std::string, std::string> texts;
     for (const Row& row : result.rows("verification")) texts[row.label()] = threshold_text(row, verdicts);
-    const std::map<std::string, std::string> expected = {{"own", "2.0e-04"},
-                                                         {"falling", "not verified"},
-                                                         {"verified", "5.0e-04*"},
-                                                         {"chaotic", "chaotic"},
-                                                         {"old", "2.0e-04"}};
+    const std::map<std::string, std::string> expected = {
+        {"own", "2.0e-04"},     {"falling", "not verified"}, {"verified", "5.0e-04*"},
+        {"chaotic", "chaotic"}, {"old", "2.0e-04"},          {"still", "-"},
+        {"unknown", "-"}};
     EXPECT_EQ(texts, expected);
     EXPECT_EQ(threshold_text(Row{.identity = {.name = "a/b", .scene = "a"}}, verdicts), "-");
     EXPECT_EQ(verdicts.at("a/old").verified(), std::nullopt);
     std::ostringstream out;
     print_thresholds(result.rows("verification"), verdicts, out);
-    EXPECT_THAT(out.str(), HasSubstr("2 of 5 times not verified"));
+    EXPECT_THAT(out.str(), HasSubstr("2 of 7 times not verified"));
     EXPECT_THAT(out.str(), HasSubstr("a: falling, chaotic"));
 }
 

@@ -366,8 +366,9 @@ class Thresholds(unittest.TestCase):
         found = [result_files.threshold_of(row) for row in (
             own, own | {"strained_share": 0.1}, own | {"strained_share": 0.1, "strained_start": strained}, chaotic,
             {key: value for key, value in own.items() if key != "strained_share"},
-            {key: value for key, value in own.items() if key != "strained_share"} | {"tolerance": None}, {})]
-        self.assertEqual(found, ["2.0e-04", "not verified", "5.0e-04*", "chaotic", "2.0e-04", "not verified", "-"])
+            {key: value for key, value in own.items() if key != "strained_share"} | {"tolerance": None}, {},
+            own | {"motion_max": 0.0, "motion_rms": 0.0})]
+        self.assertEqual(found, ["2.0e-04", "not verified", "5.0e-04*", "chaotic", "2.0e-04", "not verified", "-", "-"])
 
     def test_a_row_says_if_not_all_of_its_repetitions_were_verified(self):
         verdict = {"name": "a", "tolerance": 1e-3, "tolerance_rms": 2e-4, "motion_max": 2.0, "motion_rms": 1.0}

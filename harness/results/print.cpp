@@ -172,7 +172,8 @@ Verdicts verdicts_of(const Result& result) {
 }
 
 std::string threshold_text(const std::optional<VerdictPart>& verdict) {
-    if (!verdict) return "-";
+    // Without motion, errors are judged, but there is nothing that their bound is a share of.
+    if (!verdict || !verdict->moved()) return "-";
     const std::optional<double> threshold = verdict->threshold();
     if (!threshold) return "chaotic";
     if (verdict->verified() == false) return "not verified";

@@ -86,8 +86,8 @@ Verdicts verdicts_of(const Result& result);
 
 /// The largest accepted error of a row as a fraction of the body's motion, such as "2.9e-04". A "*" after the
 /// number says that the error is that of a second run, which starts with every spring strained. Other results
-/// are "chaotic" (no displacement is judged, or nothing moves), "not verified" (a backend without
-/// springs might pass) and "-" (there is no verdict).
+/// are "chaotic" (no displacement is judged), "not verified" (a backend without springs might pass) and "-"
+/// (there is no verdict, or nothing moved).
 std::string threshold_text(const std::optional<VerdictPart>& verdict);
 std::string threshold_text(const Row& row, const Verdicts& verdicts);
 

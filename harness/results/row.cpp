@@ -83,6 +83,11 @@ std::optional<double> VerdictPart::threshold() const {
     return strained_start ? first(*strained_start) : first(*this);
 }
 
+bool VerdictPart::moved() const {
+    const auto any = [](const auto& part) { return part.motion_rms > 0.0 || part.motion_max > 0.0; };
+    return strained_start ? any(*strained_start) : any(*this);
+}
+
 std::string Row::case_name() const { return identity.name.substr(0, identity.name.find("/iterations:")); }
 
 std::string Row::label() const {

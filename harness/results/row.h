@@ -201,6 +201,8 @@ struct VerdictPart {
     /// a strained start, these are figures of that run. Empty if no error is judged, or if the motion is not
     /// known or 0.
     std::optional<double> threshold() const;
+    /// Whether the body moved in the run that threshold() is of. False if that is not known.
+    bool moved() const;
 
     static void fields(auto& part, auto& of) {
         of.required("passed", part.passed);
