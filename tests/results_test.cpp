@@ -10,6 +10,7 @@
 #include <limits>
 #include <map>
 #include <nlohmann/json.hpp>
+#include <optional>
 #include <sstream>
 #include <string>
 #include <thread>
@@ -20,6 +21,7 @@
 #include "harness/base/progress.h"
 #include "harness/base/statistics.h"
 #include "harness/base/text.h"
+#include "harness/results/counters.h"
 #include "harness/results/google_benchmark.h"
 #include "harness/results/print.h"
 #include "harness/results/row.h"
@@ -329,6 +331,27 @@ TEST(Thresholds, SayWhichRunVerifiesARowAndWhichRowNoneDoes) {
     print_thresholds(result.rows("verification"), verdicts, out);
     EXPECT_THAT(out.str(), HasSubstr("2 of 7 times not verified"));
     EXPECT_THAT(out.str(), HasSubstr("a: falling, chaotic"));
+}
+
+TEST(Text, NumbersHaveThreeDigitsAndAPrefixOfTheirSize) {
+    EXPECT_EQ(si(1.25e-3, "s"), "1.25 ms");
+    EXPECT_EQ(si(-1.25e-3, "s"), "-1.25 ms");
+    EXPECT_EQ(si(-48.7e9, "/s"), "-48.7 G/s");
+    EXPECT_EQ(si(0, "s"), "0 s");
+    EXPECT_EQ(si(2e-12, "s"), "0.00 ns");
+    EXPECT_EQ(three_digits(0), "0");
+    EXPECT_EQ(three_digits(-0.0123456), "-0.0123");
+    EXPECT_EQ(three_digits(999.4), "999");
+    EXPECT_EQ(three_digits(29449), "29449");
+}
+
+TEST(Counters, HaveAPrefixOnlyWithAUnit) {
+    const auto text = [](double value, Unit unit) { return Counter{"a_counter", value, unit}.text(); };
+    EXPECT_EQ(text(0.004, Unit::number), "0.004");
+    EXPECT_EQ(text(3, Unit::number), "3");
+    EXPECT_EQ(text(4e6, Unit::byte), "4.00 MB");
+    EXPECT_EQ(text(2e9, Unit::per_joule), "2.00 G/J");
+    EXPECT_EQ((Counter{"a_counter", std::nullopt}.text()), "-");
 }
 
 TEST(Text, CountsAreOfOneOrOfSeveral) {

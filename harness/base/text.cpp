@@ -3,6 +3,7 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <cmath>
 #include <utility>
 
 namespace voxspring {
@@ -35,12 +36,19 @@ std::string shell_word(const std::string& word) {
 std::string si(double value, const std::string& unit) {
     static const std::pair<double, const char*> prefixes[] = {
         {1e12, "T"}, {1e9, "G"}, {1e6, "M"}, {1e3, "k"}, {1, ""}, {1e-3, "m"}, {1e-6, "u"}, {1e-9, "n"}};
+    if (value == 0) return "0 " + unit;
+    const double size = std::abs(value);
     for (const auto& [scale, prefix] : prefixes) {
-        if (value < 0.9995 * scale && scale > 1e-9) continue;
-        const double scaled = value / scale;
-        return fmt::format("{:.{}f} {}{}", scaled, scaled < 9.995 ? 2 : scaled < 99.95 ? 1 : 0, prefix, unit);
+        if (size < 0.9995 * scale && scale > 1e-9) continue;
+        const double scaled = size / scale;
+        const int digits = scaled < 9.995 ? 2 : scaled < 99.95 ? 1 : 0;
+        return fmt::format("{:.{}f} {}{}", value / scale, digits, prefix, unit);
     }
     return {};
+}
+
+std::string three_digits(double value) {
+    return std::abs(value) < 999.5 ? fmt::format("{:.3g}", value) : fixed_text(value, 0);
 }
 
 }  // namespace voxspring

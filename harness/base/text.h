@@ -16,8 +16,11 @@ std::string joined(const std::vector<std::string>& words);
 /// A count with its noun: "1 step", "0 steps", "12 steps".
 std::string counted(std::uint64_t count, const std::string& noun);
 
-/// `value` with three significant digits and an SI prefix: "1.25 ms", "487 G/s".
+/// `value` with three significant digits and an SI prefix: "1.25 ms", "487 G/s", "0 s".
 std::string si(double value, const std::string& unit);
+
+/// A number without a unit: three significant digits, or all digits before the point, "0.004", "29449".
+std::string three_digits(double value);
 
 /// "1.25": `value` with `digits` digits after the point.
 std::string fixed_text(double value, int digits);

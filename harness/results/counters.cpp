@@ -30,6 +30,7 @@ Better better_of(const std::string& text) { return value_of<Better>(better_names
 
 std::string Counter::text() const {
     if (!value) return "-";
+    if (unit == Unit::number) return three_digits(*value);
     const std::string of = to_string(unit);
     return si(*value, of.starts_with("1/") ? of.substr(1) : of);
 }

@@ -25,7 +25,7 @@ struct Counter {
     Unit unit = Unit::number;
     Better better = Better::neither;
 
-    /// The value for people: "1.25 MB", or "-".
+    /// The value for people: "1.25 MB", "0.004" if it has no unit, or "-".
     std::string text() const;
 };
 
