@@ -2,6 +2,7 @@
 
 #include <unistd.h>
 
+#include <cerrno>
 #include <string_view>
 
 #include "harness/base/files.h"
@@ -14,8 +15,10 @@ volatile std::sig_atomic_t ends_at_once = 0;
 
 void say(std::string_view message) { (void)!write(STDERR_FILENO, message.data(), message.size()); }
 
-/// The signal handler. It calls async-signal-safe functions only.
+/// The signal handler. It calls async-signal-safe functions only. The code that it interrupts may be about to
+/// read errno, which a failing write would have changed.
 void note(int) {
+    const int before = errno;
     signals_caught = signals_caught + 1;
     if (ends_at_once != 0 || signals_caught > 1) {
         remove_unfinished_file();
@@ -23,6 +26,7 @@ void note(int) {
         _exit(interrupted_exit_code);
     }
     say("\nvoxspring: stopping after the work in progress; interrupt again to stop at once\n");
+    errno = before;
 }
 
 }  // namespace
