@@ -225,6 +225,27 @@ TEST(Table, DropsColumnsAndShortensNamesWhereThereIsNoRoom) {
     EXPECT_EQ(shortened("abcdefghijkl", 9), "abcd...kl");
 }
 
+TEST(Table, IsCutAndAlignedByCharacters) {
+    EXPECT_EQ(shortened("äöüäöüäöüäöü", 9), "äöüä...öü");
+    EXPECT_EQ(shortened("äöüä", 4), "äöüä");
+    EXPECT_EQ(shortened("äöüä", 3), "äöü");
+    const std::vector<std::vector<std::string>> rows = {{"Herzmuskel für Übungen", "1 us"},
+                                                        {"heart", "20 us"}};
+    const auto printed = [&](TableWidth width) {
+        std::ostringstream out;
+        print_columns({{"scene", 0, true}, {"time"}}, rows, width, out);
+        return out.str();
+    };
+    EXPECT_EQ(printed(0),
+              "scene                    time\n"
+              "Herzmuskel für Übungen   1 us\n"
+              "heart                   20 us\n");
+    EXPECT_EQ(printed(22),
+              "scene             time\n"
+              "Herzmusk...ngen   1 us\n"
+              "heart            20 us\n");
+}
+
 // At 80 columns these two rows once had the same text.
 TEST(Table, NamesThatDifferStayApart) {
     const std::vector<Column> columns = {{"scene", 0, true}, {"backend", 0, true}, {"time"}, {"error", 1}};

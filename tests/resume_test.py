@@ -103,6 +103,13 @@ class Interrupted(InTemporaryFolder):
         self.assertRegex(shown, rb"\r\x1b\[Kbox@12 on cpu_reference/\S+: step \d+ of 1000000000, \d+ s, \S+ \S+( \S+ \S+)? left")
         self.assertTrue(shown.endswith(b"\r\x1b[K"), shown)
 
+    def test_a_terminal_is_not_given_half_a_character(self):
+        scene = self.write("ü" * 60 + ".json", {"dataset": {"type": "box", "dims": [12, 12, 12]}})
+        code, _, shown = on_terminal([VOXSPRING, "run", scene, "--backend", "cpu_reference", "--steps", 10**9], 80,
+                                     when="üü".encode(), then=lambda program: program.send_signal(signal.SIGINT))
+        self.assertEqual(code, 130)
+        self.assertIn("\r\x1b[K" + ("ü" * 60 + ".json on cpu_reference")[:79] + "\r", shown.decode())
+
     def test_advise_says_what_it_has_so_far(self):
         arguments = ("advise", "heart", "--error", "1e-3", "--backend", "cpu_reference")
         code, said, errors, seconds = self.interrupt(*arguments, after=r"\[1/1\]")

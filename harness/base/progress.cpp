@@ -30,7 +30,8 @@ void overwrite_line(const std::string& line) {
     winsize size{};
     const bool known = ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 0;
     // The line is cut to the terminal's width, since a line that wraps could not be overwritten.
-    std::cerr << "\r\x1b[K" << line.substr(0, (known ? size.ws_col : 80) - 1u) << std::flush;
+    const std::size_t fits = bytes_of_characters(line, (known ? size.ws_col : 80) - 1u);
+    std::cerr << "\r\x1b[K" << line.substr(0, fits) << std::flush;
 }
 
 }  // namespace

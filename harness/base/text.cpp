@@ -3,10 +3,17 @@
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
+#include <algorithm>
 #include <cmath>
 #include <utility>
 
 namespace voxspring {
+namespace {
+
+/// Whether a byte of UTF-8 is the first one of a character.
+bool begins_character(char byte) { return (static_cast<unsigned char>(byte) & 0xC0u) != 0x80u; }
+
+}  // namespace
 
 std::string percent_text(double fraction) {
     const double percent = 100 * fraction;
@@ -24,6 +31,16 @@ std::string counted(std::uint64_t count, const std::string& noun) {
 std::string fixed_text(double value, int digits) { return fmt::format("{:.{}f}", value, digits); }
 
 std::string error_text(double value) { return fmt::format("{:.1e}", value); }
+
+std::size_t character_count(std::string_view text) {
+    return std::size_t(std::count_if(text.begin(), text.end(), begins_character));
+}
+
+std::size_t bytes_of_characters(std::string_view text, std::size_t count) {
+    const auto end = std::find_if(text.begin(), text.end(),
+                                  [&](char byte) { return begins_character(byte) && count-- == 0; });
+    return std::size_t(end - text.begin());
+}
 
 std::string shell_word(const std::string& word) {
     const char* const plain = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789_@%+=:,./-";

@@ -1,8 +1,10 @@
 // Numbers and words as text for people.
 #pragma once
 
+#include <cstddef>
 #include <cstdint>
 #include <string>
+#include <string_view>
 #include <vector>
 
 namespace voxspring {
@@ -27,6 +29,13 @@ std::string fixed_text(double value, int digits);
 
 /// `value` with two significant digits, like "1.2e-05".
 std::string error_text(double value);
+
+/// The number of characters of a text in UTF-8, each of which is taken to fill a column of a terminal.
+std::size_t character_count(std::string_view text);
+
+/// How many bytes the first `count` characters of a text in UTF-8 take: all bytes if it has no more
+/// characters.
+std::size_t bytes_of_characters(std::string_view text, std::size_t count);
 
 /// `word` as a shell reads it: in quotes if it has characters that a shell treats specially.
 std::string shell_word(const std::string& word);

@@ -58,7 +58,7 @@ std::vector<std::string> wrapped(const std::string& text, std::size_t width) {
     std::vector<std::string> lines;
     std::istringstream words(text);
     for (std::string word; words >> word;) {
-        if (!lines.empty() && lines.back().size() + 1 + word.size() <= width) {
+        if (!lines.empty() && character_count(lines.back()) + 1 + character_count(word) <= width) {
             lines.back() += " " + word;
         } else {
             lines.push_back(word);
@@ -72,8 +72,8 @@ std::vector<std::string> wrapped(const std::string& text, std::size_t width) {
 std::size_t width_of(const Column& column, const Rows& rows, std::size_t c, bool wraps) {
     std::size_t width = 0;
     for (const std::string& line : wrapped(column.heading, wraps ? 1 : column.heading.size()))
-        width = std::max(width, line.size());
-    for (const auto& row : rows) width = std::max(width, row[c].size());
+        width = std::max(width, character_count(line));
+    for (const auto& row : rows) width = std::max(width, character_count(row[c]));
     return width;
 }
 
@@ -122,9 +122,11 @@ TableWidth terminal_width(int descriptor) {
 
 std::string shortened(const std::string& text, std::size_t length) {
     const std::string dots = "...";
-    if (text.size() <= length || length <= dots.size()) return text.substr(0, length);
+    const std::size_t whole = character_count(text);
+    if (whole <= length || length <= dots.size()) return text.substr(0, bytes_of_characters(text, length));
     const std::size_t kept = length - dots.size(), back = kept / 3;
-    return text.substr(0, kept - back) + dots + text.substr(text.size() - back);
+    return text.substr(0, bytes_of_characters(text, kept - back)) + dots +
+           text.substr(bytes_of_characters(text, whole - back));
 }
 
 void print_columns(const std::vector<Column>& columns, const std::vector<std::vector<std::string>>& rows,
@@ -146,7 +148,7 @@ void print_columns(const std::vector<Column>& columns, const std::vector<std::ve
         std::string line;
         for (const std::size_t c : laid.columns) {
             const std::string cell = shortened(cell_of(c), laid.widths[c]);
-            const std::string padding(laid.widths[c] - cell.size(), ' ');
+            const std::string padding(laid.widths[c] - character_count(cell), ' ');
             line += (c == laid.columns.front() ? "" : std::string(gap, ' ')) +
                     (columns[c].is_name ? cell + padding : padding + cell);
         }
