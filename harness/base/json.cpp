@@ -201,7 +201,7 @@ JsonObject parse_json(std::string_view text, const std::string& file) {
     return JsonObject(JsonValue(std::move(document), root, ""));
 }
 
-json json_of(std::string_view text) { return json::parse(text); }
+json parsed_json(std::string_view text) { return json::parse(text); }
 std::vector<std::uint8_t> cbor_of(const json& message) { return json::to_cbor(message); }
 json message_of(const std::vector<std::uint8_t>& cbor) { return json::from_cbor(cbor); }
 

@@ -104,7 +104,7 @@ JsonObject parse_json(std::string_view text, const std::string& file);
 // only json.cpp does.
 
 /// The value of `text`, which this program wrote. Throws nlohmann::json::parse_error.
-nlohmann::json json_of(std::string_view text);
+nlohmann::json parsed_json(std::string_view text);
 
 /// A message between processes, as CBOR bytes.
 std::vector<std::uint8_t> cbor_of(const nlohmann::json& message);

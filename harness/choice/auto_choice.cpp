@@ -27,8 +27,9 @@ std::string reason_for(const std::string& backend) {
     const auto found = registry().find(backend);
     if (found == registry().end()) return "measured as the fastest";
     if (!found->second.strength.empty()) return found->second.strength;
-    return found->second.addressing == Addressing::by_grid ? "a lattice needs no neighbour lists"
-                                                           : "neighbour lists allow springs beyond the lattice";
+    return found->second.addressing == Addressing::by_grid
+               ? "a lattice needs no neighbour lists"
+               : "neighbour lists allow springs beyond the lattice";
 }
 
 std::string count_text(std::uint64_t count) {
@@ -51,7 +52,7 @@ std::string options_of(const std::string& text) {
 const std::vector<Rule>& rules() {
     static const std::vector<Rule> list = [] {
         std::vector<Rule> all;
-        const nlohmann::json file = json_of(auto_rule_files.at("auto_rules.json"));
+        const nlohmann::json file = parsed_json(auto_rule_files.at("auto_rules.json"));
         const auto bound = [](const nlohmann::json& value) {
             return value.is_null() ? any_number : value.get<double>();
         };

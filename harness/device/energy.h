@@ -59,9 +59,9 @@ constexpr double max_leap_seconds = 0.5;
 /// Calls `work` repeatedly: first for `lead_seconds` without measuring, so that clocks and averages settle,
 /// and then until `seconds` are measured. The energy counter is updated only every few tens of milliseconds,
 /// so the mean power is computed from its first update to its last one. If updates are more than
-/// half of max_leap_seconds apart, the measured time may be shorter than `seconds`. Throws what `work` throws. After
-/// all work has been done, throws UnknownEnergy if the meter failed or if its counter changed fewer than two
-/// times.
+/// half of max_leap_seconds apart, the measured time may be shorter than `seconds`. Throws what `work`
+/// throws. After all work has been done, throws UnknownEnergy if the meter failed or if its counter changed
+/// fewer than two times.
 EnergyUse measure_energy(EnergyMeter& meter, double lead_seconds, double seconds,
                          const std::function<void()>& work);
 

@@ -110,7 +110,7 @@ std::string name_in_cache(const Capabilities& device) {
 std::optional<DeviceLimits> best_so_far(const Capabilities& device) {
     const std::optional<std::string> kept = DiskCache().find(name_in_cache(device));
     if (!kept) return std::nullopt;
-    return device_limits_of(json_of(*kept));
+    return device_limits_of(parsed_json(*kept));
 }
 
 DeviceLimits best_so_far(const Capabilities& device, const DeviceLimits& measured) {

@@ -34,7 +34,7 @@ std::optional<nlohmann::json> object_of(std::string_view line) {
     if (line.size() < rest || !line.starts_with(check_key) ||
         line.substr(check_key.size(), hash_digits) != hash_of(line.substr(rest)))
         return std::nullopt;
-    return json_of(line);
+    return parsed_json(line);
 }
 
 /// The text that stands for a missing value, if only one of two compared objects has a key.
@@ -158,7 +158,7 @@ void Journal::read(const std::string& text, const nlohmann::json& study) {
         if (object->value("journal", 0) != version)
             throw BadInput(file_.string(), "journal", json_text(*object),
                            "version " + std::to_string(version));
-        const nlohmann::json now = json_of(json_text(study));  // as read back from a file
+        const nlohmann::json now = parsed_json(json_text(study));  // as read back from a file
         for (const auto& [key, value] : now.items()) {
             const nlohmann::json there = object->at("study").value(key, nlohmann::json());
             if (there == value) continue;

@@ -66,7 +66,7 @@ bool is_finished(const std::filesystem::path& file) {
     std::stringstream text;
     text << std::ifstream(file).rdbuf();
     try {
-        const nlohmann::json context = json_of(text.str()).at("context");
+        const nlohmann::json context = parsed_json(text.str()).at("context");
         return !context.value("voxspring", nlohmann::json::object()).contains("unfinished");
     } catch (const nlohmann::json::exception&) {
         return false;

@@ -112,7 +112,7 @@ const TruthCase& truth_case(const std::string& name, const std::string& where) {
 }
 
 ContinuumAnswer continuum_answer(const TruthCase& of, const std::string& strain) {
-    static const nlohmann::json all = json_of(continuum_files.at("continuum.json"));
+    static const nlohmann::json all = parsed_json(continuum_files.at("continuum.json"));
     const nlohmann::json& one = all.at(of.name);
     const nlohmann::json& laws = one.at("deflection").at(strain);
     const auto value = [&](const char* law) { return laws.at(law).at("value").get<double>(); };
