@@ -120,7 +120,7 @@ Result read_result_of(const std::string& kind, JsonObject file, const std::strin
         throw BadInput(list.file(), kind, scene,
                        "one of the result's scenes: " +
                            (scenes.empty() ? "it has none" : joined({scenes.begin(), scenes.end()})));
-    return read_result(file.value().json(), list.file());
+    return read_result(file.value().raw(), list.file());
 }
 
 }  // namespace voxspring
