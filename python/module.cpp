@@ -131,6 +131,16 @@ Labels labels_of(nb::handle given) {
     return nb::cast<Labels>(as_array(array, "uint8"));
 }
 
+/// Takes `array`, of numpy, as an Array. Throws BadInput if it has another shape.
+template <class Array>
+Array of_shape(const nb::object& array, const char* key, const char* accepted) {
+    try {
+        return nb::cast<Array>(array);
+    } catch (const nb::cast_error&) {
+        throw BadInput("Body()", key, "an array of shape " + text_of(array.attr("shape")), accepted);
+    }
+}
+
 /// Converts `given`, a number or a list of numbers, to a list.
 std::vector<double> numbers_of(nb::handle given, const char* key) {
     try {
@@ -315,6 +325,9 @@ public:
         return {reinterpret_cast<std::uintptr_t>(feed_->read()), feed_->device()};
     }
 
+    /// Frees the array of displacements on the card, which must not outlive the backend that fills it.
+    void forget_feed() { feed_.reset(); }
+
 private:
     const State& latest() {
         const nb::gil_scoped_release free;
@@ -493,11 +506,13 @@ NB_MODULE(_core, m) {
                const std::array<double, 3>& gravity, nb::handle load, double damping, double time_step,
                const std::string& name) {
                 std::optional<Mask> fixed;
-                if (!pinned.is_none()) fixed = nb::cast<Mask>(as_array(pinned, "bool"));
+                if (!pinned.is_none())
+                    fixed = of_shape<Mask>(as_array(pinned, "bool"), "pinned", "the shape of labels");
                 std::optional<Vectors> forces;
                 if (!load.is_none())
-                    forces = nb::cast<Vectors>(
-                        nb::module_::import_("numpy").attr("ascontiguousarray")(load, "float64"));
+                    forces = of_shape<Vectors>(
+                        nb::module_::import_("numpy").attr("ascontiguousarray")(load, "float64"), "load",
+                        "three numbers per particle: (n, 3)");
                 new (self) Body(body_of(labels_of(labels), numbers_of(spacing, "spacing"),
                                         numbers_of(stiffness, "stiffness"), numbers_of(mass, "mass"), springs,
                                         fixed, gravity, forces, damping, time_step, name));
@@ -798,6 +813,7 @@ NB_MODULE(_core, m) {
             "switch_to",
             [](Running& self, const std::string& backend) {
                 const nb::gil_scoped_release free;
+                self.forget_feed();
                 require_done(self.simulation().switch_to(BackendSpec::parse(backend)));
             },
             "backend"_a, "Goes on with another backend from the present state. Raises BadInput and Refused.")

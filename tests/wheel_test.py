@@ -100,7 +100,9 @@ class Bodies(unittest.TestCase):
                                    ({"springs": ["corners"]}, 'springs.*corners.*"corner"'),
                                    ({"stiffness": (1, 2)}, "stiffness.*2 numbers.*face, edge and corner"),
                                    ({"pinned": numpy.zeros((1, 1, 1), bool)}, "pinned.*shape of labels"),
+                                   ({"pinned": numpy.zeros((4, 4), bool)}, r"pinned.*\(4, 4\).*shape of labels"),
                                    ({"load": numpy.zeros((5, 3))}, "load.*5 rows.*27 particles"),
+                                   ({"load": numpy.zeros(27)}, r"load.*\(27,\).*three numbers per particle"),
                                    ({"mass": "heavy"}, "mass: heavy.*a number"), ({"spacing": -1.0}, "spacing is not positive"),
                                    ({"damping": 3.0}, "damping is not in")):
             with self.assertRaisesRegex(voxspring.BadInput, expected) as refused:
