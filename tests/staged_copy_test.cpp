@@ -16,6 +16,7 @@
 namespace {
 
 int current_device = 0;
+int pinned_allocations = 0;
 
 // A handle encodes its device, and is not 0.
 template <class Handle>
@@ -38,6 +39,7 @@ cudaError_t cudaGetDevice(int* device) {
 }
 cudaError_t cudaMallocHost(void** memory, std::size_t bytes) {
     *memory = std::malloc(bytes);
+    ++pinned_allocations;
     return cudaSuccess;
 }
 cudaError_t cudaFreeHost(void* memory) {
@@ -84,6 +86,16 @@ TEST(StagedCopies, GoToEachDeviceThatAThreadUses) {
         EXPECT_EQ(there, sent) << "to device " << device;
         EXPECT_EQ(back, sent) << "from device " << device;
     }
+}
+
+// The ranks of every run are new threads. Pinned memory that each of them kept would grow from run to run.
+TEST(StagedCopies, OfThreadsThatEndedLeaveTheirPinnedMemoryToTheNext) {
+    current_device = 2;
+    const int before = pinned_allocations;
+    std::vector<std::byte> sent(std::size_t(64) << 20), there(sent.size());
+    for (int run = 0; run < 3; ++run)
+        std::thread([&] { copy_to_device(there.data(), sent.data(), sent.size(), Stream()); }).join();
+    EXPECT_EQ(pinned_allocations - before, 2) << "two pieces for one copy at a time";
 }
 
 // The driver of a device with a display ends kernels that run for seconds.

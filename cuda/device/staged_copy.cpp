@@ -5,6 +5,8 @@
 #include <cstring>
 #include <map>
 #include <memory>
+#include <mutex>
+#include <vector>
 
 #include "backends/backend.h"
 #include "cuda/device/memory.h"
@@ -36,18 +38,46 @@ Pieces* make_pieces() {
     return both.release();
 }
 
-/// The two pieces of the calling thread for the current device. Each device has its pieces, since a stream
-/// can record only events of its device. The device copies one piece while the host copies the other. The
-/// result is null if make_pieces() returned null. Pieces are never freed, because at the end of the process
-/// the driver may be gone.
-Pieces* pieces() {
-    thread_local std::map<int, Pieces*> made;  // by device number
-    int device = 0;
-    check(cudaGetDevice(&device));
-    const auto [place, is_new] = made.try_emplace(device, nullptr);
-    if (is_new) place->second = make_pieces();
-    return place->second;
-}
+/// The two pieces of one copy on the current device. The device copies one piece while the host copies the
+/// other. Each device has its pieces, since a stream can record only events of its device. Pieces are used
+/// again by later copies of any thread, so there are as many as copies at the same time. They are never
+/// freed, because at the end of the process the driver may be gone.
+class StagedCopy {
+public:
+    StagedCopy() {
+        check(cudaGetDevice(&device_));
+        {
+            const std::scoped_lock lock(mutex());
+            std::vector<Pieces*>& here = idle()[device_];
+            if (!here.empty()) {
+                pieces_ = here.back();
+                here.pop_back();
+            }
+        }
+        if (pieces_ == nullptr) pieces_ = make_pieces();
+    }
+    /// Null if make_pieces() returned null.
+    Pieces* pieces() const { return pieces_; }
+    /// Lets other copies use the pieces. After a failed copy it is not called, since the device may still
+    /// read or write them.
+    void end() const {
+        const std::scoped_lock lock(mutex());
+        idle()[device_].push_back(pieces_);
+    }
+
+private:
+    static std::mutex& mutex() {
+        static auto& only = *new std::mutex;
+        return only;
+    }
+    static std::map<int, std::vector<Pieces*>>& idle() {  // by device number
+        static auto& all = *new std::map<int, std::vector<Pieces*>>;
+        return all;
+    }
+
+    int device_ = 0;
+    Pieces* pieces_ = nullptr;
+};
 
 void copy_on_all_cores(std::byte* to, const std::byte* from, std::size_t bytes) {
     constexpr std::size_t share = std::size_t(1) << 20;
@@ -68,7 +98,9 @@ std::size_t bytes_at(std::size_t offset, std::size_t bytes) { return std::min(pi
 }  // namespace
 
 void copy_to_device(void* to, const void* from, std::size_t bytes, const Stream& stream) {
-    Pieces* const staged = bytes < large ? nullptr : pieces();
+    if (bytes < large) return copy_whole(to, from, bytes, cudaMemcpyHostToDevice, stream);
+    const StagedCopy copy;
+    Pieces* const staged = copy.pieces();
     if (staged == nullptr) return copy_whole(to, from, bytes, cudaMemcpyHostToDevice, stream);
     auto* const device = static_cast<std::byte*>(to);
     const auto* const host = static_cast<const std::byte*>(from);
@@ -81,10 +113,13 @@ void copy_to_device(void* to, const void* from, std::size_t bytes, const Stream&
         piece.copied.record(stream);
     }
     stream.synchronize();
+    copy.end();
 }
 
 void copy_from_device(void* to, const void* from, std::size_t bytes, const Stream& stream) {
-    Pieces* const staged = bytes < large ? nullptr : pieces();
+    if (bytes < large) return copy_whole(to, from, bytes, cudaMemcpyDeviceToHost, stream);
+    const StagedCopy copy;
+    Pieces* const staged = copy.pieces();
     if (staged == nullptr) return copy_whole(to, from, bytes, cudaMemcpyDeviceToHost, stream);
     auto* const host = static_cast<std::byte*>(to);
     const auto* const device = static_cast<const std::byte*>(from);
@@ -101,6 +136,7 @@ void copy_from_device(void* to, const void* from, std::size_t bytes, const Strea
         piece.copied.wait();
         copy_on_all_cores(host + offset, piece.memory.data(), bytes_at(offset, bytes));
     }
+    copy.end();
 }
 
 }  // namespace voxspring::cuda
