@@ -286,7 +286,7 @@ private:
             latest_->dims == problem.lattice.dims && latest_->voxel == problem.lattice.voxel &&
             latest_->ghosts == problem.ghosts)
             return latest_->layout;
-        // A stressed lattice needs masks. Overlap may mirror a warp's tables, but masks cannot be mirrored.
+        // Springs that pull at rest need masks. Overlap may mirror a warp's tables, but not its masks.
         const bool overlap = options_.tuning.at("overlap") == "on" && !stressed;
         latest_ = {stressed,
                    problem.group_bits,

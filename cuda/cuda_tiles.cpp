@@ -165,7 +165,7 @@ const Registered entry({
     .name = "cuda_tiles",
     .api = "cuda",
     .summary =
-        "One or two threads per active tile of 2x2x2 voxels, tiles by list, neighbours by rows of tiles; "
+        "One or two threads per active tile of 2x2x2 voxels, from a list with neighbours per row of tiles; "
         "springs within a thread's share are computed once. Only one material, face and edge springs.",
     .strength = "only active tiles are stepped, each by one or two threads",
     .precisions = {Precision::float32, Precision::float64},

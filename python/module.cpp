@@ -569,7 +569,7 @@ NB_MODULE(_core, m) {
         .def_prop_ro("time_step", [](const Body& body) { return body.problem().time_step; })
         .def_prop_ro(
             "stable_time_step", [](const Body& body) { return body.scene->stable_time_step; },
-            "The largest stable time step for small displacements.")
+            "A time step that is stable for small displacements: a lower bound of the largest.")
         .def_prop_ro(
             "rest_position",
             [](const Body& body) {

@@ -8,7 +8,7 @@
 
 layout(local_size_x = 64) in;
 
-// `other`: the particle's increment if BY_INCREMENTS, otherwise its position in the previous step.
+// `increments` if BY_INCREMENTS, otherwise `other`: the particle's position in the previous step.
 #ifdef STORAGE_BUFFERS
 layout(std430, binding = 0) restrict readonly buffer Words { Vec4 words[]; };
 #ifdef BY_INCREMENTS

@@ -66,7 +66,7 @@ TEST_F(Rapl, SaysWhyThereIsNone) {
     };
     EXPECT_THAT(refusal_of(folder_ / "nosuch"), HasSubstr("has no energy counter"));
     std::filesystem::remove(folder_ / "intel-rapl:0/energy_uj");
-    EXPECT_THAT(refusal_of(folder_), HasSubstr("readable by root alone"));
+    EXPECT_THAT(refusal_of(folder_), HasSubstr("usually only root may"));
 }
 
 /// A device that uses 200 W, counted in leaps of a twentieth of a second.

@@ -48,10 +48,10 @@ struct Opposites {
     T rest_length;
     T rest_deficit;
     T stiffness;
-    /// Force densities of springs, indexed by the stepped particle's element in its slice. A particle
-    /// evaluates the spring to its higher neighbour and writes the density to `higher_density`. It reads the
-    /// density of the spring to its lower neighbour, which that neighbour wrote, from `lower_density`. If
-    /// both are null, both ends evaluate the spring.
+    /// Force densities of springs, indexed by the stepped particle's element in its slice (one z). A particle
+    /// evaluates the spring to its higher neighbour (+stride) and writes the density to `higher_density`. It
+    /// reads the density of the spring to its lower neighbour, which that neighbour wrote, from
+    /// `lower_density`. If both are null, both ends evaluate the spring.
     const T* lower_density;
     T* higher_density;
 };

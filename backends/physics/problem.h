@@ -228,8 +228,8 @@ struct State {
     State in_full(std::size_t particles) const;
 };
 
-/// The state in which all particles are at their rest position and do not move. Both lists have one element
-/// per particle.
+/// The state in which all particles are at their rest position and do not move. Displacement
+/// and increment have one element per particle.
 State state_at_rest(const Problem& problem);
 
 /// The input of make_lattice_problem(): labels of a voxel grid.

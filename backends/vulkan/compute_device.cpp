@@ -257,7 +257,7 @@ private:
             shaders_then_shaders(commands);
         }
     }
-    /// The recording of 2^power steps, the first of which reads the current words.
+    /// The recording of 2^power steps. The first step reads the current one of the two arrays of words.
     const Commands& steps_of(int power) {
         const std::pair key(power, current());
         const auto found = step_->recorded.find(key);

@@ -121,7 +121,7 @@ bool CudaBackend::keep_start() {
     std::uint64_t needed = 0;
     for (const StateArray& array : arrays) needed += array.bytes;
     start_.clear();
-    // Half of the free memory is left to later allocations.
+    // At least half of the free memory is left to later allocations.
     if (needed > device_.free_bytes() / 2) return false;
     for (const StateArray& array : arrays) {
         start_.emplace_back().resize(array.bytes);

@@ -226,9 +226,9 @@ private:
                                                                         max_threads, {128, 64}, choice);
     }
 
-    /// Whether warps vote on leaving out the masks (tuning `interior`). With `auto` they do not vote if all
-    /// threads run at once: a step then takes as long as one thread waits for memory, and the vote would be
-    /// one more wait.
+    /// Whether warps vote on skipping the masks (tuning `interior`). With `auto` they do not vote if all
+    /// threads run at once: a step then takes as long as one thread waits for memory, and with a vote the
+    /// fetches of neighbours would wait for the mask.
     bool votes(dim3 grid) const {
         return interior_ == "auto" ? !this->run_at_once(threads_of(grid), 64, max_threads)
                                    : interior_ == "vote";

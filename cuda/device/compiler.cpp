@@ -82,7 +82,7 @@ public:
     Program& operator=(const Program&) = delete;
     ~Program() { nvrtc().DestroyProgram(&program_); }
 
-    /// A text that NVRTC made for this program. `get_size`, `get_text`: NVRTC's two functions for that text.
+    /// An output of NVRTC for this program. `get_size`, `get_text`: NVRTC's two functions for that output.
     std::string take(nvrtcResult (*get_size)(nvrtcProgram, std::size_t*),
                      nvrtcResult (*get_text)(nvrtcProgram, char*)) const {
         std::size_t size = 0;

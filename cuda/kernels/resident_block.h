@@ -483,8 +483,8 @@ private:
         }
     }
 
-    /// Fetches the points that the next step reads as soon as they are published, whether or not that step
-    /// belongs to this tick.
+    /// Fetches the points that the next step reads as soon as they are published, even if that step is one
+    /// of the next tick (TickOrder).
     __device__ void poll_ticks(Polls& polls, std::uint32_t tag) {
         Turn turn{step_.line.first_tick, 0};
         for (int half = 1; goes_on(turn, tag); half = 1 - half) {

@@ -92,8 +92,8 @@ int print_advice_on_errors(const std::string& argument, const AdviseOptions& opt
         (options.json ? std::cerr : out)
             << scene << ": "
             << (unfinished ? "interrupted before anything was measured"
-                           : "no run has an error against the converged solution: float64 does not "
-                             "converge, or all runs diverged")
+                           : "the error of every run is unknown: there is no converged solution, or "
+                             "all runs diverged")
             << "\n";
         return unfinished ? interrupted_exit_code : 1;
     }

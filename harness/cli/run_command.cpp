@@ -105,7 +105,7 @@ int steps_to(double time, const Scene& scene, std::ostream& out) {
 }
 
 /// How many steps to take between two checks for an interruption: about as many as take a fifth of a second.
-/// Progress is reported as often. The number is a power of two: CUDA backends make a graph per number of
+/// Progress is reported as often. The number is a power of two: CUDA backends take it in graphs of 2^k
 /// steps, and so make few.
 class Stride {
 public:

@@ -84,7 +84,8 @@ public:
             if (range && now)
                 packages_.push_back({.counter = domain / "energy_uj", .range = *range, .last = *now});
         }
-        if (refused) throw UnknownEnergy("the processor's energy counter is readable by root alone");
+        if (refused)
+            throw UnknownEnergy("the processor's energy counter cannot be read; usually only root may");
         if (packages_.empty()) throw UnknownEnergy("the processor has no energy counter here");
     }
 

@@ -62,8 +62,8 @@ public:
     /// Copies the picture to the window's framebuffer.
     void show() const;
     Image picture() const;
-    /// The place on the body that is visible at a pixel of the picture; nullopt if no body is there. Requires
-    /// that PictureStyle::samples is 0 (no multisampling).
+    /// The point of the deformed body that is visible at a pixel of the picture; nullopt if there is none.
+    /// Requires that PictureStyle::samples is 0 (no multisampling).
     std::optional<glm::dvec3> place_at(glm::dvec2 pixel) const;
     /// Where the mesh's vertices are (x, y, z), with the present contents of displacements(), and their
     /// values (w). Waits for the card.

@@ -84,8 +84,9 @@ const std::vector<Writer>& writers() {
         {".ply", "like .stl, in float64", false, ply},
         {".png", "a picture of the body, drawn by OpenGL: see --colour and --size", false, nullptr},
         {".stl", "the scene's mesh, deformed; without a mesh, the surface of the voxels", false, stl},
-        {".vti", "ParaView's grid: one point per voxel", true, vti},
-        {".vtu", "ParaView's body: one point per particle where it is now, one line per spring", true, vtu},
+        {".vti", "a grid for ParaView: one point per voxel", true, vti},
+        {".vtu", "the body for ParaView: one point per particle where it is now, one line per spring", true,
+         vtu},
     };
     return all;
 }

@@ -73,7 +73,7 @@ void measure_exchange(Exchange& exchange, RankBackend& backend, RankReport& repo
         report.seconds_per_byte = std::max(0.0, with_borders - report.latency) / double(report.border_bytes);
 }
 
-/// Watches a rank's card after each batch.
+/// Notes the clock and the other users of a rank's card after each batch.
 class WatchedCard {
 public:
     /// If there is no card with this UUID, or if it cannot be watched, look() reports nothing.

@@ -462,8 +462,8 @@ Refined References::refined(const Scene& scene, const Span& span, std::vector<in
         }
     }
     result.reason = fmt::format(
-        "float64 does not converge in time: extrapolations with and without the run of {} steps differ by "
-        "{:g}",
+        "float64 does not converge as the time step shrinks: extrapolations with and without the run of {} "
+        "steps differ by {:g}",
         result.finest, result.uncertainty);
     return result;
 }

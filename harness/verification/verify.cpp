@@ -180,7 +180,7 @@ void judge(Comparison& comparison) {
         reason << "particles are off by " << comparison.rms << " in the root mean square, tolerance "
                << comparison.tolerance_rms;
     } else if (!(comparison.mean <= comparison.tolerance_mean)) {
-        reason << "particles are off by " << comparison.mean << " in the mean, tolerance "
+        reason << "the particles' mean displacement is off by " << comparison.mean << ", tolerance "
                << comparison.tolerance_mean;
     }
     comparison.reason = reason.str();

@@ -266,9 +266,8 @@ std::vector<std::byte> read_data(std::istream& behind_header, const VolumeClaims
         std::error_code error;
         // Only regular files are read: a device or a pipe might never end.
         if (!std::filesystem::is_regular_file(data, error)) {
-            throw BadInput(
-                file, place.files_key, data.filename().string(),
-                "the name of a data file that exists, but there is no file " + data.string() + " here");
+            throw BadInput(file, place.files_key, data.filename().string(),
+                           "the name of an existing data file, which " + data.string() + " is not");
         }
         std::ifstream stream(data, std::ios::binary);
         if (!stream) throw BadInput(data.string(), "", "an unreadable file", "a file that can be read");

@@ -60,7 +60,7 @@ public:
     }
 
     /// The label for which `value` was stored, if any. It is the nearest whole number, which a value may miss
-    /// by the rounding of scaled integers plus 4 units in the last place of a 32-bit float (resampled label
+    /// by the rounding of the scaling plus 2 to 4 units in the last place of a 32-bit float (resampled label
     /// maps are off by that), but never by more than 0.05.
     std::optional<std::int64_t> label(double value) {
         if (!(std::abs(value) <= double(max_label))) return {};

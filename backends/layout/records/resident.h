@@ -87,7 +87,8 @@ struct WaitLimit {
 /// step takes only microseconds.
 inline constexpr std::uint64_t max_wait_nanoseconds = 10'000'000'000;
 
-/// Everything that a launch of the resident kernel needs. The lattice of the base class is not used.
+/// What the resident kernel is launched with, besides the state and the number of steps. Of the base class,
+/// `nx` to `origins` are not used.
 struct ResidentStep : ImplicitStep<float> {
     // Arrays with one element per lane. A lane is a thread's place for one particle; all threads have the
     // same number of lanes.

@@ -54,7 +54,7 @@ struct TruthLattice {
     std::vector<glm::dvec3> pattern;  ///< for each particle of `end`: area times the load's pattern
     double size = 0;                  ///< the sum of area times the square of the pattern
     static constexpr double fraction_of_stable = 0.8;  ///< time step over the stable one
-    /// Number of steps between two checks for rest. In these steps the distance from rest shrinks sevenfold.
+    /// Number of steps between two checks for rest. They shrink the deflection's error about sevenfold.
     int steps_between_looks = 0;
 
     /// Mean displacement of the highest side along the load's pattern, weighted by area and pattern.
