@@ -8,6 +8,7 @@
 #include <atomic>
 #include <chrono>
 #include <cstdlib>
+#include <filesystem>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -25,6 +26,7 @@
 #include "harness/device/energy.h"
 #include "harness/results/print.h"
 #include "harness/study/study.h"
+#include "tests/surroundings.h"
 #include "tests/wrapped_backend.h"
 
 namespace voxspring::testing {
@@ -306,6 +308,30 @@ TEST_F(CardInAStudy, IsWatchedWhicheverRankItIsOf) {
     EXPECT_THAT(noisy, HasSubstr("other processes computed on the card (2, rank 1)"));
     EXPECT_EQ(row.value("min_card_mhz", 0), 1380) << row.dump(2);
     EXPECT_EQ(row.value("max_card_mhz", 0), 1980);
+}
+
+TEST_F(CardInAStudy, IsTheSameWhenAStudyOfAnotherDeviceIsResumed) {
+    const TemporaryFolder folder;
+    Study study;
+    study.name = "test";
+    study.kind = "scaling";
+    study.repetitions = 1;
+    study.backends = {"on_card"};
+    study.settings = {{"ranks", {1}}};
+    study.scenes = {{"box@4", 4, {}}};
+    StudyOptions options;
+    options.devices = {1};
+    options.out = folder.path() / "result.json";
+    // The study goes on with the empty journal, and in the end deletes one of its two names.
+    const std::filesystem::path journal = folder.write("result.json.journal", ""),
+                                kept = folder.path() / "kept";
+    std::filesystem::create_hard_link(journal, kept);
+    EXPECT_TRUE(run_study(study, options).rows("failed").empty());
+    std::filesystem::rename(kept, journal);
+    options.resume = true;
+    const nlohmann::json result = run_study(study, options);
+    EXPECT_EQ(result.at("context").at("voxspring").at("study").value("sessions", 1), 2);
+    EXPECT_EQ(result.at("scaling").size(), 1u) << result.dump(2);
 }
 
 TEST_F(CardInAStudy, TellsItsEnergy) {

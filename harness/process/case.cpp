@@ -245,8 +245,9 @@ std::optional<std::string> failure_of(const std::function<void()>& action) {
     return std::nullopt;
 }
 
-nlohmann::json introduce(const BackendSpec& spec, Workers& workers, std::chrono::duration<double> timeout) {
-    Worker worker(workers, case_description(spec, {}), timeout);
+nlohmann::json introduce(const BackendSpec& spec, Workers& workers, std::chrono::duration<double> timeout,
+                         DeviceNumber device) {
+    Worker worker(workers, case_description(spec, {.runner = "", .device = device}), timeout);
     return introduction_by(worker, spec);
 }
 

@@ -109,9 +109,10 @@ std::vector<BackendSpec> specs_of(const std::vector<Case>& cases);
 /// Unwritten, since these are not failures of the case.
 std::optional<std::string> failure_of(const std::function<void()>& action);
 
-/// Constructs a backend in a worker process. Returns what Case::introduce() returns, and throws what
-/// Worker::ask() throws.
-nlohmann::json introduce(const BackendSpec& spec, Workers& workers, std::chrono::duration<double> timeout);
+/// Constructs a backend on `device` in a worker process. Returns what Case::introduce() returns, and throws
+/// what Worker::ask() throws.
+nlohmann::json introduce(const BackendSpec& spec, Workers& workers, std::chrono::duration<double> timeout,
+                         DeviceNumber device = {});
 
 /// case_description() makes the description of a case, with which its worker process is started. That process
 /// calls case_answerer(), which makes the Answerer of questions from the description.

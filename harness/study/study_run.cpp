@@ -22,6 +22,7 @@
 #include "harness/choice/auto_choice.h"
 #include "harness/process/case.h"
 #include "harness/process/journal.h"
+#include "harness/ranks/rank_run.h"
 #include "harness/results/capabilities.h"
 #include "harness/results/google_benchmark.h"
 #include "harness/results/result.h"
@@ -348,6 +349,7 @@ void StudyRun::check_devices() {
     std::set<std::string> seen;
     const std::string suffix = " introduction";
     Workers workers(options_.worker);
+    const DeviceNumber device = RankPlan{.devices = options_.devices}.first_device();
     journal_->visit([&](const std::string& name, const nlohmann::json& value) {
         if (!name.ends_with(suffix)) return;
         const nlohmann::json& known = value.at("capabilities");
@@ -356,7 +358,7 @@ void StudyRun::check_devices() {
         const BackendSpec spec = spec_of_label(name.substr(begin, name.size() - suffix.size() - begin));
         nlohmann::json now;
         const auto failure =
-            failure_of([&] { now = introduce(spec, workers, options_.timeout).at("capabilities"); });
+            failure_of([&] { now = introduce(spec, workers, options_.timeout, device).at("capabilities"); });
         if (failure) now = *failure;
         if (now == known) return;
         const Difference other = first_difference(known, now);
