@@ -191,6 +191,18 @@ class Output(InTemporaryFolder):
             self.assertEqual(ran.returncode, 1, arguments)
             self.assertIn("not all of the output could be written to standard output", ran.stderr)
 
+    def test_messages_for_a_closed_standard_error_get_into_no_file(self):
+        """The journal has a second name, since the study deletes the first one."""
+        out, kept = self.folder / "result.json", self.folder / "kept"
+        os.link(self.write("result.json.journal", ""), kept)
+        ran = subprocess.run([VOXSPRING, "study", "smoke", "--scene", "box@4", "--backend", "cpu_reference", "--repetitions", "1",
+                              "--out", out], preexec_fn=lambda: os.close(2), stdout=subprocess.DEVNULL, timeout=300)
+        self.assertEqual(ran.returncode, 0)
+        lines = kept.read_text().splitlines()
+        self.assertGreater(len(lines), 1)
+        for line in lines:
+            self.assertTrue(line.startswith('{"check":"'), line)
+
     def test_follows_a_link_and_writes_to_a_pipe(self):
         target, link = self.folder / "target.csv", self.folder / "link.csv"
         link.symlink_to(target.name)

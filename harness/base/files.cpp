@@ -129,6 +129,13 @@ void remove_unfinished_file() {
     if (unfinished_file_is_known != 0) unlink(unfinished_file);
 }
 
+void occupy_standard_descriptors() {
+    // open() returns the lowest number that is free. The mode is the wrong one, so that each use fails.
+    for (int number = 0; number <= STDERR_FILENO; ++number) {
+        if (fcntl(number, F_GETFD) < 0) (void)open("/dev/null", number == STDIN_FILENO ? O_WRONLY : O_RDONLY);
+    }
+}
+
 void check_writable(const std::filesystem::path& path, const std::string& option,
                     const std::string& extension) {
     const auto refuse = [&](const std::string& accepted) {

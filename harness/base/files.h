@@ -22,6 +22,11 @@ bool write_all(int file, std::string_view text);
 /// still so after a loss of power, as far as the file system can ensure that.
 void sync_folder_of(const std::filesystem::path& file);
 
+/// Occupies each of the descriptors 0, 1 and 2 that is closed. Otherwise the next file that the program opens
+/// would get the number of standard output or standard error, and text for users would end up in that file.
+/// As with a closed descriptor, input and output still fail.
+void occupy_standard_descriptors();
+
 /// Throws BadInput unless `path` ends in `extension` and is either a pipe, a device, or a path at which a
 /// file can be created. Permission to write to a pipe or a device is not checked. The message names `option`.
 void check_writable(const std::filesystem::path& path, const std::string& option,

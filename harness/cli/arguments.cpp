@@ -24,6 +24,7 @@
 #include "backends/suggestion.h"
 #include "completion_scripts.h"  // generated
 #include "harness/base/bad_input.h"
+#include "harness/base/files.h"
 #include "harness/base/interruption.h"
 #include "harness/base/text.h"
 #include "harness/cli/commands.h"
@@ -599,6 +600,7 @@ int run_program(int argc, char** argv, const ViewScene& view) {
     // row of a study allocates and frees states, which are large in a large scene.
     mallopt(M_MMAP_MAX, 0);
     mallopt(M_TRIM_THRESHOLD, -1);  // never return memory to the system
+    occupy_standard_descriptors();
     // With this signal ignored, write() at the limit on file sizes fails instead of ending the process.
     std::signal(SIGXFSZ, SIG_IGN);
     worker_main(argc, argv);
