@@ -946,6 +946,24 @@ TEST(AWrittenFile, HasTheRightsThatItsUserGives) {
     EXPECT_EQ(about.st_mode & 0777, 0640u);
 }
 
+// The name of the temporary file is longer than that of the file, by the ID of this process.
+TEST(AWrittenFile, HasANameAsLongAsWasChecked) {
+    const TemporaryFolder folder;
+    int written = 0, refused = 0;
+    for (std::size_t length = 230; length <= 255; ++length) {
+        const std::filesystem::path path = folder.path() / (std::string(length - 5, 'x') + ".json");
+        if (refusal([&] { check_writable(path, "--out", ".json"); }) == "accepted") {
+            EXPECT_NO_THROW(write_atomically(path, "text")) << length;
+            ++written;
+        } else {
+            EXPECT_THROW(write_atomically(path, "text"), std::system_error) << length;
+            ++refused;
+        }
+    }
+    EXPECT_GT(written, 0);
+    EXPECT_GT(refused, 0);
+}
+
 TEST(AWrittenFile, ThatIsAFullDeviceLeavesNoFileOpen) {
     const std::size_t before = open_files();
     EXPECT_THROW(write_atomically("/dev/full", "text"), std::system_error);

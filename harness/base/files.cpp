@@ -8,7 +8,6 @@
 #include <climits>
 #include <csignal>
 #include <cstdio>
-#include <cstdlib>
 #include <cstring>
 #include <fstream>
 #include <stdexcept>
@@ -145,8 +144,9 @@ void check_writable(const std::filesystem::path& path, const std::string& option
     if (is_pipe_or_device(path)) return;
     std::error_code none;
     if (std::filesystem::is_directory(path, none)) refuse("the path of a file; this is a folder");
-    std::string probe = behind_links(path).string() + ".XXXXXX";
-    const int file = mkstemp(probe.data());
+    // A longer name than that of write_atomically() might be refused, a shorter one accepted in vain.
+    const std::string probe = unused_name_beside(behind_links(path));
+    const int file = open(probe.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
     if (file < 0)
         refuse(std::string("a path in a folder where a file can be created (") + std::strerror(errno) + ")");
     close(file);
