@@ -169,6 +169,12 @@ TEST(Json, FilesAreReadWhole) {
         (folder.path() / "absent.json").string() + ": a missing file is not accepted; expected a JSON file");
     EXPECT_EQ(refusal([&] { read_json(folder.path()); }),
               folder.path().string() + ": a folder is not accepted; expected a JSON file");
+    const std::string loop = (folder.path() / "loop.json").string();
+    std::filesystem::create_symlink(loop, loop);
+    EXPECT_EQ(refusal([&] { read_json(loop); }),
+              loop +
+                  ": an unreadable file (Too many levels of symbolic links) is not accepted; expected a "
+                  "JSON file");
     const std::string large = folder.write("large.json", "{}");
     std::filesystem::resize_file(large, (std::uintmax_t{16} << 20) + 1);
     EXPECT_EQ(refusal([&] { read_json(large); }),

@@ -39,9 +39,11 @@ void require_regular_file(const std::filesystem::path& file, std::string_view ac
     std::error_code error;
     const std::filesystem::file_status status = std::filesystem::status(file, error);
     if (std::filesystem::is_regular_file(status)) return;
-    const char* const what = std::filesystem::is_directory(status) ? "a folder"
+    const bool is_missing = status.type() == std::filesystem::file_type::not_found;
+    const std::string what = std::filesystem::is_directory(status) ? "a folder"
                              : std::filesystem::exists(status)     ? "a pipe or a device"
-                                                                   : "a missing file";
+                             : is_missing                          ? "a missing file"
+                                          : "an unreadable file (" + error.message() + ")";
     throw BadInput(file.string(), "", what, accepted);
 }
 
