@@ -1042,6 +1042,24 @@ TEST_F(AWorkersProgram, ThatKnowsNothingOfWorkersIsRefused) {
     EXPECT_THAT(refusal_of(folder_.path() / "none"), AllOf(HasSubstr("none"), HasSubstr("No such file")));
 }
 
+TEST(AScene, ThatAnotherProcessHasNoMemoryForIsRefusedInItsWords) {
+    const Scene scene = load_scene("incision");
+    int ends[2];
+    ASSERT_EQ(socketpair(AF_UNIX, SOCK_STREAM, 0, ends), 0);
+    send_message(ends[1], {{"error", "no memory"}});
+    shutdown(ends[1], SHUT_WR);
+    std::thread receiver([&] {
+        std::array<char, 65536> some;
+        while (recv(ends[1], some.data(), some.size(), 0) > 0) {
+        }
+    });
+    EXPECT_THAT([&] { send_scene(ends[0], &scene, 0); },
+                ThrowsMessage<std::runtime_error>(HasSubstr("no memory")));
+    close(ends[0]);
+    receiver.join();
+    close(ends[1]);
+}
+
 TEST(AScene, ArrivesInAnotherProcessAsItIs) {
     Scene sent = load_scene("incision");
     sent.source = "somewhere";

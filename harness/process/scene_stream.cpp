@@ -6,6 +6,8 @@
 #include <bit>
 #include <cstddef>
 #include <cstdint>
+#include <nlohmann/json.hpp>
+#include <stdexcept>
 #include <string>
 #include <type_traits>
 
@@ -43,8 +45,8 @@ struct Sender {
     pid_t receiver;
     void bytes(const void* from, std::size_t count) const {
         if (count >= large) {
-            std::uint64_t address = 0;
-            receive_bytes(socket, &address, sizeof address);
+            const nlohmann::json address = receive_message(socket);
+            if (address.is_object()) throw std::runtime_error(address.at("error").get<std::string>());
             const bool written = write_into(receiver, address, from, count);
             send_bytes(socket, &written, sizeof written);
             if (written) return;
@@ -62,8 +64,7 @@ struct Receiver {
     int socket;
     void bytes(void* to, std::size_t count) const {
         if (count >= large) {
-            const auto address = std::bit_cast<std::uint64_t>(to);
-            send_bytes(socket, &address, sizeof address);
+            send_message(socket, std::bit_cast<std::uint64_t>(to));
             bool written = false;
             receive_bytes(socket, &written, sizeof written);
             if (written) return;
