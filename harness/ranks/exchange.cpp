@@ -101,13 +101,14 @@ Mailbox Mailroom::box(int from, int to) const {
     return {memory_ + begin_.at({from, to}), routes_.capacities().at({from, to})};
 }
 
-void Mailroom::fail(const std::string& reason) const noexcept {
+bool Mailroom::fail(const std::string& reason) const noexcept {
     int good = Board::good;
-    if (!board().state.compare_exchange_strong(good, Board::being_written)) return;
+    if (!board().state.compare_exchange_strong(good, Board::being_written)) return false;
     const std::size_t length = std::min(reason.size(), board().reason.size() - 1);
     std::copy_n(reason.data(), length, board().reason.data());
     board().reason[length] = 0;
     board().state.store(Board::failed, std::memory_order_release);
+    return true;
 }
 
 bool Mailroom::has_failed() const { return board().state.load(std::memory_order_acquire) == Board::failed; }

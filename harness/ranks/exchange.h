@@ -87,8 +87,9 @@ public:
     /// The mailbox of a route, which must exist.
     Mailbox box(int from, int to) const;
 
-    /// Notes why the run failed. Only the first reason is kept, cut to 1023 bytes.
-    void fail(const std::string& reason) const noexcept;
+    /// Notes why the run failed. Only the first reason is kept, cut to 1023 bytes. Returns whether this one
+    /// was the first.
+    bool fail(const std::string& reason) const noexcept;
     bool has_failed() const;
     std::string reason() const;
 
@@ -128,8 +129,8 @@ public:
     void release(int from) { links_.at(from).in.take(); }
 
     /// Makes every rank that waits throw RankLost with this reason, or with an earlier reason if the run has
-    /// already failed.
-    void fail(const std::string& reason) noexcept { mailroom_.fail(reason); }
+    /// already failed. Returns whether this reason was the first.
+    bool fail(const std::string& reason) noexcept { return mailroom_.fail(reason); }
     /// A rank that sends nothing for this long counts as lost. The initial value is 10 s.
     void set_patience(std::chrono::duration<double> patience) { patience_ = patience; }
 

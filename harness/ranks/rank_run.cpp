@@ -110,7 +110,7 @@ struct Together {
     std::mutex mutex = {};
     std::condition_variable changed = {};
     int at_work = 0;
-    std::atomic<bool> unavailable = false;  ///< whether a rank failed with Unavailable
+    std::atomic<bool> unavailable = false;  ///< whether the first failure was Unavailable
 };
 
 void run_as_thread(const std::shared_ptr<Together>& all, int rank) {
@@ -121,8 +121,8 @@ void run_as_thread(const std::shared_ptr<Together>& all, int rank) {
         all->reports[std::size_t(rank)] =
             run_rank(all->spec, all->scene, all->plan, exchange, all->left, &all->parts);
     } catch (const Unavailable& error) {
-        all->unavailable = true;
-        exchange.fail("rank " + std::to_string(rank) + ": " + error.what());
+        // The caller reads this once all threads have ended, or else a second after the failure.
+        if (exchange.fail("rank " + std::to_string(rank) + ": " + error.what())) all->unavailable = true;
     } catch (const std::exception& error) {
         exchange.fail("rank " + std::to_string(rank) + ": " + error.what());
     }

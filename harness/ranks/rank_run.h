@@ -106,9 +106,9 @@ RankReport run_rank(const BackendSpec& spec, const Scene& scene, const RankPlan&
                     State& left, PartsOnDevices* parts = nullptr);
 
 /// Runs all ranks of the plan, each as a thread of this process, and returns one report per rank. If a rank
-/// fails, the other ranks end soon, and this function throws the reason: as Unavailable if a rank threw
-/// Unavailable, otherwise as std::runtime_error. A thread that hangs is left behind until the process ends,
-/// with the data that it uses: `scene` must live until then.
+/// fails, the other ranks end soon, and this function throws the first reason: as Unavailable if that rank
+/// threw Unavailable, otherwise as std::runtime_error. A thread that hangs is left behind until the process
+/// ends, with the data that it uses: `scene` must live until then.
 std::vector<RankReport> run_ranks_as_threads(const BackendSpec& spec, const Scene& scene,
                                              const RankPlan& plan, State& left);
 
