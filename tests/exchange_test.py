@@ -295,6 +295,7 @@ class Refusals(Exported):
         self.assert_run_refused(["--out", self.folder / "missing" / "body.vti"], "--out", "missing")
         self.assert_run_refused(["--every", 10], "--every", "10", "--out", *ENDINGS)
         self.assert_run_refused(["--out", good, "--out", good.with_suffix(".vti"), "--every", 10], "body.vti", "body.pvd")
+        self.assert_run_refused(["--out", good, "--out", f"{self.folder}/./body.vti", "--every", 10], "body.vti", "body.pvd")
         for every in ("0", "-1", "x"):
             self.assert_run_refused(["--out", good, "--every", every], "--every", every)
 

@@ -253,6 +253,7 @@ class Resume(InTemporaryFolder):
         self.assert_refused(voxspring("run", "box@4", "--backend", "cpu_reference", "--tool-force", force), "--tool-force", "tool",
                             "box@4")
         self.assert_refused(voxspring(*run, "--tool-force", self.folder / "force.txt"), "--tool-force", ".csv")
+        self.assert_refused(voxspring(*run, "--tool-force", force, "--out", f"{self.folder}/./force.csv"), "--tool-force", "--out")
         self.assertFalse(force.exists())
 
     def test_refuses_what_is_no_state_of_the_scene(self):

@@ -59,6 +59,11 @@ int next_multiple(int step, int every, int last) {
 
 std::filesystem::path collection_of(std::filesystem::path path) { return path.replace_extension(".pvd"); }
 
+/// One spelling for all paths of a file: "a.csv", "./a.csv" and "/home/me/a.csv".
+std::filesystem::path in_full(const std::filesystem::path& path) {
+    return std::filesystem::absolute(path).lexically_normal();
+}
+
 }  // namespace
 
 glm::ivec2 parse_size(const std::string& text) {
@@ -110,11 +115,14 @@ Exports::Exports(const ExportOptions& options, int steps)
     for (const std::filesystem::path& path : options.out) {
         const Writer& writer = writer_of(path);
         check_writable(path, "--out", path.extension().string());
-        if (every && writer.collected && !collections.insert(collection_of(path)).second) {
+        if (every && writer.collected && !collections.insert(in_full(collection_of(path))).second) {
             throw BadInput("command line", "--out", path.string(),
                            "a different name for each series: " + collection_of(path).filename().string() +
                                " lists another series already");
         }
+        if (!every && options.tool_force && in_full(path) == in_full(*options.tool_force))
+            throw BadInput("command line", "--tool-force", options.tool_force->string(),
+                           "another file than that of --out, which would be overwritten");
         files_.push_back({path, &writer, every, {}});
     }
     if (options.frames) {

@@ -62,8 +62,9 @@ struct ExportOptions {
 class Exports {
 public:
     /// Throws BadInput if an ending is not in writers(), a folder is not writable, `every` is given without
-    /// `out`, `frames` or `tool_force`, two series would share a .pvd file, or options of pictures are given
-    /// without a picture. Throws Unavailable if there is no OpenGL to draw pictures with.
+    /// `out`, `frames` or `tool_force`, two series would share a .pvd file, `tool_force` would overwrite a
+    /// file of `out`, or options of pictures are given without a picture. Throws Unavailable if there is no
+    /// OpenGL to draw pictures with.
     Exports(const ExportOptions& options, int steps);
     ~Exports();
     Exports(const Exports&) = delete;
