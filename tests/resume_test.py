@@ -267,6 +267,8 @@ class Resume(InTemporaryFolder):
         self.assert_refused(voxspring("run", slow, "--backend", "cpu_reference", "--resume", state), "state.npz", "time_step",
                             "0.01")
         self.assert_refused(voxspring(*run, "--resume", self.folder / "none.npz"), "none.npz")
+        os.mkfifo(self.folder / "pipe.npz")
+        self.assert_refused(voxspring(*run, "--resume", self.folder / "pipe.npz"), "pipe.npz", "a pipe", "voxspring run --out")
         self.assert_refused(voxspring(*run, "--resume", self.write("text.npz", "no zip")), "text.npz", "voxspring run --out")
         whole = state.read_bytes()
         place = whole.index(b"increment.npy") + 200

@@ -32,9 +32,11 @@ namespace {
 /// Reads the arrays of a .npz file.
 class NpzReader {
 public:
-    explicit NpzReader(const std::filesystem::path& file)
-        : name_(file.string()), file_(unzOpen64(file.c_str())) {
-        if (!file_) refuse("", name_, "a .npz file that `voxspring run --out` wrote");
+    explicit NpzReader(const std::filesystem::path& file) : name_(file.string()) {
+        const std::string accepted = "a .npz file that `voxspring run --out` wrote";
+        require_regular_file(file, accepted);  // opening a pipe would wait for its writer
+        file_.reset(unzOpen64(file.c_str()));
+        if (!file_) refuse("", name_, accepted);
     }
 
     /// The array `name`, whose rows are Values, or groups of `columns` of them. The file gives the number of
