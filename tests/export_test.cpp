@@ -1,9 +1,14 @@
-// What is written of a run beside its state: velocities at the time of the state, and the force on a tool.
+// What is written of a run beside its state: velocities at the time of the state, the force on a tool, and
+// the list of a series.
+#include "harness/export/export.h"
+
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <cmath>
+#include <fstream>
 #include <glm/geometric.hpp>
+#include <string>
 #include <vector>
 
 #include "backends/registry.h"
@@ -11,6 +16,7 @@
 #include "harness/scene/scene_runner.h"
 #include "harness/verification/conserved.h"
 #include "tests/support.h"
+#include "tests/surroundings.h"
 
 namespace voxspring::testing {
 namespace {
@@ -113,6 +119,25 @@ TEST(ExportedVelocity, GivesAnEnergyThatHardlyWanders) {
     };
     // Its error is of second order in the time step, not of first.
     EXPECT_LT(wander(centred), wander(half_a_step_old) / 5);
+}
+
+TEST(ExportedSeries, ListsAFileOnceIfTheRunIsInterruptedRightAfterIt) {
+    const TemporaryFolder folder;
+    const Scene scene = scene_of("box", make_lattice_problem(solid({2, 2, 2}), FACE_BITS));
+    const State state = state_at_rest(scene.problem);
+    ExportOptions options;
+    options.out = {folder.path() / "body.vtu"};
+    options.every = 2;
+    Exports exports(options, 10);
+    for (const int step : {2, 4}) exports.write({scene, scene.problem, state, step, step * 0.5, ""});
+    exports.end_at(4);
+    exports.write({scene, scene.problem, state, 4, 2, ""});
+    std::vector<std::string> listed;
+    std::ifstream list(folder.path() / "body.pvd");
+    for (std::string line; std::getline(list, line);) {
+        if (line.find("<DataSet") != std::string::npos) listed.push_back(line.substr(line.find("file=")));
+    }
+    EXPECT_EQ(listed, std::vector<std::string>({"file=\"body_000002.vtu\"/>", "file=\"body_000004.vtu\"/>"}));
 }
 
 }  // namespace

@@ -187,8 +187,10 @@ void Exports::write(const Snapshot& snapshot) {
         written_.push_back(file.path.parent_path() / name);
         write_atomically(written_.back(), contents);
         if (!file.every || !file.writer->collected) continue;
-        file.listed += fmt::format("    <DataSet timestep=\"{}\" part=\"0\" file=\"{}\"/>\n", snapshot.time,
-                                   escaped(name));
+        const std::string entry = fmt::format("    <DataSet timestep=\"{}\" part=\"0\" file=\"{}\"/>\n",
+                                              snapshot.time, escaped(name));
+        // A run that is interrupted right after a file was due writes that file again.
+        if (!file.listed.ends_with(entry)) file.listed += entry;
         write_atomically(collection_of(file.path),
                          "<?xml version=\"1.0\"?>\n<VTKFile type=\"Collection\" version=\"0.1\">\n"
                          "  <Collection>\n" +
