@@ -508,6 +508,8 @@ TEST(Voxels, NobodyCanMakeAreRefusedWithASuggestion) {
     EXPECT_THAT(refusal(box, 0.1), HasSubstr("about 1.6: the mesh is 100 x 100 x 100"));
     EXPECT_THAT(refusal(box, 1e-9), HasSubstr("about 1.6"));
     EXPECT_EQ(refusal(box, std::nullopt), "accepted");
+    EXPECT_THAT(refusal(box_mesh(glm::dvec3(1e-20)), std::nullopt),
+                AllOf(HasSubstr("a mesh of 1e-20 x 1e-20 x 1e-20"), HasSubstr("a smaller unit of length")));
     EXPECT_THAT(refusal(box, 0.1), EndsWith("and at most 16777216 voxels fit here"));
     // A wire has few voxels, but too many along x. The pitch for its thinnest side would give even more.
     EXPECT_EQ(

@@ -252,6 +252,13 @@ Voxelised voxelise(Mesh mesh, std::optional<double> chosen_pitch, double fill,
     const MeshFacts& facts = surface.facts;
     const double pitch = chosen_pitch.value_or(default_pitch(facts));
     const glm::dvec3 extent = facts.high - facts.low;
+    // Squares of much smaller lengths vanish in float32.
+    if (pitch < min_quantity)
+        throw BadInput(
+            mesh.file, "", "a mesh of " + text_of(extent),
+            fmt::format("a larger mesh, in a smaller unit of length: {} voxels along its longest side "
+                        "are shorter than {:g}",
+                        default_voxels, min_quantity));
     const auto sides_of = [&](double edge) {
         return glm::max(glm::ceil(extent / edge - 1e-9), glm::dvec3(1));
     };
