@@ -300,6 +300,7 @@ TEST(MeshFile, ThatCannotBeReadIsRefusedInASentence) {
         {"word.obj", "v 0 0 zero\n", "v 0 0 zero"},
         {"open.stl", "solid\nfacet\nvertex 0 0 0\nvertex 1 0 0\n", "three vertices of a facet"},
         {"short.stl", "binary", "a binary STL file"},
+        {"nan.stl", "solid\nfacet\nvertex 0 0 nan\n", "line 3, byte 26: nan"},
         {"count.ply",
          "ply\nformat ascii 1.0\nelement vertex 4000000000\nproperty float x\nproperty float y\n"
          "property float z\nend_header\n0 0 0\n",

@@ -1,4 +1,5 @@
 // Reads surfaces of triangles or polygons from STL, OBJ and PLY files.
+#include <cmath>
 #include <map>
 #include <optional>
 #include <set>
@@ -28,8 +29,12 @@ Mesh with_shared_points(const std::vector<glm::dvec3>& corners) {
 template <class Number>
 glm::dvec3 point(MeshBytes& bytes, NumberLayout layout) {
     glm::dvec3 p;
-    for (int axis = 0; axis < 3; ++axis)
-        p[axis] = double(bytes.number<Number>(layout, "a coordinate of a vertex"));
+    constexpr const char* what = "a coordinate of a vertex";
+    for (int axis = 0; axis < 3; ++axis) {
+        p[axis] = double(bytes.number<Number>(layout, what));
+        // Since NaN does not equal itself, welded() would take quadratic time for many.
+        if (std::isnan(p[axis])) bytes.refuse("nan", what);
+    }
     return p;
 }
 
