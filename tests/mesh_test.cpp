@@ -301,6 +301,14 @@ TEST(MeshFile, ThatCannotBeReadIsRefusedInASentence) {
         {"open.stl", "solid\nfacet\nvertex 0 0 0\nvertex 1 0 0\n", "three vertices of a facet"},
         {"short.stl", "binary", "a binary STL file"},
         {"nan.stl", "solid\nfacet\nvertex 0 0 nan\n", "line 3, byte 26: nan"},
+        {"length.ply",
+         "ply\nformat ascii 1.0\nelement face 1\nproperty list float int vertex_indices\nend_header\n"
+         "-1 0 1 2\n",
+         "-1 is not accepted; expected a whole number from 0 on"},
+        {"half.ply",
+         "ply\nformat ascii 1.0\nelement face 1\nproperty list uchar float vertex_indices\nend_header\n"
+         "3 0 1.5 2\n",
+         "1.5 is not accepted; expected a whole number from 0 on"},
         {"count.ply",
          "ply\nformat ascii 1.0\nelement vertex 4000000000\nproperty float x\nproperty float y\n"
          "property float z\nend_header\n0 0 0\n",

@@ -40,11 +40,7 @@ double vtk_number(MeshBytes& bytes, NumberLayout layout, std::string_view type) 
 }
 
 std::int64_t vtk_integer(MeshBytes& bytes, NumberLayout layout, std::string_view type) {
-    const double value = vtk_number(bytes, layout, type);
-    constexpr double most = 1e15;
-    if (!(value >= 0 && value <= most && value == double(std::int64_t(value))))
-        bytes.refuse(fmt::format("{:g}", value), "a whole number from 0 on");
-    return std::int64_t(value);
+    return whole(bytes, vtk_number(bytes, layout, type));
 }
 
 using Cells = std::vector<std::vector<std::uint32_t>>;

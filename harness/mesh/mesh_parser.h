@@ -2,6 +2,8 @@
 // polygons to the mesh.
 #pragma once
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <bit>
 #include <charconv>
@@ -67,6 +69,14 @@ private:
     std::string_view bytes_, file_;
     std::size_t at_ = 0;
 };
+
+/// Returns `value`, which was read last, as a whole number. Throws BadInput if it is not one from 0 on.
+inline std::int64_t whole(const MeshBytes& bytes, double value) {
+    constexpr double most = 1e15;
+    if (!(value >= 0 && value <= most && value == double(std::int64_t(value))))
+        bytes.refuse(fmt::format("{:g}", value), "a whole number from 0 on");
+    return std::int64_t(value);
+}
 
 /// Adds the triangles of a polygon, a fan around its first corner. Fewer than three corners add nothing.
 template <class Corners>

@@ -214,15 +214,13 @@ Mesh read_ply(MeshBytes& bytes) {
                     if (is_vertex && property.name.size() == 1 && axis < 3) p[int(axis)] = value;
                     continue;
                 }
-                const double length = property.count(bytes, header.layout);
+                const std::int64_t length = whole(bytes, property.count(bytes, header.layout));
                 const bool is_polygon =
                     is_face && (property.name == "vertex_indices" || property.name == "vertex_index");
                 corners.clear();
-                for (double k = 0; k < length; ++k) {
+                for (std::int64_t k = 0; k < length; ++k) {
                     const double value = property.type(bytes, header.layout);
-                    if (is_polygon)
-                        corners.push_back(
-                            vertex_index(value >= 0 && value < 1e15 ? std::int64_t(value) : -1));
+                    if (is_polygon) corners.push_back(vertex_index(whole(bytes, value)));
                 }
                 if (is_polygon) add_polygon(mesh, corners);
             }
