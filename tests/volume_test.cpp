@@ -838,6 +838,16 @@ TEST(VolumeRules, WhatIsNotUsualIsSaid) {
     }
     const File lost = nrrd(nrrd_fields("short", "raw", "spacings: 1 1 1\nspace origin: (1,2)\n"), shorts);
     EXPECT_THAT(all_notes(read(lost)), StartsWith("space origin is no vector"));
+    for (const double bad : {std::numeric_limits<double>::quiet_NaN(), 1e30}) {
+        Described astray;
+        astray.origin.z = bad;
+        for (const Format format : all_formats) {
+            const Volume volume = read(file_of(format, astray));
+            EXPECT_EQ(volume.facts.placement->origin, glm::dvec3(0));
+            EXPECT_EQ(volume.facts.placement->direction[2], glm::dvec3(0, 0, 1));
+            EXPECT_THAT(all_notes(volume), EndsWith(" is not of numbers up to 1e+12: 0 is taken"));
+        }
+    }
     nifti_1_header header = nifti_header({2, 3, 2}, 4, {0.5F, 1, 2});
     header.sform_code = 1;
     header.srow_x[0] = 0.75F;

@@ -266,8 +266,19 @@ private:
         }
         if (!have_directions) placement.space.clear();
         check_angles(placement);
-        if (claims_.origin) placement.origin = *claims_.origin;
+        if (claims_.origin) placement.origin = checked(*claims_.origin);
         volume().facts.placement = placement;
+    }
+
+    /// The origin, or 0 with a note if a component is not finite or so large that voxels would coincide.
+    glm::dvec3 checked(const glm::dvec3& origin) {
+        for (int axis = 0; axis < 3; ++axis) {
+            if (std::abs(origin[axis]) <= max_quantity) continue;
+            say(fmt::format("the origin {:g}, {:g}, {:g} is not of numbers up to {:g}: 0 is taken", origin.x,
+                            origin.y, origin.z, max_quantity));
+            return glm::dvec3(0);
+        }
+        return origin;
     }
 
     /// Adds a note if the header's distance between voxels differs from `length`, the length of the axis's

@@ -266,10 +266,7 @@ VolumeClaims read_nrrd(std::istream& stream, const std::string& file) {
     if (const std::string* origin = header.find("space origin")) {
         const auto list = vectors_of(*origin);
         if (list && list->size() == 1) claims.origin = (*list)[0];
-        if (!claims.origin || !std::isfinite(claims.origin->x + claims.origin->y + claims.origin->z)) {
-            claims.origin.reset();
-            claims.notes.push_back("space origin is no vector of three numbers: 0 is taken");
-        }
+        if (!claims.origin) claims.notes.push_back("space origin is no vector of three numbers: 0 is taken");
     }
     claims.type = scalar_type(header);
     claims.type_text = "type " + header.require("type");
