@@ -817,6 +817,14 @@ TEST(VolumeRules, AChosenSpacingTakesThePlaceOfABadOne) {
     const Volume volume = read(nrrd(nrrd_fields("short", "raw", flat), shorts), choice);
     EXPECT_FALSE(volume.facts.placement);
     EXPECT_THAT(all_notes(volume), HasSubstr("the orientation is not known"));
+    // Neither do axes in one plane: no combination of these three leads forward.
+    Described grid;
+    grid.direction = {glm::dvec3(1, 0, 0), glm::dvec3(0, 0, 1), glm::dvec3(0.6, 0, 0.8)};
+    for (const Format format : all_formats) {
+        const Volume in_a_plane = read(file_of(format, grid), choice);
+        EXPECT_FALSE(in_a_plane.facts.placement);
+        EXPECT_THAT(all_notes(in_a_plane), EndsWith("in one plane: the orientation is not known"));
+    }
 }
 
 TEST(VolumeRules, WhatIsNotUsualIsSaid) {

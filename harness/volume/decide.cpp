@@ -28,6 +28,9 @@ constexpr double right_angle_tolerance = 0.5;
 /// the accuracy of directions with four digits.
 constexpr double said_angle = 0.05;
 
+/// The largest volume spanned by the directions of three axes that counts as none.
+constexpr double flat = 1e-6;
+
 constexpr const char* or_spacing = "; --spacing, or \"spacing\" in a scene, replaces what the file says";
 
 double degrees(double cosine) { return std::acos(std::clamp(cosine, -1.0, 1.0)) * 180 / std::numbers::pi; }
@@ -266,6 +269,11 @@ private:
         }
         if (!have_directions) placement.space.clear();
         check_angles(placement);
+        const auto& [x, y, z] = placement.direction;
+        if (std::abs(glm::dot(glm::cross(x, y), z)) < flat) {
+            say(claims_.directions_key + " puts the axes in one plane: the orientation is not known");
+            return;
+        }
         if (claims_.origin) placement.origin = checked(*claims_.origin);
         volume().facts.placement = placement;
     }
