@@ -7,6 +7,7 @@
 #include <algorithm>
 #include <filesystem>
 #include <iostream>
+#include <limits>
 #include <nlohmann/json.hpp>
 #include <sstream>
 #include <utility>
@@ -251,6 +252,9 @@ TEST(Auto, AsksWhetherSpringsAreEdited) {
     };
     EXPECT_EQ(between("box@4"), INFINITY);
     EXPECT_NEAR(between("scalpel_10"), 100, 10);
+    Scene late = load_scene("box@4");
+    late.edits.push_back({std::numeric_limits<int>::max(), {}});
+    EXPECT_EQ(workload_of(late, Formulation::increment).steps_between_edits, 2147483648.0);
     // A choice that pays with rare edits does not with many.
     for (const Rule& rule : rules()) {
         if (rule.backend != "cuda_resident" || rule.min_particles > 0 || rule.min_occupancy > 0) continue;

@@ -77,7 +77,7 @@ const std::vector<Rule>& rules() {
 
 Workload workload_of(const Scene& scene, Formulation formulation) {
     double between = any_number;
-    if (!scene.edits.empty()) between = double(scene.edits.back().step + 1) / double(scene.edits.size());
+    if (!scene.edits.empty()) between = (double(scene.edits.back().step) + 1) / double(scene.edits.size());
     return {scene.problem.lattice.voxel_count(), scene.problem.particle_count(), between,
             by_increments(formulation)};
 }
