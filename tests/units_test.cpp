@@ -139,6 +139,16 @@ TEST(Units, ParticlesAtCornersWeighWhatTheVoxelsWeigh) {
     EXPECT_NEAR(particles, voxels, 1e-12 * voxels);
 }
 
+// The order in which masses are summed would else make several masses of one, and more than 254 are refused.
+TEST(Units, CornersOfTheSameVoxelsHaveTheSameMass) {
+    const std::vector<VoxelMaterial> materials = {
+        {1.0567, {1, 1, 1}}, {1.0531, {2, 2, 2}}, {0.9213, {3, 3, 3}}};
+    const Problem problem =
+        make_corner_problem(random_grid({20, 20, 20}, 0.75, 1, 3), FACE_BITS | EDGE_BITS, materials);
+    // The number of ways to choose up to eight voxels of three materials, without the empty choice.
+    EXPECT_LE(problem.materials.size(), 164U);
+}
+
 // --- The same modulus at three pitches -----------------------------------------------------------------
 
 /// How far the end of a clamped bar of 12 x 12 x 48 mm sags under its own weight, in mm, with `across` voxels

@@ -1,8 +1,10 @@
 #include "harness/scene/corners.h"
 
+#include <algorithm>
 #include <cmath>
 #include <glm/vector_relational.hpp>
 #include <map>
+#include <numeric>
 #include <stdexcept>
 
 #include "backends/layout/boxes.h"
@@ -34,10 +36,15 @@ Problem make_corner_problem(const VoxelGrid& voxels, std::uint32_t group_bits,
     VoxelGrid corners{voxels.dims + 1, voxels.spacing, {}};
     std::map<double, std::uint8_t> label_of_mass;
     layout::visit_box(glm::ivec3(0), corners.dims, [&](glm::ivec3 corner) {
-        double mass = 0;
+        // Sums are made in ascending order: in another order the same voxels may have another rounded sum,
+        // which would count as a different mass.
+        std::array<double, 8> masses{};
+        auto next = masses.begin();
         visit_voxels(corner, glm::ivec3(0), [&](glm::ivec3 voxel) {
-            if (const auto* material = material_at(voxel)) mass += material->mass / 8;
+            if (const auto* material = material_at(voxel)) *next++ = material->mass / 8;
         });
+        std::sort(masses.begin(), masses.end());
+        const double mass = std::accumulate(masses.begin(), masses.end(), 0.0);
         std::uint8_t label = 0;
         if (mass > 0) {
             constexpr std::size_t most = 254;
