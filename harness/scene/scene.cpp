@@ -578,7 +578,7 @@ Scene build(SceneFile file_says, const std::string& file, const SceneSizeLimits&
     }
     if (file_says.tool) take_tool(scene, *file_says.tool, file, is_builtin);
     problem.gravity = gravity_of(file_says, problem.lattice.spacing, scene.notes);
-    problem.damping = file_says.damping;
+    if (!file_says.damping_per_second) problem.damping = file_says.damping;
     std::string parts_note = describe(parts_of(problem), problem.has_gravity());
     if (!parts_note.empty()) {
         if (file_says.dataset.is_from_file())
