@@ -124,6 +124,16 @@ class Info(InTemporaryFolder):
         self.assertIn("300000", large["time_step_limit_unknown"])
         self.assertIn("98.72%", voxspring("info", "beam").stdout)
 
+    def test_damping_per_second_leaves_the_stable_time_step(self):
+        volume = self.write("solid.nrrd", nrrd("4 4 4", [1] * 64))
+        steps = []
+        for damping in (0, 0.5):
+            info = json_of("info", volume, "--damping", damping, "--json")
+            self.assertEqual(info["stable_time_step_undamped"], info["stable_time_step"])
+            steps.append(info["stable_time_step"])
+        self.assertEqual(*steps)
+        self.assertIn(" per step, 0.5 per second\n", voxspring("info", volume, "--damping", 0.5).stdout)
+
     def test_percentages_are_numbers_that_people_read(self):
         for time_step, said in ((6.0, "1039%"), (0.5, "87%"), (0.05, "8.7%")):
             scene = self.write("coarse.json", {"dataset": {"type": "box", "dims": [5, 5, 5]}, "time_step": time_step})

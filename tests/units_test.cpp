@@ -58,7 +58,7 @@ TEST(Units, SpringsMassesGravityAndLoadsFollow) {
     ASSERT_TRUE(scene.world);
     EXPECT_NEAR(scene.world->tissues[0].pressure_wave(), std::sqrt(1.2 * 5000 / 1050), 1e-12);
     EXPECT_NEAR(scene.world->tissues[0].shear_wave(), std::sqrt(0.4 * 5000 / 1050), 1e-12);
-    EXPECT_THAT(scene.notes, ::testing::Contains(HasSubstr("up to 4 N/m")));
+    EXPECT_THAT(scene.notes, ::testing::Contains(HasSubstr("up to 4 N/m and particles up to 8.4e-06 kg")));
     EXPECT_EQ(scene.world->force(), "mN");
 }
 

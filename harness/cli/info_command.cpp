@@ -113,7 +113,7 @@ nlohmann::json world_json(const Scene& scene) {
                            {"shear_wave_speed", tissue.shear_wave()}});
     return {{"unit_of_length", scene.world->length},
             {"unit_of_force", scene.world->force()},
-            {"damping_per_second", scene.world->damping},
+            {"damping_per_second", scene.damping_per_second},
             {"tissues", tissues}};
 }
 
@@ -165,6 +165,9 @@ nlohmann::json facts_of(const Scene& scene) {
     } else {
         unknown = frequency.reason;
     }
+    const double undamped = scene.damping_per_second > 0
+                                ? scene.stable_time_step
+                                : stable_time_step(frequency_bound_squared(limiting), 0);
     for (const auto& [name, entry] : registry())
         bytes[name] = entry.bytes(problem, BackendSpec::parse(name).options);
     return {
@@ -186,7 +189,7 @@ nlohmann::json facts_of(const Scene& scene) {
           {"total", springs.total()}}},
         {"time_step", problem.time_step},
         {"stable_time_step", scene.stable_time_step},
-        {"stable_time_step_undamped", stable_time_step(frequency_bound_squared(limiting), 0)},
+        {"stable_time_step_undamped", undamped},
         {"time_step_limit", limit},
         {"time_step_limit_unknown", unknown},
         {"stable_over_limit", stable_over_limit},
@@ -226,8 +229,8 @@ void print(const Scene& scene, const nlohmann::json& facts, std::ostream& out) {
     if (scene.world) print_world(*scene.world, out);
     row(out, "damping",
         fmt::format("{:g}", problem.damping) +
-            (scene.world && scene.world->damping > 0
-                 ? fmt::format(" per step, {:g} per second", scene.world->damping)
+            (scene.damping_per_second > 0
+                 ? fmt::format(" per step, {:g} per second", scene.damping_per_second)
                  : ""));
     if (!scene.edits.empty()) {
         row(out, "edits",

@@ -505,13 +505,17 @@ void damp(Problem& problem, double per_second) {
 }
 
 /// A note on the stiffness, mass, time step and damping that follow from the units, for the user to check.
-std::string what_follows(const WorldUnits& world, const Problem& problem) {
+std::string what_follows(const Scene& scene) {
+    const WorldUnits& world = *scene.world;
+    const Problem& problem = scene.problem;
     double stiffest = 0, heaviest = 0;
     for (const Material& material : problem.materials) {
         stiffest =
             std::max(stiffest, problem.has_materials() ? material.stiffness : problem.group_stiffness[0]);
         heaviest = std::max(heaviest, material.mass);
     }
+    // The factor by which damp() has multiplied masses is the inverse of this one.
+    if (scene.damping_per_second > 0) heaviest *= 1 - problem.damping / 2;
     return fmt::format(
         "springs have up to {:g} N/m and particles up to {:g} kg, the time step is {:g} s, and damping is "
         "{:g} per step; lengths are in {}, times in s, masses in kg, forces in {}",
@@ -593,10 +597,10 @@ Scene build(SceneFile file_says, const std::string& file, const SceneSizeLimits&
     scene.stable_time_step = stable_time_step(limiting);
     problem.time_step = choose_time_step(file_says.time_step, scene.stable_time_step, limiting, file);
     if (file_says.damping_per_second) {
-        damp(problem, *file_says.damping_per_second);
-        if (scene.world) scene.world->damping = *file_says.damping_per_second;
+        scene.damping_per_second = *file_says.damping_per_second;
+        damp(problem, scene.damping_per_second);
     }
-    if (scene.world) scene.notes.push_back(what_follows(*scene.world, problem));
+    if (scene.world) scene.notes.push_back(what_follows(scene));
     set_field(scene.state.displacement, file_says.displacement, 1, problem);
     set_field(scene.state.increment, file_says.velocity, problem.time_step, problem);
     // A user who brings a volume or mesh may not know the keys that pin or move a body. The author of a box

@@ -50,6 +50,9 @@ struct Scene {
     /// begins with a small letter and has no full stop.
     std::vector<std::string> notes = {};
     std::optional<WorldUnits> world = {};  ///< present if the scene gives Young's modulus
+    /// 0 also if the scene gives damping per step. If it is not 0, loading has changed masses and gravity so
+    /// that the stable time step is that of the undamped body.
+    double damping_per_second = 0;
 };
 
 /// Writes the notes to standard error, one per line. Every command that loads scenes calls it once per scene.

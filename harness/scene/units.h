@@ -26,7 +26,6 @@ struct WorldUnits {
     std::string length;  ///< the unit of length, for example "mm"
     double metres = 1;   ///< metres per unit of length
     std::vector<Tissue> tissues;
-    double damping = 0;  ///< per second; 0 also if the scene gives damping per step
 
     std::string force() const;  ///< the unit of forces: "mN" if lengths are in mm
 };
