@@ -78,6 +78,19 @@ class Interrupted(InTemporaryFolder):
             reached = int(re.search(r"interrupted after step (\d+) of", said)[1])
             self.assertEqual([path.name for path in frames.iterdir()], [f"frame_{reached:09}.png"])
 
+    def test_a_first_pass_leaves_the_forces_on_the_tool(self):
+        self.write("hand.csv", "time,x,y,z\n0,0,0,0\n2,0.1,0,0\n")
+        scene = self.write("held.json", {"dataset": {"type": "box", "dims": [6, 6, 6]}, "pinned": {"side": "z-"}, "damping": 0.01,
+                                         "tool": {"side": "z+", "stiffness": 0.1, "motion": "hand.csv"}})
+        forces = self.folder / "forces.csv"
+        code, said, errors, _ = self.interrupt("run", scene, "--backend", "cpu_reference", "--steps", 10**8, "--frames",
+                                               self.folder / "frames", "--every", 10, "--size", "64x64", "--tool-force", forces,
+                                               after=r"first pass, .*: step \d{3,} of")
+        self.assertEqual(code, 130, errors)
+        reached = int(re.search(r"interrupted after step (\d+) of", said)[1])
+        steps = [int(line.split(",")[0]) for line in forces.read_text().splitlines()[1:]]
+        self.assertEqual(steps, sorted({*range(10, reached, 10), reached}))
+
     def test_a_second_one_while_a_file_is_written_leaves_no_temporary_file(self):
         out = self.folder / "state.npz"
         out.write_text("old")

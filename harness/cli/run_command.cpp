@@ -277,8 +277,7 @@ private:
             while (reached_ < end && !interrupted())
                 step_on(std::min(stride.steps(), end - reached_), stride);
             if (reached_ < end || (interrupted() && reached_ < steps_)) return;
-            if (forces_ && !in_first_pass_ && reached_ == force)
-                forces_->add(reached_, backend_->tool()->tool_force());
+            if (forces_ && reached_ == force) forces_->add(reached_, backend_->tool()->tool_force());
             if (reached_ < file) continue;
             const State state = checked_state();
             take(snapshot_of(state));

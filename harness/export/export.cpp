@@ -209,7 +209,7 @@ ToolForces::ToolForces(std::filesystem::path path, const Scene& scene, std::opti
 int ToolForces::next(int step) const { return next_multiple(step, every_, steps_); }
 
 void ToolForces::add(int step, const glm::dvec3& force) {
-    if (step == last_) return;
+    if (step <= last_) return;
     last_ = step;
     const double time_step = scene_.problem.time_step;
     const glm::dvec3 at = scene_.tool_motion.at_step(step - 1, time_step);

@@ -122,7 +122,8 @@ public:
 
     /// The number of steps, larger than `step`, after which the next line is due.
     int next(int step) const;
-    /// Adds the line for step `step`, which is at least 1, unless it is already the last line.
+    /// Adds the line for step `step`, which is at least 1, unless the table has reached that step: a run of
+    /// two passes has all lines after the first.
     void add(int step, const glm::dvec3& force);
     /// Replaces the file atomically. Throws std::system_error.
     void write() const;
