@@ -124,6 +124,16 @@ class Info(InTemporaryFolder):
         self.assertIn("300000", large["time_step_limit_unknown"])
         self.assertIn("98.72%", voxspring("info", "beam").stdout)
 
+    def test_says_that_nothing_limits_the_time_step(self):
+        scene = self.write("held.json", {"dataset": {"type": "box", "dims": [2, 2, 2]}, "pinned": {"side": "x-", "slices": 2},
+                                         "time_step": 0.5})
+        said = voxspring("info", scene).stdout
+        self.assertRegex(said, r"(?m)^time step +0\.5; every time step is stable\n +limit +none: nothing oscillates$")
+        self.assertNotIn("nan", said)
+        info = json_of("info", scene, "--json")
+        self.assertIsNone(info["time_step_limit"])
+        self.assertEqual(info["time_step_limit_unknown"], "nothing oscillates")
+
     def test_damping_per_second_leaves_the_stable_time_step(self):
         volume = self.write("solid.nrrd", nrrd("4 4 4", [1] * 64))
         steps = []

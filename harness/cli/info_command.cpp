@@ -1,5 +1,6 @@
 #include <fmt/format.h>
 
+#include <cmath>
 #include <cstddef>
 #include <glm/vec3.hpp>
 #include <map>
@@ -158,7 +159,9 @@ nlohmann::json facts_of(const Scene& scene) {
     activity.begin("computing the limit of the time step by Lanczos' iteration");
     const Frequency frequency = true_frequency_squared(limiting);
     nlohmann::json limit, unknown, stable_over_limit, bytes;
-    if (frequency.squared) {
+    if (!std::isfinite(scene.stable_time_step)) {
+        unknown = "nothing oscillates";
+    } else if (frequency.squared) {
         const double seconds = stable_time_step(*frequency.squared, problem.damping);
         limit = seconds;
         stable_over_limit = scene.stable_time_step / seconds;
@@ -242,13 +245,18 @@ void print(const Scene& scene, const nlohmann::json& facts, std::ostream& out) {
                         counted(problem.tool.particles.size(), "particle"),
                         scene.tool_motion.time.back() / problem.time_step));
     }
+    const bool is_limited = std::isfinite(scene.stable_time_step);
     row(out, "time step",
-        fmt::format("{:g}{} ({} of the stable {:g})", problem.time_step, scene.world ? " s" : "",
-                    percent_text(number("fraction_of_stable")), scene.stable_time_step));
-    row(out, "  undamped", fmt::format("{:g} would be stable", number("stable_time_step_undamped")));
+        fmt::format("{:g}{}{}", problem.time_step, scene.world ? " s" : "",
+                    is_limited
+                        ? fmt::format(" ({} of the stable {:g})", percent_text(number("fraction_of_stable")),
+                                      scene.stable_time_step)
+                        : "; every time step is stable"));
+    if (is_limited)
+        row(out, "  undamped", fmt::format("{:g} would be stable", number("stable_time_step_undamped")));
     row(out, "  limit",
         facts.at("time_step_limit").is_null()
-            ? "unknown: " + facts.at("time_step_limit_unknown").get<std::string>()
+            ? (is_limited ? "unknown: " : "none: ") + facts.at("time_step_limit_unknown").get<std::string>()
             : fmt::format("{:g} by Lanczos' iteration; the stable time step is {:.4g}% of it",
                           number("time_step_limit"), 100 * number("stable_over_limit")));
     out << "memory\n";
