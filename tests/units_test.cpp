@@ -76,6 +76,11 @@ TEST(Units, RefusesWhatDoesNotMakeAMaterial) {
     refuses(R"("young": 5000, "density": 1000, "mass": 1)", "mass");
     refuses(R"("young": "5 bar", "density": 1000)", "kPa");
     refuses(R"("young": -5, "density": 1000)", "kPa");
+    refuses(R"("young": "1e4 GPa", "density": 1000)", "1e12 Pa");
+    // The options --young and --density take these texts as they are.
+    for (const char* text : {"1e308 GPa", "1e300", "1e4 GPa", "1e-13", "0", "nan"})
+        EXPECT_FALSE(pascals_of(text)) << text;
+    EXPECT_FALSE(kilograms_per_cubic_metre_of("1e10 g/cm3"));
     refuses(R"("young": 5000, "density": "1 kg")", "g/cm3");
     refuses(R"("young": 5000, "density": 1000, "spring_groups": ["face"])", "face and edge");
     // Face and corner springs alone can be isotropic, but leave motions that strain none of them.

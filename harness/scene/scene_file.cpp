@@ -156,7 +156,7 @@ void read_units(JsonObject& document, SceneFile& scene,
     const auto with_unit = [](std::optional<double> (*convert)(const std::string&), const char* accepted) {
         return [=](const JsonValue& value) {
             const std::optional<double> number = convert(value.is_string() ? value.string() : value.text());
-            if (!number || !(*number >= min_quantity && *number <= max_quantity)) value.refuse(accepted);
+            if (!number) value.refuse(accepted);
             return *number;
         };
     };

@@ -6,6 +6,7 @@
 #include "backends/physics/neighbours.h"
 #include "harness/base/json.h"
 #include "harness/base/text.h"
+#include "harness/volume/dataset.h"
 #include "harness/volume/text_header.h"
 
 namespace voxspring {
@@ -20,9 +21,10 @@ std::optional<double> quantity(const std::string& text, const Units& units) {
     if (parts.empty() || parts.size() > 2) return {};
     const auto number = parse_number<double>(parts[0]);
     const auto unit = parts.size() == 2 ? units.find(parts[1]) : units.end();
-    if (!number || !(*number > 0) || !std::isfinite(*number) || (parts.size() == 2 && unit == units.end()))
-        return {};
-    return parts.size() == 2 ? *number * unit->second : *number;
+    if (!number || (parts.size() == 2 && unit == units.end())) return {};
+    const double value = parts.size() == 2 ? *number * unit->second : *number;
+    // Written so that NaN, which fails every comparison, is refused.
+    return value >= min_quantity && value <= max_quantity ? std::optional(value) : std::nullopt;
 }
 
 }  // namespace

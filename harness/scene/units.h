@@ -51,13 +51,13 @@ std::optional<double> metres_in(const std::string& unit);
 std::string accepted_lengths();
 
 /// Converts a text such as "5 kPa" to Pa. A number without a unit is in Pa. Empty for any other text, and for
-/// a value that is not positive.
+/// a value outside [min_quantity, max_quantity].
 std::optional<double> pascals_of(const std::string& text);
 /// Converts a text such as "1.05 g/cm3" to kg/m^3 in the same way.
 std::optional<double> kilograms_per_cubic_metre_of(const std::string& text);
 inline constexpr const char* accepted_young =
-    "a modulus in Pa, or with its unit: \"5 kPa\" (Pa, kPa, MPa, GPa)";
+    "a modulus from 1e-12 to 1e12 Pa, or with its unit: \"5 kPa\" (Pa, kPa, MPa, GPa)";
 inline constexpr const char* accepted_density =
-    "a density in kg/m3, or with its unit: \"1.05 g/cm3\" (kg/m3, g/cm3)";
+    "a density from 1e-12 to 1e12 kg/m3, or with its unit: \"1.05 g/cm3\" (kg/m3, g/cm3)";
 
 }  // namespace voxspring
