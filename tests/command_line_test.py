@@ -738,6 +738,13 @@ class Pareto(InTemporaryFolder):
             self.assertIn("best: cpu_reference increment float64 by ", ran.stdout)
         said = voxspring("advise", "box@8", "--ranks", 2, "--results", out).stdout
         self.assertIn(f"by {best['ranks']} rank", said.splitlines()[-1])
+        result = json.loads(out.read_text())
+        for row in result["scaling"]:
+            row["seconds_per_step"] = 1 / row["ranks"]
+        measured = self.write("measured.json", result)
+        for ranks in (1, 2):
+            advice = json_of("advise", "box@8", "--ranks", ranks, "--results", measured, "--json")
+            self.assertEqual(advice["best"]["ranks"], ranks)
         self.assert_refused(voxspring("advise", "box@6", "--ranks", 2, "--results", out), "box@6", "box@8")
         self.assert_refused(voxspring("advise", "box@6", "--ranks", 2, "--results", self.out), "scaling")
         self.assert_refused(voxspring("advise", "box@6", "--ranks", 2, "--error", 1), "--error", "--devices")

@@ -142,6 +142,9 @@ int print_advice_on_ranks(const std::string& argument, const AdviseOptions& opti
     bool unfinished = false;
     if (options.results) {
         rows = scaling_rows_of(read_json(*options.results), argument);
+        // The result may have rows of more ranks than the user asks for.
+        const int most = options.study.ranks.value_or(int(options.study.devices.size()));
+        std::erase_if(rows, [&](const ScalingRow& row) { return row.ranks > most; });
     } else {
         const Result result = measured("scaling", argument, options, out);
         unfinished = is_unfinished(result);
