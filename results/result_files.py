@@ -299,9 +299,9 @@ def listed(parts):
 
 
 def medians(benchmarks, verification):
-    """The median rows of `benchmarks`, in their order, with four more keys. times: those of the repetitions, or the median if there
-    are none. bound: the bound on the row's error. partly: how many repetitions were verified; empty if all were. threshold: bound
-    and partly, as tables show them."""
+    """The median rows of `benchmarks`, in their order, with four more keys. A case of one repetition has no median row, so its
+    repetition is taken. times: those of the repetitions, or the median if there are none. bound: the bound on the row's error.
+    partly: how many repetitions were verified; empty if all were. threshold: bound and partly, as tables show them."""
     times = groups((row for row in benchmarks if row.get("run_type") == "iteration"), "run_name", "steps")
     verdicts = {row["name"]: row for row in verification}
 
@@ -313,7 +313,8 @@ def medians(benchmarks, verification):
         bound = threshold_of(verdict)
         return row | {"times": own, "bound": bound, "partly": partly, "threshold": f"{bound} ({partly})" if partly else bound}
 
-    return [with_times(row) for row in benchmarks if row.get("aggregate_name") == "median"]
+    return [with_times(row) for row in benchmarks if row.get("aggregate_name") == "median"
+            or row.get("run_type") == "iteration" and row.get("repetitions") == 1]
 
 
 def tick_seconds(row, name):

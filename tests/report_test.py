@@ -982,10 +982,8 @@ class Parts(Reports):
         """Two runs, the older one without repetitions, so that nothing can be told; page and diff.py agree on the verdict."""
         result = h200("figure7")
         later = self.later(result, cuda_scatter=2.19)
-        result["benchmarks"] = [row for row in result["benchmarks"] if row["run_type"] == "aggregate" or row["repetition_index"] == 0]
-        first = {row["run_name"]: row["real_time"] for row in result["benchmarks"] if row["run_type"] == "iteration"}
-        for row in result["benchmarks"]:
-            row |= {"repetitions": 1, "real_time": first[row["run_name"]]}
+        # A study of one repetition writes no median.
+        result["benchmarks"] = [row | {"repetitions": 1} for row in result["benchmarks"] if row.get("repetition_index") == 0]
         title = self.history(result, later)
         # Rows that were resumed have fewer judged repetitions than the older run, which has one each.
         partly = sum(verdict.get("repetitions_judged", 9) < 9 for verdict in result["verification"])
@@ -996,6 +994,10 @@ class Parts(Reports):
         said = run(PYTHON, ROOT / "results/diff.py", "--json", *sorted(self.folder.glob("?.json")))
         expected = {"too noisy to tell": count} | ({"not comparable": partly} if partly else {})
         self.assertEqual((said.returncode, json.loads(said.stdout)["counts"]), (0, expected))
+        # A change of two rows without repetitions has no interval.
+        result["benchmarks"] = [row for row in result["benchmarks"] if row["scene"] == "heart"][:2]
+        slower = self.later(result, **{row["backend"]: 4 for row in result["benchmarks"]})
+        self.assertRegex(self.history(result, slower), r"to .*, 4\.00 times; of 2 times 2 slower")
         # Results of two cards are no history of one card.
         other = self.later(result)
         for name, backend in other["context"]["voxspring"]["backends"].items():

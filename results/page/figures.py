@@ -649,10 +649,13 @@ def changes(rows, whole, first, last):
         return line, f"{line} {commits} ({verdicts})"
     row = max(moved, key=lambda row: abs(math.log(row["time"]["ratio"])))
     time = row["time"]
+    low, high = time["interval"]
+    # Times without repetitions have no interval.
+    interval = "" if low is None else f" ({low:.2f} to {high:.2f})"
     line = f"{row['contender']} on {row['scene']} takes {time['ratio']:.2f} times its time, {first.study} at {last.short_commit}"
     return line, (f"the largest change {commits} is that of {row['contender']} on {row['scene']} ({first.study}), from "
-            f"{time_text(time['old'] * 1e6)} to {time_text(time['new'] * 1e6)}, {time['ratio']:.2f} times "
-            f"({time['interval'][0]:.2f} to {time['interval'][1]:.2f}); of {len(rows)} times {verdicts}")
+            f"{time_text(time['old'] * 1e6)} to {time_text(time['new'] * 1e6)}, {time['ratio']:.2f} times"
+            f"{interval}; of {len(rows)} times {verdicts}")
 
 
 def repeated(page):
