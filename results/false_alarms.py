@@ -144,6 +144,11 @@ def main():
     try:
         if len(options.results) < 2 and not options.resample:
             raise result_files.BadInput(f"command line: RESULT: {options.results[0]} alone is not accepted; expected two or more")
+        if options.in_pairs and len(options.results) % 2:
+            raise result_files.BadInput(f"command line: RESULT: {len(options.results)} files are not accepted; expected an even "
+                                        "number, as --in-pairs says")
+        if options.resample < 0:
+            raise result_files.BadInput(f"command line: --resample: {options.resample} is not accepted; expected 0 or more")
         results = [comparison.Result(path, False) for path in options.results]
         first = origin(results[0], options.resample)
         for result in results:

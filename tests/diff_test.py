@@ -728,6 +728,12 @@ class FalseAlarms(InTemporaryFolder):
         self.assertIn("commit: 2 is not accepted; expected 1", found.stderr)
         self.assertEqual(self.compare(result(PLAIN)).returncode, 2)
 
+    def test_refuses_pairs_that_it_cannot_make(self):
+        """The last of three files is in no pair."""
+        for options, words in (("--in-pairs", "RESULT: 3 files are not accepted; expected an even number"),
+                               ("--resample=-1", "--resample: -1 is not accepted; expected 0 or more")):
+            self.assert_refused(self.compare(*[result(PLAIN)] * 3, options=[options]), words)
+
 
 if __name__ == "__main__":
     unittest.main()
