@@ -38,8 +38,14 @@ def shown(value, longest=60):
     return text if len(text) <= longest else text[:longest - 3] + "..."
 
 
+def finite(kind):
+    """Makes a reader of numbers in JSON. A number that float64 cannot hold becomes a string, which no check takes for a number."""
+    return lambda text: kind(text) if math.isfinite(float(text)) else text
+
+
 def load(path):
-    """Reads a result from a file of any name. Refuses it unless it is a JSON object of a version that is supported."""
+    """Reads a result from a file of any name. Refuses it unless it is a JSON object of a version that is supported, whose context,
+    if it has one, is an object with an object `voxspring`."""
     expected = "expected a result that `voxspring study` wrote"
     try:
         data = path.read_bytes()
@@ -47,7 +53,7 @@ def load(path):
             data = gzip.decompress(data)
         text = data.decode("utf-8")
         # JSON has no NaN and no Infinity. Here they become strings, which no check takes for numbers.
-        result = json.loads(text, parse_constant=str)
+        result = json.loads(text, parse_constant=str, parse_int=finite(int), parse_float=finite(float))
     except OSError as error:
         raise BadInput(f"{path}: {error.strerror or error}; {expected}") from None
     except RecursionError:
@@ -66,6 +72,10 @@ def load(path):
     if isinstance(version, bool) or version not in range(1, RESULT + 1):
         accepted = RESULT if RESULT == 1 else f"1 to {RESULT}"
         raise BadInput(f"{path}: schema_version: {version!r}; expected {accepted}: a newer Voxspring wrote the file")
+    context = result.get("context", {})
+    for key, about in (("context", context), ("context.voxspring", isinstance(context, dict) and context.get("voxspring", {}))):
+        if not isinstance(about, dict):
+            raise BadInput(f"{path}: {key}: {shown(about)}: expected an object")
     return result
 
 
@@ -143,8 +153,7 @@ def contradictions(result):
         if row.get("passed") and row.get("gate_is") == "at most" and number(row.get("measured")) and number(row.get("gate")) \
                 and row["measured"] > row["gate"]:
             yield f"stress[{index}].measured", row["measured"], f"at most {row['gate']:g}, as gate says, or passed to be false"
-    context = result.get("context") if isinstance(result.get("context"), dict) else {}
-    about = context.get("voxspring") if isinstance(context.get("voxspring"), dict) else {}
+    about = result.get("context", {}).get("voxspring", {})
     on = about.get("backends") if isinstance(about.get("backends"), dict) else {}
     cards = sorted({one["device"] for one in on.values() if isinstance(one, dict) and one.get("uuid") and one.get("device")})
     if cards and isinstance(about.get("gpu"), str) and about["gpu"] not in cards:

@@ -187,6 +187,17 @@ class Rows(InTemporaryFolder):
             said = run("/usr/bin/python3", "results/to_csv.py", *arguments)
             self.assertEqual((said.returncode, said.stdout), (2, ""))
             self.assertIn(words, said.stderr)
+        for context, words in (([], "context: []"), ({"voxspring": []}, "context.voxspring: []")):
+            path = self.write("a.json", self.RESULT | {"context": context})
+            self.assert_refused(run("/usr/bin/python3", "results/to_csv.py", path), path, f"{words}: expected an object")
+
+    def test_a_number_that_no_float_holds_is_text(self):
+        """Sums and products with it raised OverflowError, or were infinite."""
+        for text in ("1e999", "-1e999", "1" + "0" * 400):
+            path = self.write("a.json", f'{{"energy": [{{"watts": {text}, "seconds_per_step": 0.5, "joules_per_step": 1}}]}}')
+            result = result_files.load(path)
+            self.assertEqual(result["energy"][0]["watts"], text)
+            result_files.check_agreement(path, result)
 
     def test_a_reader_that_has_enough_ends_it(self):
         said = run("bash", "-c", "set -o pipefail; /usr/bin/python3 results/to_csv.py results/*/*.json.gz | head -1")
