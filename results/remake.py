@@ -128,7 +128,13 @@ def arguments_of(study, plain, machine):
 def measure(study, out, machine):
     """Runs or resumes a study, and compresses its result if that is complete. Returns (exit code, whether it is complete)."""
     plain = out / f"{study}.json"
-    code = subprocess.run(arguments_of(study, plain, machine), check=False).returncode
+    with subprocess.Popen(arguments_of(study, plain, machine)) as process:
+        try:
+            code = process.wait()
+        except KeyboardInterrupt:
+            # After Ctrl-C a study finishes what is in flight. subprocess.run() would kill it a quarter of a second later.
+            process.wait()
+            raise
     # With exit code 1 a backend failed, and the result says why, or the study could not go on and is unfinished.
     whole = code in (0, 1) and plain.exists() and not context_of(plain).get("unfinished", False)
     if whole:

@@ -11,9 +11,9 @@ from folder import InTemporaryFolder, run
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 
 # A voxspring of a commit and a card, whose studies take no time. Its arguments go to $CALLS; Ctrl-C ends the study $FAIL, and $BREAK
-# ends after its first row.
+# ends after its first row. After Ctrl-C the study $SLOW finishes what is in flight for a second.
 PROGRAM = """#!/usr/bin/python3
-import json, os, pathlib, sys
+import json, os, pathlib, signal, sys, time
 commit, uuid, devices = "{commit}", "{uuid}", {devices}
 if sys.argv[1] == "--version":
     print(f"voxspring 0.2.0 (commit {{commit}})")
@@ -25,6 +25,12 @@ else:
     with open(os.environ["CALLS"], "a") as calls:
         print(*sys.argv[1:3], *sys.argv[5:], file=calls)
     used = {{"a": {{"uuid": uuid}}, "b": {{"uuid": ""}}}}
+    if sys.argv[2] == os.environ.get("SLOW"):
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        os.killpg(0, signal.SIGINT)
+        time.sleep(1)
+        pathlib.Path(f"{{out}}.journal").write_text("all that was measured")
+        sys.exit(130)
     broken = sys.argv[2] == os.environ.get("BREAK")
     if broken:
         pathlib.Path(f"{{out}}.journal").touch()
@@ -54,7 +60,7 @@ class Remake(InTemporaryFolder):
     def remake(self, *arguments, **environment):
         self.calls.write_text("")
         done = run(sys.executable, ROOT / "results/remake.py", "--program", self.program, *arguments,
-                   env={"CALLS": str(self.calls), **environment})
+                   env={"CALLS": str(self.calls), **environment}, start_new_session=True)
         return done, self.calls.read_text().splitlines()
 
     def test_measures_what_suits_the_machine_and_every_committed_file(self):
@@ -109,6 +115,11 @@ class Remake(InTemporaryFolder):
         done, calls = self.remake(self.out, FAIL="stability")
         self.assertEqual((done.returncode, calls[-1]), (130, "study stability"))
         self.assertEqual(self.remake(self.out)[1], ["study stability --resume", "study stress", "study haptic"])
+
+    def test_a_study_that_is_interrupted_finishes_what_is_in_flight(self):
+        done, calls = self.remake(self.out, SLOW="stability")
+        self.assertEqual((done.returncode, calls[-1]), (130, "study stability"))
+        self.assertEqual((self.out / "stability.json.journal").read_text(), "all that was measured")
 
     def test_a_failed_backend_stops_nothing(self):
         done, calls = self.remake(self.out, CODE="1")
