@@ -136,7 +136,8 @@ def contradictions(result):
             yield f"energy[{index}].joules_per_step", row["joules_per_step"], f"{joules:g}, watts times seconds_per_step"
     for index, row in enumerate(rows.get("haptic", [])):
         due = row["missed"] if row.get("from_due") and number(row.get("missed")) else 0
-        bins = [one for one in row.get("histogram") or [] if isinstance(one, list) and len(one) == 2 and all(map(number, one))]
+        bins = row["histogram"] if isinstance(row.get("histogram"), list) else []
+        bins = [one for one in bins if isinstance(one, list) and len(one) == 2 and all(map(number, one))]
         for place, ((before, _), one) in enumerate(zip(bins, bins[1:]), start=1):
             if one[0] <= before:
                 yield f"haptic[{index}].histogram[{place}]", one, "where a bin begins, above the bin before, and a count above 0"
@@ -146,7 +147,7 @@ def contradictions(result):
         if known != sorted(known):
             yield f"haptic[{index}].median_seconds", known, "percentiles in ascending order"
     for index, row in enumerate(rows.get("stability", [])):
-        if row.get("theory_time_step") and number(row.get("measured_time_step")) and unlike(
+        if number(row.get("theory_time_step")) and row["theory_time_step"] and number(row.get("measured_time_step")) and unlike(
                 row, "ratio", ratio := row["measured_time_step"] / row["theory_time_step"]):
             yield f"stability[{index}].ratio", row["ratio"], f"{ratio:g}, the measured time step over that of theory"
     for index, row in enumerate(rows.get("stress", [])):

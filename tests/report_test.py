@@ -175,6 +175,7 @@ class Input(Reports):
                 (changed(lambda r: r["context"]["voxspring"].update(commit=7)), "context.voxspring.commit", "7", "expected text"),
                 (changed(lambda r: r["benchmarks"][3].update(real_time="fast")), "benchmarks[3].real_time", '"fast"', "expected a number"),
                 (changed(lambda r: r["benchmarks"][2].pop("scene")), "benchmarks[2].scene", "is missing"),
+                (changed(lambda r: r["verification"][0].update(repetitions_judged="x")), "verification[0].repetitions_judged", "x"),
                 (changed(lambda r: r.update(benchmarks={})), "benchmarks", "{}", "expected a list"),
                 (region, "region", "melted", "bounded")):
             with self.subTest(words):

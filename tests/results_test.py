@@ -199,6 +199,11 @@ class Rows(InTemporaryFolder):
             self.assertEqual(result["energy"][0]["watts"], text)
             result_files.check_agreement(path, result)
 
+    def test_a_value_of_another_type_is_left_to_schemas(self):
+        for histogram in (True, 3, {"a": 1}, None):
+            result_files.check_agreement("a.json", {"haptic": [{"histogram": histogram, "ticks": 1}]})
+        result_files.check_agreement("a.json", {"stability": [{"theory_time_step": "x", "measured_time_step": 1, "ratio": 1}]})
+
     def test_a_reader_that_has_enough_ends_it(self):
         said = run("bash", "-c", "set -o pipefail; /usr/bin/python3 results/to_csv.py results/*/*.json.gz | head -1")
         self.assertEqual((said.returncode, said.stderr), (0, ""))
