@@ -316,6 +316,15 @@ class Input(Reports):
             own = 64**3 / row["half"]
             self.assertAlmostEqual(own, 6 * own ** (2 / 3) * 1.012 + 100, delta=0.01 * own)
 
+    def test_a_forecast_is_made_of_numbers(self):
+        result = result_files.load(ROOT / "results/nvidia-h100-x2/scaling.json.gz")
+        for index, key, value in ((0, "particles", 0), (1, "ghosts", "x"), (1, "border_bytes", []), (1, "latency_seconds", {}),
+                                  (1, "seconds_per_byte", {}), (1, "cut", "x"), (1, "cut", "1x0x2")):
+            broken = copy.deepcopy(result)
+            broken["scaling"][index][key] = value
+            self.assert_refused(report(self.write("broken.json", broken), "--out", self.out),
+                                f"scaling[{index}].{key}: {json.dumps(value)}", "expected")
+
     def test_a_haptic_study_has_its_histograms(self):
         figure = self.page_of(haptic_result())["latency"]
         self.assertEqual(report(self.folder / "a.json", "--figures", self.folder / "figures").stdout.count("latency-"), 4)
