@@ -278,12 +278,16 @@ class Judging(unittest.TestCase):
                                          (lambda x, v, n: (x.astype(float), v), {}, "x of float64.*float32"),
                                          (lambda x, v, n: (x, v, n), {}, "3 values.*x and v"),
                                          (right, {"arrays": "fortran"}, "fortran.*numpy, torch"),
+                                         (right, {"arrays": "numpy:cuda"}, "numpy:cuda.*numpy computes on the processor only"),
+                                         (right, {"arrays": "cupy:cpu"}, "cupy:cpu.*cupy on a card only"),
                                          (right, {"precision": "float16"}, "float16.*float64"),
                                          (right, {"formulation": "velocity"}, "velocity.*increment"),
                                          (right, {"name": "a name"}, "a name.*without a blank|without a '/'"),
                                          (right, {"steps": 0}, "steps.*1 or more")):
             with self.assertRaisesRegex(voxspring.BadInput, expected):
                 voxspring.judge(step, body, **{"steps": 5, "repetitions": 1, **settings})
+        with self.assertRaisesRegex(voxspring.Unavailable, "torch:cuda.*No module named 'torch'"):
+            voxspring.judge(right, body, steps=5, arrays="torch:cuda")
         with self.assertRaisesRegex(voxspring.BadInput, "incision.*without edits"):
             voxspring.judge(right, voxspring.scene("incision"), steps=5)
 

@@ -123,16 +123,22 @@ def _taichi(device: str) -> Arrays:
 
 _LIBRARIES: dict[str, Callable[[str], Arrays]] = {
     "numpy": lambda _: Arrays(), "torch": _torch, "jax": _jax, "cupy": _cupy, "warp": _warp, "taichi": _taichi}
+# What libraries compute on, if not on both a processor and a card.
+_DEVICES = {"numpy": ("", "cpu"), "cupy": ("", "cuda")}
 
 
 def _arrays(given: str | Arrays) -> Arrays:
     if isinstance(given, Arrays):
         return given
     library, _, device = given.partition(":")
-    if library not in _LIBRARIES or device not in ("", "cpu", "cuda"):
+    if library not in _LIBRARIES or device not in _DEVICES.get(library, ("", "cpu", "cuda")):
         raise _core.BadInput(f"judge(): arrays: {given!r} is not accepted; expected one of {', '.join(_LIBRARIES)}, with :cuda "
-                             "after it for a card, or an Arrays of your own")
-    return _LIBRARIES[library](device)
+                             "after it for a card (numpy computes on the processor only, cupy on a card only), or an Arrays of "
+                             "your own")
+    try:
+        return _LIBRARIES[library](device)
+    except ImportError as error:
+        raise _core.Unavailable(f"judge(): arrays: {given!r}: {error}") from error
 
 
 class Judge:
