@@ -324,7 +324,22 @@ class Studies(unittest.TestCase):
                          {("cpu_parallel", "position"), ("cpu_parallel", "increment"), ("numpy", "position")})
         self.assertEqual([(row["backend"], row["reason"]) for row in result.json["skipped"]],
                          [("numba", "no Python package numba is installed")])
+        # Refused at once, not after everything has been measured.
+        for out in ("no/peers.json", "peers.txt"):
+            done = subprocess.run([command, "study", "peers", "--out", out], capture_output=True, text=True, check=False)
+            self.assertEqual((done.returncode, done.stdout), (2, ""), done.stderr)
+            self.assertEqual(done.stderr, f"voxspring: command line: --out: {out} is not accepted; expected a path that ends in "
+                             ".json, in a folder where a file can be created\n")
 
+    def test_a_peer_that_is_killed_between_repetitions_has_failed(self):
+        for ask in (lambda case: case.repeat(), lambda case: case.result()):
+            case = peers._Case("numpy", "box@8", 1, 2, "cpu")
+            self.addCleanup(case.end)
+            self.assertEqual(case.reason, "")
+            os.kill(case._process.pid, signal.SIGKILL)
+            case._process.join()
+            ask(case)
+            self.assertEqual(case.reason, "its process was killed by signal 9")
 
     def test_every_peer_has_a_pinned_version(self):
         pinned = (pathlib.Path(voxspring.__file__).parent / "peers/requirements.txt").read_text().splitlines()

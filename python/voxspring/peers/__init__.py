@@ -12,6 +12,7 @@ import fnmatch
 import importlib
 import importlib.util
 import multiprocessing
+import os
 import pathlib
 import random
 import sys
@@ -69,10 +70,13 @@ class _Case:
         theirs.close()
         self._answer()
 
-    def _answer(self) -> object:
+    def _answer(self, request: str = "") -> object:
+        """What the process answers to a request. It may have been killed before it got that, or before it answered."""
         try:
+            if request:
+                self._pipe.send(request)
             answer = self._pipe.recv()
-        except EOFError:
+        except (EOFError, OSError):
             self._process.join()
             code = self._process.exitcode or 0
             answer = False, f"its process was killed by signal {-code}" if code < 0 else f"its process ended with exit code {code}"
@@ -86,16 +90,14 @@ class _Case:
     def repeat(self) -> None:
         if self.reason or (self.done >= 2 and self.seconds > MOST_SECONDS):
             return
-        self._pipe.send("repeat")
-        seconds = self._answer()
+        seconds = self._answer("repeat")
         if isinstance(seconds, float):
             self.seconds, self.done = self.seconds + seconds, self.done + 1
 
     def result(self) -> Result | None:
         if self.reason:
             return None
-        self._pipe.send("result")
-        answer = self._answer()
+        answer = self._answer("result")
         return Result(answer) if isinstance(answer, dict) else None
 
     def end(self) -> None:
@@ -152,6 +154,13 @@ def run(peers: list[str], scenes: dict[str, int], repetitions: int, device: str,
     return whole
 
 
+def _check_writable(path: pathlib.Path) -> None:
+    """Raises BadInput now if a result could not be written after minutes of measuring."""
+    if path.suffix != ".json" or path.is_dir() or not os.access(path.parent, os.W_OK):
+        raise _core.BadInput(f"command line: --out: {path} is not accepted; expected a path that ends in .json, in a folder "
+                             "where a file can be created")
+
+
 def scenes_of(device: str, names: Sequence[str] | None = None) -> dict[str, int]:
     """{scene: number of steps} on a device. Without `names` these are the device's default scenes."""
     on_card = device == "cuda"
@@ -184,6 +193,8 @@ def main(arguments: list[str] | None = None) -> int:
     own = "cpu_parallel" if given.device == "cpu" else "auto"
     backends = given.backend or [f"{own}:formulation={formulation}" for formulation in ("position", "increment")]
     try:
+        if given.out:
+            _check_writable(pathlib.Path(given.out))
         result = run(peers, scenes, given.repetitions, given.device, backends, given.out)
     except KeyboardInterrupt:
         return 130
