@@ -88,6 +88,16 @@ class Study(unittest.TestCase):
         for out in (["--out", "a b.json"], ["--out=a b.json"]):
             self.assertEqual(self.program_arguments("study", "table1", *out), ["study", "table1", *out])
 
+    def test_a_result_has_the_commit_even_through_a_link(self):
+        self.write(self.tools / "git", f"""#!/bin/bash
+case "$*" in *--show-toplevel) echo "{self.tree}" ;; *--short*) echo abc1234 ;; esac
+""")
+        link = self.tree.parent / "link"
+        link.symlink_to(self.tree)
+        for tree in (self.tree, link):
+            done = run(tree / "run", "study", env={"PATH": str(self.tools)})
+            self.assertRegex(done.stdout, f"{self.local}/.*Z-abc1234[.]json\n", done.stderr)
+
     def test_resume_goes_on_with_the_named_result_or_the_one_that_was_cut_short_last(self):
         (self.local / "finished.json").touch()
         done = self.run_script("study", "--resume")
