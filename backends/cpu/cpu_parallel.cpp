@@ -267,7 +267,8 @@ private:
         const bool always = rest == Rest::skip || rest == Rest::flush || sleep_ > 0;
         const bool chooses = rest == Rest::choose && !always && stays_at_rest(*problem_) &&
                              tiles_->used() >= min_checked_tiles;
-        const bool any = !all_terms(options_);
+        // With terms=all no tile is left out for being at rest. But `sleep` changes results, so it acts.
+        const bool any = !all_terms(options_) || sleep_ > 0;
         policy_.start(any && (always || chooses), any && chooses);
     }
 
