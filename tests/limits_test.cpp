@@ -538,6 +538,21 @@ TEST(CpuLimits, ArePositiveAndRepeat) {
     EXPECT_GT(first.float32_operations_per_second, *first.float64_operations_per_second);
 }
 
+// OpenMP may grant fewer threads than it offers: because of OMP_THREAD_LIMIT or, as here, to one thread of a
+// team. Memory of threads that do not run must not count as moved.
+TEST(CpuLimits, CountOnlyThreadsThatRun) {
+    const auto backend = BackendSpec::parse("cpu_parallel").make();
+    DeviceLimits limits;
+#pragma omp parallel num_threads(2)
+#pragma omp single
+    {
+        omp_set_num_threads(4);
+        limits = backend->limits()->measure_limits();
+    }
+    ASSERT_FALSE(limits.bandwidth.empty());
+    EXPECT_LE(limits.bandwidth.front().footprint_bytes, 64 << 10);
+}
+
 TEST(CudaLimits, ArePositiveAndRepeat) {
     std::unique_ptr<Backend> backend;
     make_or_skip("cuda_implicit_device", backend);

@@ -118,14 +118,24 @@ std::size_t multiply_add_on_best_target(std::size_t count, double* result) {
     return HWY_DYNAMIC_DISPATCH(multiply_add_float64)(count, result);
 }
 
+/// The number of threads that a parallel region gets. It may be less than omp_get_max_threads(), for example
+/// if OMP_THREAD_LIMIT is.
+int team_size() {
+    int threads = 1;
+#pragma omp parallel
+#pragma omp single
+    threads = omp_get_num_threads();
+    return threads;
+}
+
 /// Seconds that the slowest thread takes for `work(thread, threads)`, counted from the moment when all
 /// threads have started. The time since the fork would be wrong: on a processor shared with other processes a
 /// thread may wait longer for a core than it then works.
 template <class Work>
-double parallel_seconds(Work work) {
+double parallel_seconds(Work work, int threads = omp_get_max_threads()) {
     using Clock = std::chrono::steady_clock;
     double slowest = 0;
-#pragma omp parallel reduction(max : slowest)
+#pragma omp parallel num_threads(threads) reduction(max : slowest)
     {
 #pragma omp barrier
         const auto begin = Clock::now();
@@ -177,7 +187,7 @@ using Pass = void (*)(const float* first, const float* second, float* written, s
 /// memory lies near the thread's processor, and in its caches.
 class Sweeps {
 public:
-    explicit Sweeps(std::size_t max_footprint) : memory_(std::size_t(omp_get_max_threads())) {
+    explicit Sweeps(std::size_t max_footprint) : memory_(std::size_t(team_size())) {
         const std::size_t floats = floats_of(max_footprint);
         for (auto& one : memory_) {
             one = hwy::AllocateAligned<float>(floats);
@@ -186,7 +196,8 @@ public:
                                   " bytes of memory per thread");
         }
         parallel_seconds(
-            [&](std::size_t thread, std::size_t) { std::fill_n(memory_[thread].get(), floats, 1.0F); });
+            [&](std::size_t thread, std::size_t) { std::fill_n(memory_[thread].get(), floats, 1.0F); },
+            int(memory_.size()));
     }
 
     /// Measures the bandwidth at one footprint for three mixes: none, a third, or half of the moved bytes are
@@ -218,12 +229,14 @@ private:
         const std::size_t count = floats_of(footprint) / arrays;
         return min_seconds(
             [&](int repetitions) {
-                return parallel_seconds([&](std::size_t thread, std::size_t) {
-                    float* const first = memory_[thread].get();
-                    float* const second = first + (arrays > 1 ? count : 0);
-                    for (int n = 0; n < repetitions; ++n)
-                        pass(first, second, first + (arrays - 1) * count, count);
-                });
+                return parallel_seconds(
+                    [&](std::size_t thread, std::size_t) {
+                        float* const first = memory_[thread].get();
+                        float* const second = first + (arrays > 1 ? count : 0);
+                        for (int n = 0; n < repetitions; ++n)
+                            pass(first, second, first + (arrays - 1) * count, count);
+                    },
+                    int(memory_.size()));
             },
             one_of_many(footprint));
     }
@@ -241,7 +254,7 @@ void measure_bandwidth(DeviceLimits& limits) {
     const Sweeps sweeps(beyond);
     // Footprints first fit into the caches of each core, then into the last-level cache, which threads share.
     // They grow in finer steps from a quarter of that cache on.
-    auto footprint = (std::size_t(64) << 10) * std::size_t(omp_get_max_threads());
+    auto footprint = (std::size_t(64) << 10) * std::size_t(team_size());
     for (; footprint < beyond; footprint *= footprint < cache / 4 ? 4 : 2)
         sweeps.add(footprint, limits.bandwidth);
     sweeps.add(beyond, limits.bandwidth);
