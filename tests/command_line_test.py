@@ -186,6 +186,12 @@ class Run(InTemporaryFolder):
         self.assertEqual(voxspring("--help").returncode, 0)
         self.assertEqual(list(self.folder.iterdir()), [])
 
+    def test_refuses_more_threads_than_openmp_may_start(self):
+        """They would share fewer threads without a word, and a result would name the wanted number."""
+        for backend in ("cpu_explicit", "cpu_parallel"):
+            ran = voxspring("run", "box@6", "--backend", f"{backend}:threads=2", env=os.environ | {"OMP_THREAD_LIMIT": "1"})
+            self.assert_refused(ran, f"{backend}: threads=2 is more than the maximum, 1, which OMP_THREAD_LIMIT sets")
+
     def test_auto_says_what_it_takes_and_why(self):
         result = succeeds("run", "box@6", "--backend", "auto:formulation=position", "--steps", 3)
         said, ran = result.stdout.splitlines()

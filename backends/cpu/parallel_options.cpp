@@ -11,17 +11,19 @@
 
 namespace voxspring::cpu_parallel {
 
-/// The largest accepted number of threads, and the largest that threads=auto means. The system may refuse to
-/// start more, and OpenMP would then end the process.
+/// The largest accepted number of threads, and the largest that threads=auto means; OMP_THREAD_LIMIT may
+/// lower it. The system may refuse to start more, and OpenMP would then end the process.
 constexpr int max_threads = 1024;
 
 int thread_count(const Options& options, const std::string& backend) {
     const std::string& threads = options.tuning.at("threads");
-    if (threads == "auto") return std::min(omp_get_max_threads(), max_threads);
+    const int most = std::min(omp_get_thread_limit(), max_threads);
+    if (threads == "auto") return std::min(omp_get_max_threads(), most);
     const int count = std::stoi(threads);
-    if (count > max_threads) {
+    if (count > most) {
         throw BadSpecification("backend " + backend + ": threads=" + threads + " is more than the maximum, " +
-                               std::to_string(max_threads));
+                               std::to_string(most) +
+                               (most < max_threads ? ", which OMP_THREAD_LIMIT sets" : ""));
     }
     return count;
 }
