@@ -481,7 +481,7 @@ class JournalFile(Overnight):
         def full(size):
             return {"preexec_fn": lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size))}
         ran = self.run_study(code=1, **full(5000))
-        for word in ("cannot write", "result.json.journal", "it lacks", "--resume"):
+        for word in ("cannot write", "result.json.journal", "the file lacks", "--resume"):
             self.assertIn(word, ran.stderr)
         # If the journal is full the study stops.
         ran = self.run_study("--resume", code=1, **full(self.journal.stat().st_size))
