@@ -268,6 +268,10 @@ class Resume(InTemporaryFolder):
         self.assert_refused(voxspring(*run, "--tool-force", self.folder / "force.txt"), "--tool-force", ".csv")
         self.assert_refused(voxspring(*run, "--tool-force", force, "--out", f"{self.folder}/./force.csv"), "--tool-force", "--out")
         self.assertFalse(force.exists())
+        force.touch()
+        link = self.folder / "link.csv"
+        link.symlink_to(force)
+        self.assert_refused(voxspring(*run, "--tool-force", force, "--out", link), "--tool-force", "--out")
 
     def test_refuses_what_is_no_state_of_the_scene(self):
         state = self.folder / "state.npz"

@@ -59,9 +59,9 @@ int next_multiple(int step, int every, int last) {
 
 std::filesystem::path collection_of(std::filesystem::path path) { return path.replace_extension(".pvd"); }
 
-/// One spelling for all paths of a file: "a.csv", "./a.csv" and "/home/me/a.csv".
+/// One spelling for all paths of a file: "a.csv", "./a.csv", "/home/me/a.csv" and a link to it.
 std::filesystem::path in_full(const std::filesystem::path& path) {
-    return std::filesystem::absolute(path).lexically_normal();
+    return std::filesystem::weakly_canonical(std::filesystem::absolute(path));
 }
 
 }  // namespace

@@ -17,6 +17,7 @@
 #include "harness/base/interruption.h"
 #include "harness/base/text.h"
 #include "harness/choice/auto_choice.h"
+#include "harness/ranks/rank_run.h"
 #include "harness/results/capabilities.h"
 #include "harness/study/selection.h"
 #include "harness/study/study_kind.h"
@@ -227,10 +228,11 @@ std::vector<std::string> StudyBench::with_choices(std::vector<std::string> patte
     for (std::string& pattern : patterns) {
         if (!asks_for_auto(pattern)) continue;
         std::string passed_over;
+        const DeviceNumber device = RankPlan{.devices = options_.devices}.first_device();
         const Chosen choice = choose_by_rules(pattern, *scene_, [&](const BackendSpec& spec) {
             bool taken = false;
             (void)failure_of([&] {
-                const nlohmann::json introduction = introduce(spec, workers_, options_.timeout);
+                const nlohmann::json introduction = introduce(spec, workers_, options_.timeout, device);
                 const Capabilities capabilities = capabilities_of(introduction.at("capabilities"));
                 taken = may_be_chosen(capabilities) && kind_.takes(capabilities) &&
                         introduction.at("unsupported") == "";
