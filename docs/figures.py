@@ -247,7 +247,7 @@ PAGES = {ROOT / "README.md": ["heart"], HERE / "architecture.md": ["architecture
 
 
 def main():
-    stale = []
+    check, stale = results.is_check(__doc__), []
     for path, names in PAGES.items():
         page = path.read_text()
         for name in names:
@@ -257,9 +257,9 @@ def main():
             page = block.sub(lambda match, text=filled(name): f"{match[1]}\n{text}\n\n{match[2]}", page)
         if page != path.read_text():
             stale.append(path)
-            if "--check" not in sys.argv[1:]:
+            if not check:
                 path.write_text(page)
-    if stale and "--check" in sys.argv[1:]:
+    if stale and check:
         sys.exit("\n".join(f"{path.relative_to(ROOT)} is not what results and sources say: run docs/figures.py" for path in stale))
 
 

@@ -124,6 +124,7 @@ def min_steps_between_edits():
 
 
 def main():
+    check = rows.is_check(__doc__)
     sources = (*itertools.product(("fastest", "figure8"), cards()), ("edits", rows.GPU), ("fastest", rows.CPU))
     commits = {f"{machine}/{study}": rows.result(study, machine)["context"]["voxspring"]["commit"]
                for study, machine in sources if machine in rows.having(study)}
@@ -131,7 +132,7 @@ def main():
     edited = json.dumps({"min_steps_between_edits": min_steps_between_edits()})
     text = (f'{{\n  "made_by": "results/auto_rules.py",\n  "from": {json.dumps(commits)},\n  "edited": {edited},\n'
             f'  "rules": [\n{blocks}\n  ]\n}}\n')
-    if "--check" in sys.argv[1:]:
+    if check:
         if not FILE.exists() or FILE.read_text() != text:
             sys.exit(f"{FILE.name} does not agree with the committed results: run results/auto_rules.py")
     else:

@@ -95,11 +95,12 @@ def render(text, names, page):
 
 
 def main():
+    check = rows.is_check(__doc__)
     try:
         page = render(TEMPLATE.read_text(), facts.NAMES | {"tables": Tables()}, TEMPLATE.name)
     except Stale as stale:
         sys.exit(str(stale))
-    if "--check" in sys.argv[1:]:
+    if check:
         if not PAGE.exists() or page != PAGE.read_text():
             sys.exit(f"{PAGE.name} is not what the results say: run {pathlib.Path(__file__).name}")
         return

@@ -754,6 +754,7 @@ class Pareto(InTemporaryFolder):
         self.assert_refused(voxspring("advise", "box@6", "--ranks", 2, "--results", out), "box@6", "box@8")
         self.assert_refused(voxspring("advise", "box@6", "--ranks", 2, "--results", self.out), "scaling")
         self.assert_refused(voxspring("advise", "box@6", "--ranks", 2, "--error", 1), "--error", "--devices")
+        self.assert_refused(voxspring("advise", "box@6", "--ranks", 2, "--continuum"), "--continuum", "--ranks")
 
     def test_advice_that_cannot_be_given(self):
         ran = voxspring("advise", "box@6", "--error", 1e-30, "--results", self.out)

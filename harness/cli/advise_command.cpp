@@ -233,7 +233,10 @@ int print_advice(const std::string& argument, const AdviseOptions& options, std:
         throw BadInput(
             "command line", "--error", fmt::format("{:g}", *options.error),
             "no --error with --ranks or --devices, which ask if several ranks are faster than one");
-    if (options.continuum && !asks_for_ranks) return print_advice_on_continuum(argument, options, out);
+    if (asks_for_ranks && options.continuum)
+        throw BadInput("command line", "--continuum", "with --ranks or --devices",
+                       "--continuum with --error, or --ranks or --devices without --continuum");
+    if (options.continuum) return print_advice_on_continuum(argument, options, out);
     return asks_for_ranks ? print_advice_on_ranks(argument, options, out)
                           : print_advice_on_errors(argument, options, out);
 }

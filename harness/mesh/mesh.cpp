@@ -9,6 +9,7 @@
 #include <glm/geometric.hpp>
 
 #include "harness/base/memory.h"
+#include "harness/base/text.h"
 #include "harness/mesh/mesh_parser.h"
 #include "harness/volume/dataset.h"
 #include "harness/volume/text_header.h"
@@ -131,7 +132,12 @@ Mesh parse_mesh(std::string_view text, const std::string& file) {
     Mesh mesh = format->read(bytes);
     mesh.file = file;
     check(mesh);
-    if (!mesh.tetrahedra.empty()) mesh.triangles = boundary_of(mesh);
+    if (!mesh.tetrahedra.empty()) {
+        if (!mesh.triangles.empty())
+            mesh.notes.push_back("the boundary of the tetrahedra is the body's surface; left out: " +
+                                 counted(mesh.triangles.size(), "triangle"));
+        mesh.triangles = boundary_of(mesh);
+    }
     if (mesh.triangles.empty())
         throw BadInput(file, "", fmt::format("{} tetrahedra without a boundary", mesh.tetrahedra.size()),
                        "tetrahedra of four different vertices, each tetrahedron once");

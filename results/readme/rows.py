@@ -1,5 +1,6 @@
 """Reads the rows of the committed results, writes their figures as text, and prepares the tables of tables.jinja."""
 
+import argparse
 import collections
 import functools
 import math
@@ -19,6 +20,13 @@ FORMULATIONS = ["paper", "position", "displacement", "increment", "compensated"]
 
 class Missing(Exception):
     """Raised if no committed result has what is asked for."""
+
+
+def is_check(description):
+    """Whether a script was called with --check, its one option. Any other argument ends the script with exit code 2."""
+    parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--check", action="store_true", help="write nothing; exit with 1 if a file is out of date")
+    return parser.parse_args().check
 
 
 @functools.lru_cache(maxsize=None)
