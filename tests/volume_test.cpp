@@ -391,7 +391,7 @@ TEST(Volume, NiftiHeadersThatLieAreRefused) {
     constexpr float nan = std::numeric_limits<float>::quiet_NaN();
     for (const float distance : {0.F, -0.F, std::numeric_limits<float>::infinity(), nan, 1e-30F, -1e30F})
         EXPECT_THAT(with([&](Header h) { h.pixdim[2] = distance; }), StartsWith("pixdim[2]: "));
-    for (const float offset : {348.F, -1.F, 1e30F, nan})
+    for (const float offset : {348.F, 352.5F, -1.F, 1e30F, nan})
         EXPECT_THAT(with([&](Header h) { h.vox_offset = offset; }), StartsWith("vox_offset: "));
     EXPECT_EQ(with([](Header h) { h.vox_offset = 348; }), "vox_offset: 348");
     for (const int code : {3001, 3006, 1008, 1009, 2002, 2005})  // connectivity and surfaces

@@ -76,16 +76,13 @@ std::map<std::string, std::filesystem::path> package_folders(const std::string& 
 class RaplMeter final : public EnergyMeter {
 public:
     explicit RaplMeter(const std::string& folder) {
-        bool refused = false;
         for (const auto& [name, domain] : package_folders(folder)) {
             const auto range = number_in(domain / "max_energy_range_uj");
             const auto now = number_in(domain / "energy_uj");
-            refused = refused || !now;
-            if (range && now)
-                packages_.push_back({.counter = domain / "energy_uj", .range = *range, .last = *now});
+            if (!range || !now)
+                throw UnknownEnergy("the processor's energy counter cannot be read; usually only root may");
+            packages_.push_back({.counter = domain / "energy_uj", .range = *range, .last = *now});
         }
-        if (refused)
-            throw UnknownEnergy("the processor's energy counter cannot be read; usually only root may");
         if (packages_.empty()) throw UnknownEnergy("the processor has no energy counter here");
     }
 

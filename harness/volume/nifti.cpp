@@ -168,9 +168,9 @@ private:
                 return std::int64_t(min);
             }
         }
-        if (!(offset >= double(min) && offset <= double(max))) {
+        if (!(offset >= double(min) && offset <= double(max)) || offset != std::trunc(offset)) {
             refuse("vox_offset", fmt::format("{}", offset),
-                   fmt::format("a byte offset from {} to {}{}", min, max,
+                   fmt::format("a whole byte offset from {} to {}{}", min, max,
                                is_pair_ ? "" : ", behind the header"));
         }
         return std::int64_t(offset);
