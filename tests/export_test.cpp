@@ -6,8 +6,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
 #include <fstream>
 #include <glm/geometric.hpp>
+#include <optional>
 #include <string>
 #include <vector>
 
@@ -121,6 +123,16 @@ TEST(ExportedVelocity, GivesAnEnergyThatHardlyWanders) {
     EXPECT_LT(wander(centred), wander(half_a_step_old) / 5);
 }
 
+std::vector<std::string> listed_in(const std::filesystem::path& collection) {
+    std::vector<std::string> names;
+    std::ifstream list(collection);
+    for (std::string line; std::getline(list, line);) {
+        const std::size_t at = line.find("file=\"");
+        if (at != std::string::npos) names.push_back(line.substr(at + 6, line.rfind('"') - at - 6));
+    }
+    return names;
+}
+
 TEST(ExportedSeries, ListsAFileOnceIfTheRunIsInterruptedRightAfterIt) {
     const TemporaryFolder folder;
     const Scene scene = scene_of("box", make_lattice_problem(solid({2, 2, 2}), FACE_BITS));
@@ -132,12 +144,27 @@ TEST(ExportedSeries, ListsAFileOnceIfTheRunIsInterruptedRightAfterIt) {
     for (const int step : {2, 4}) exports.write({scene, scene.problem, state, step, step * 0.5, ""});
     exports.end_at(4);
     exports.write({scene, scene.problem, state, 4, 2, ""});
-    std::vector<std::string> listed;
-    std::ifstream list(folder.path() / "body.pvd");
-    for (std::string line; std::getline(list, line);) {
-        if (line.find("<DataSet") != std::string::npos) listed.push_back(line.substr(line.find("file=")));
-    }
-    EXPECT_EQ(listed, std::vector<std::string>({"file=\"body_000002.vtu\"/>", "file=\"body_000004.vtu\"/>"}));
+    EXPECT_EQ(listed_in(folder.path() / "body.pvd"),
+              std::vector<std::string>({"body_000002.vtu", "body_000004.vtu"}));
+}
+
+TEST(ExportedSeries, OfAResumedRunListsTheFilesBeforeItToo) {
+    const TemporaryFolder folder;
+    const Scene scene = scene_of("box", make_lattice_problem(solid({2, 2, 2}), FACE_BITS));
+    const State state = state_at_rest(scene.problem);
+    ExportOptions options;
+    options.out = {folder.path() / "body.vtu"};
+    options.every = 2;
+    const auto write = [&](std::optional<int> resumed_from, std::vector<int> steps) {
+        Exports exports(options, 10);
+        if (resumed_from) exports.resume_from(*resumed_from);
+        for (const int step : steps) exports.write({scene, scene.problem, state, step, step * 0.5, ""});
+        return listed_in(folder.path() / "body.pvd");
+    };
+    write({}, {2, 4, 6});
+    EXPECT_EQ(write(5, {6, 8}), std::vector<std::string>({"body_000002.vtu", "body_000004.vtu",
+                                                          "body_000006.vtu", "body_000008.vtu"}));
+    EXPECT_EQ(write({}, {2}), std::vector<std::string>({"body_000002.vtu"})) << "a run from the start";
 }
 
 }  // namespace

@@ -198,6 +198,7 @@ private:
                            "more than the " + std::to_string(saved_->step) + " that " + file.string() +
                                " has reached: steps count from the scene's start");
         first_ = saved_->step;
+        exports_->resume_from(first_);
         activity_.end();
         if (!saved_->differs.empty()) out_ << file.string() << ": " << saved_->differs << "\n";
         take_springs_of(file);

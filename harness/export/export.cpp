@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <fstream>
 #include <map>
 #include <set>
 #include <utility>
@@ -58,6 +59,9 @@ int next_multiple(int step, int every, int last) {
 }
 
 std::filesystem::path collection_of(std::filesystem::path path) { return path.replace_extension(".pvd"); }
+
+/// The end of the line of a .pvd that lists the file `name`.
+std::string file_attribute(const std::string& name) { return "file=\"" + escaped(name) + "\"/>"; }
 
 /// One spelling for all paths of a file: "a.csv", "./a.csv", "/home/me/a.csv" and a link to it.
 std::filesystem::path in_full(const std::filesystem::path& path) {
@@ -176,6 +180,20 @@ std::string Exports::name_in_series(const File& file, std::int64_t step) const {
     return fmt::format("{}_{:0{}}{}", name.substr(0, name.size() - ending.size()), step, digits_, ending);
 }
 
+void Exports::resume_from(int step) {
+    for (File& file : files_) {
+        if (!file.every || !file.writer->collected) continue;
+        const std::string last = file_attribute(name_in_series(file, step));
+        std::ifstream collection(collection_of(file.path));
+        for (std::string line; std::getline(collection, line);) {
+            const std::size_t at = line.find("file=");
+            // Names of the same length sort by step.
+            if (at != std::string::npos && line.size() - at == last.size() && line.substr(at) <= last)
+                file.listed += line + "\n";
+        }
+    }
+}
+
 void Exports::write(const Snapshot& snapshot) {
     written_.clear();
     for (File& file : files_) {
@@ -187,8 +205,8 @@ void Exports::write(const Snapshot& snapshot) {
         written_.push_back(file.path.parent_path() / name);
         write_atomically(written_.back(), contents);
         if (!file.every || !file.writer->collected) continue;
-        const std::string entry = fmt::format("    <DataSet timestep=\"{}\" part=\"0\" file=\"{}\"/>\n",
-                                              snapshot.time, escaped(name));
+        const std::string entry =
+            fmt::format("    <DataSet timestep=\"{}\" part=\"0\" {}\n", snapshot.time, file_attribute(name));
         // A run that is interrupted right after a file was due writes that file again.
         if (!file.listed.ends_with(entry)) file.listed += entry;
         write_atomically(collection_of(file.path),

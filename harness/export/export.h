@@ -70,6 +70,9 @@ public:
     Exports(const Exports&) = delete;
     Exports& operator=(const Exports&) = delete;
 
+    /// Says that the run goes on from another run's state after `step` steps: a .pvd that exists keeps its
+    /// entries up to that step.
+    void resume_from(int step);
     /// Says that the run ends early, after `step` steps: the last files are then due after this step.
     void end_at(int step) { steps_ = step; }
     /// The files that the latest write() wrote, without the .pvd of a series.
