@@ -191,17 +191,16 @@ std::vector<Label> labels_of(const std::vector<Segment>& segments) {
     const auto words_of = [](const Segment& segment) {
         return std::vector<std::string>{segment.name, segment.id, std::to_string(segment.value)};
     };
+    std::map<std::string, std::set<const Segment*>> owners;
+    for (const Segment& segment : segments) {
+        for (const std::string& word : words_of(segment)) owners[word].insert(&segment);
+    }
     std::vector<Label> labels;
     for (const Segment& segment : segments) {
         Label label{segment.name, {}};
         for (const std::string& word : words_of(segment)) {
-            const auto has = [&](const Segment& s) {
-                const auto all = words_of(s);
-                return std::find(all.begin(), all.end(), word) != all.end();
-            };
             const bool known = std::find(label.words.begin(), label.words.end(), word) != label.words.end();
-            if (!known && std::count_if(segments.begin(), segments.end(), has) == 1)
-                label.words.push_back(word);
+            if (!known && owners[word].size() == 1) label.words.push_back(word);
         }
         labels.push_back(std::move(label));
     }
