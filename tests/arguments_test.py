@@ -286,6 +286,9 @@ class Output(InTemporaryFolder):
         study = voxspring("study", "smoke", "--scene", "box@12", "--backend", "cpu_reference", env=environment)
         self.assertRegex(study.stderr, r"(?m)^\[1/1\] box@12 \d+/\d+, 0/1 rows?.*: cpu_reference/")
         self.assertEqual(voxspring("run", "box@20", "--backend", "cpu_reference", "--steps", 400).stderr, "")
+        for value in ("soon", "5 min", "0", "-1", "nan", "1e7"):
+            refused = voxspring(*RUN, env=os.environ | {"VOXSPRING_PROGRESS_SECONDS": value})
+            self.assert_refused(refused, "VOXSPRING_PROGRESS_SECONDS", value, "from 0.01 to 1e+06")
 
 
 class Shells(InTemporaryFolder):

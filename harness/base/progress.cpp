@@ -4,13 +4,13 @@
 #include <sys/ioctl.h>
 #include <unistd.h>
 
-#include <algorithm>
 #include <cmath>
 #include <csignal>
 #include <cstdlib>
 #include <iostream>
 #include <utility>
 
+#include "harness/base/bad_input.h"
 #include "harness/base/text.h"
 
 namespace voxspring {
@@ -20,10 +20,16 @@ bool is_terminal() { return isatty(STDERR_FILENO) != 0; }
 
 /// The time between two lines if standard error is not a terminal.
 Seconds pause() {
+    constexpr const char* variable = "VOXSPRING_PROGRESS_SECONDS";
     constexpr double otherwise = 10, shortest = 0.01, longest = 1e6;
-    const char* asked = std::getenv("VOXSPRING_PROGRESS_SECONDS");
-    const double seconds = asked != nullptr ? std::strtod(asked, nullptr) : otherwise;
-    return Seconds(seconds >= shortest ? std::min(seconds, longest) : otherwise);
+    const char* asked = std::getenv(variable);
+    if (asked == nullptr || *asked == '\0') return Seconds(otherwise);
+    char* end = nullptr;
+    const double seconds = std::strtod(asked, &end);
+    if (*end != '\0' || !(seconds >= shortest && seconds <= longest))
+        throw BadInput("environment", variable, asked,
+                       fmt::format("a number of seconds from {:g} to {:g}", shortest, longest));
+    return Seconds(seconds);
 }
 
 void overwrite_line(const std::string& line) {
