@@ -417,6 +417,23 @@ private:
     const int device_ = DeviceOfThread::now().among(2, "test");
 };
 
+/// Keeps its start only on the rank that has the lowest layer, as if other devices had too little memory.
+class Forgetful final : public Wrapped {
+public:
+    bool keep_start() override { return problem_->rest_position.front().z == 0; }
+    void rewind() override { Wrapped::begin(*problem_, start_); }
+
+private:
+    void begin(const Problem& problem, const State& state) override {
+        problem_ = &problem;
+        start_ = state;
+        Wrapped::begin(problem, state);
+    }
+
+    const Problem* problem_ = nullptr;
+    State start_;
+};
+
 /// Records on which devices this thread has made such backends, in order.
 class Placed final : public Wrapped {
 public:
@@ -431,7 +448,8 @@ Registered registered(const std::string& name, With... with) {
 const Registered backends[] = {
     registered<Placed>("rank_placed"),           registered<Numbered>("rank_numbered"),
     registered<Faulty>("rank_throws", "throws"), registered<Faulty>("rank_fails", "fails"),
-    registered<Faulty>("rank_hangs", "hangs"),   registered<Faulty>("rank_without", "without")};
+    registered<Faulty>("rank_hangs", "hangs"),   registered<Faulty>("rank_without", "without"),
+    registered<Forgetful>("rank_forgetful")};
 
 /// Borders that a simulated device exchanges, which waits for its neighbours: `within_steps`, or after a step
 /// without its host.
@@ -675,6 +693,18 @@ TEST(RankRuns, GiveTheBitsOfOneRankFromDeviceToDevice) {
                 EXPECT_GT(report.border_bytes, 0u);
             }
         }
+    }
+}
+
+// If some ranks uploaded again and others did not, they would no longer exchange the same borders.
+TEST(RankRuns, KeepTheStartOnAllDevicesOrOnNone) {
+    Scene whole = scene();
+    whole.edits.clear();
+    const State one = run_ranks("rank_numbered", whole, plan_of(1)).state;
+    for (const char* way : {"memory", "peer"}) {
+        FakeBorders::taken_over = 0;
+        expect_same_bits(run_ranks("rank_forgetful", whole, plan_of(3, way)).state, one);
+        EXPECT_EQ(FakeBorders::taken_over, way == std::string("peer") ? (plan.repetitions + 1) * 3 : 0);
     }
 }
 

@@ -36,9 +36,17 @@ void RankBackend::upload(const Problem& problem, const State& state) {
     }
 }
 
+bool RankBackend::keep_start() {
+    const bool kept = inner_.keep_start();
+    if (!goes_by_device()) return kept;
+    if (!kept) parts_->all_keep_start = false;
+    meet(exchange_);
+    return parts_->all_keep_start;
+}
+
 void RankBackend::connect() {
     if (!goes_by_device() || connected_) return;
-    own_borders()->connect(*parts_, std::size_t(exchange_.rank()));
+    own_borders()->connect(parts_->borders, std::size_t(exchange_.rank()));
     connected_ = true;
 }
 

@@ -2,6 +2,7 @@
 // those of its neighbours.
 #pragma once
 
+#include <atomic>
 #include <cstddef>
 #include <memory>
 #include <optional>
@@ -16,8 +17,13 @@
 
 namespace voxspring {
 
-/// The borders on devices of all ranks, if they are threads of one process; element r belongs to rank r.
-using PartsOnDevices = std::vector<std::shared_ptr<DeviceBorders>>;
+/// What ranks share whose borders go from device to device. They are threads of one process.
+struct PartsOnDevices {
+    explicit PartsOnDevices(std::size_t ranks) : borders(ranks) {}
+
+    std::vector<std::shared_ptr<DeviceBorders>> borders;  ///< element r belongs to rank r
+    std::atomic<bool> all_keep_start = true;              ///< so far no rank could not
+};
 
 /// Where the time of a rank's steps went, in seconds.
 struct RankSeconds {
@@ -39,7 +45,9 @@ public:
     Capabilities capabilities() const override { return inner_.capabilities(); }
     std::string unsupported(const Problem& problem) const override;
     void upload(const Problem& problem, const State& state) override;
-    bool keep_start() override { return inner_.keep_start(); }
+    /// If borders go from device to device, all ranks must call this at the same time, and all get the same
+    /// answer: a rank that uploads makes new borders, and the others have to connect with these.
+    bool keep_start() override;
     void rewind() override { inner_.rewind(); }
     /// Does nothing for an edit that changes no spring of this subdomain. All ranks must call edit() for
     /// every edit nevertheless.
@@ -94,7 +102,9 @@ private:
     double seconds_between_marks() const override { return Seconds(end_ - begin_).count(); }
 
     /// Requires goes_by_device().
-    std::shared_ptr<DeviceBorders>& own_borders() const { return parts_->at(std::size_t(exchange_.rank())); }
+    std::shared_ptr<DeviceBorders>& own_borders() const {
+        return parts_->borders.at(std::size_t(exchange_.rank()));
+    }
     int steps_per_call() const;
     void step_alone(int count);
     /// Calls enqueue() when all ranks are ready to, and returns once all have done so.

@@ -243,14 +243,14 @@ RankReport run_rank(const BackendSpec& spec, const Scene& scene, const RankPlan&
                       .device = backend.capabilities().device,
                       .uuid = backend.capabilities().uuid};
     runner.rewind(backend);
-    // Ranks connect after an upload, so all of them must upload at the same points. With edits one rank might
-    // keep its start while another cannot, since edits may cancel in one subdomain only. So the start is kept
-    // only without edits.
-    if (scene.edits.empty() && runner.keep_start(backend)) part.state = {};
     turn = {};
     const WatchedCard card(report.uuid);
     exchange.set_patience(plan.start_patience);
     meet(exchange);
+    // Ranks connect after an upload, so all of them must upload at the same points. With edits one rank might
+    // keep its start while another cannot, since edits may cancel in one subdomain only. So the start is kept
+    // only without edits. It is kept after all uploads, which may share a device and need the memory more.
+    if (scene.edits.empty() && runner.keep_start(backend)) part.state = {};
     backend.connect();
     meet(exchange);
     exchange.set_patience(plan.patience);

@@ -101,7 +101,7 @@ std::vector<std::uint32_t> places_of_rank(const Problem& problem, const RankPlan
 /// room_for_state(). Throws RankLost if another rank failed, Unavailable if there is no such device or the
 /// backend cannot run its subdomain, std::runtime_error if the run diverges, and what the backend throws.
 ///
-/// `parts` has one element per rank and is shared by all ranks. It may be null if plan.way is "memory".
+/// `parts` is shared by all ranks. It may be null if plan.way is "memory".
 RankReport run_rank(const BackendSpec& spec, const Scene& scene, const RankPlan& plan, Exchange& exchange,
                     State& left, PartsOnDevices* parts = nullptr);
 
