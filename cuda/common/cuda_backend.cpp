@@ -121,8 +121,9 @@ bool CudaBackend::keep_start() {
     std::uint64_t needed = 0;
     for (const StateArray& array : arrays) needed += array.bytes;
     start_.clear();
-    // At least half of the free memory is left to later allocations.
-    if (needed > device_.free_bytes() / 2) return false;
+    // At least half of the free memory is left to later allocations. Parts of a body that share the device
+    // may ask at the same time.
+    if (needed > device_.free_bytes() / 2 / std::size_t(device_.parts)) return false;
     for (const StateArray& array : arrays) {
         start_.emplace_back().resize(array.bytes);
         copy(start_.back().data(), array.data, array.bytes, stream_);
