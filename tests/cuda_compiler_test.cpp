@@ -291,6 +291,9 @@ TEST(Serialisers, AreTold) {
               "but 9 kernels need one queue each");
     EXPECT_EQ(serialised_by(9, with("CUDA_DEVICE_MAX_CONNECTIONS", "32"), usual), "");
     EXPECT_NE(serialised_by(2, with("CUDA_DEVICE_MAX_CONNECTIONS", "1"), usual), "");
+    EXPECT_EQ(serialised_by(33, with("CUDA_DEVICE_MAX_CONNECTIONS", "64"), usual),
+              "the streams of a process share 32 queues (environment variable CUDA_DEVICE_MAX_CONNECTIONS), "
+              "but 33 kernels need one queue each");
 }
 
 // The borders of a part are lists of elements in 32 bits. A body in one piece has none.

@@ -2,6 +2,7 @@
 
 #include <link.h>
 
+#include <algorithm>
 #include <array>
 #include <cstdlib>
 
@@ -17,7 +18,8 @@ constexpr std::array tools = {Tool{"sanitizer-collection", "compute-sanitizer"},
                               Tool{"cuda-injection", "Nsight Compute"}};
 
 /// How many hardware queues a process has for its streams, unless CUDA_DEVICE_MAX_CONNECTIONS says otherwise.
-constexpr int usual_connections = 8;
+/// A device has no more than the second number, whatever that variable asks for.
+constexpr int usual_connections = 8, most_connections = 32;
 
 std::vector<std::string> loaded_libraries() {
     std::vector<std::string> names;
@@ -45,7 +47,7 @@ std::string serialised_by(int kernels, const std::function<const char*(const cha
     }
     const char* const text = value_of("CUDA_DEVICE_MAX_CONNECTIONS");
     const int asked = text == nullptr ? 0 : std::atoi(text);
-    const int connections = asked > 0 ? asked : usual_connections;
+    const int connections = asked > 0 ? std::min(asked, most_connections) : usual_connections;
     if (kernels > connections)
         return "the streams of a process share " + std::to_string(connections) +
                " queues (environment variable CUDA_DEVICE_MAX_CONNECTIONS), but " + std::to_string(kernels) +
