@@ -383,10 +383,11 @@ private:
         return pack_fed<Real>(problem(), particles, family_.formulation,
                               [&](std::uint32_t i) { return placement_.at(i); });
     }
-    /// Where particles are after the steps so far. The caller sets `fed` and `count`, which say which
-    /// particles it wants.
+    /// Where particles are after the steps so far, for which it waits. Throws DeviceError if a launch has
+    /// waited in vain, which leaves them in the wrong places. The caller sets `fed` and `count`, which say
+    /// which particles it wants.
     Feeding<Real> feeding() {
-        let_end();
+        this->synchronize();
         const auto now = std::size_t(current());
         return {.fed = nullptr,
                 .count = 0,
