@@ -449,6 +449,13 @@ TEST_F(StudyKinds, ReadAndCheckTheirOwnKeys) {
 
 // --- What all kinds have in common ------------------------------------------------------------------------
 
+TEST_F(StudyKinds, RefuseWhatTheyWouldMeasureWrongly) {
+    const auto refuse = [](const Study& study, const std::string& words) {
+        expect_contains(refusal([&] { (void)run_study(study, {}); }), words);
+    };
+    refuse(study_of("overhead", {{"press", 4, {}}}), "scene press: a tool that moves");
+}
+
 TEST_F(StudyKinds, OverheadHandsStepsOverInTwoWays) {
     const nlohmann::json result = run_study(study_of("overhead", {{"box@4", 20, {}}}), {});
     ASSERT_EQ(result.at("overhead").size(), 2u) << result.at("failed");

@@ -115,9 +115,12 @@ const RegisteredCaseRunner overhead_runner("overhead", [](const BackendSpec&, co
 class OverheadStudy final : public StudyKind {
 public:
     void check(const Study& study, const StudyScene&, const Scene& scene) const override {
+        const std::string where = "study " + study.name, what = "scene " + scene.name;
         if (!scene.edits.empty())
-            throw BadInput("study " + study.name, "scene " + scene.name, counted(scene.edits.size(), "edit"),
-                           "no edits in an overhead study");
+            throw BadInput(where, what, counted(scene.edits.size(), "edit"), "no edits in an overhead study");
+        // Many steps that are handed over at once have no place for a move between them.
+        if (!scene.tool_motion.empty())
+            throw BadInput(where, what, "a tool that moves", "no tool that moves in an overhead study");
     }
     int rows_of_case(const Study&, const StudyScene&) const override { return 2; }
     double steps_of_case(const Study& study, const StudyScene& item) const override {
