@@ -454,6 +454,8 @@ TEST_F(StudyKinds, RefuseWhatTheyWouldMeasureWrongly) {
         expect_contains(refusal([&] { (void)run_study(study, {}); }), words);
     };
     refuse(study_of("overhead", {{"press", 4, {}}}), "scene press: a tool that moves");
+    // A ball of six voxels across would be five high instead of four and a half.
+    refuse(study_of("truth", {{"ball", 4, {}}}, {{"voxels_across", {4, 6}}}), "voxels_across of ball: 6");
 }
 
 TEST_F(StudyKinds, OverheadHandsStepsOverInTwoWays) {

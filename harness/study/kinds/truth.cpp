@@ -357,6 +357,18 @@ public:
         scene.name = truth_case(item.scene, "study").name;
         return std::make_shared<const Scene>(std::move(scene));
     }
+    /// A height between two numbers of voxels would be rounded, and the body would not be the continuum's.
+    void check(const Study& study, const StudyScene& item, const Scene& scene) const override {
+        const double height = truth_case(scene.name, "study").height;
+        for (const int across : across_of(item)) {
+            if (height * across != std::floor(height * across))
+                throw BadInput("study " + study.name, "voxels_across of " + scene.name,
+                               std::to_string(across),
+                               fmt::format("a number of voxels with which the height of {:g} widths is a "
+                                           "whole number of voxels",
+                                           height));
+        }
+    }
     int rows_of_case(const Study&, const StudyScene& item) const override {
         return 4 * int(across_of(item).size());
     }
