@@ -456,6 +456,7 @@ TEST_F(StudyKinds, RefuseWhatTheyWouldMeasureWrongly) {
     refuse(study_of("overhead", {{"press", 4, {}}}), "scene press: a tool that moves");
     // A ball of six voxels across would be five high instead of four and a half.
     refuse(study_of("truth", {{"ball", 4, {}}}, {{"voxels_across", {4, 6}}}), "voxels_across of ball: 6");
+    refuse(study_of("pareto", {{"box@4", 1, {}}}, {{"time_steps", {0.9, 0.8}}}), "time_steps: 0.8");
 }
 
 TEST_F(StudyKinds, OverheadHandsStepsOverInTwoWays) {

@@ -267,6 +267,14 @@ public:
             throw BadInput(
                 where, "time_steps", fmt::format("{:g}", fractions_.back()),
                 "fractions with which a run takes at most " + std::to_string(max_steps_in_all) + " steps");
+        // Runs of as many steps have the same time step, whatever the fractions say.
+        for (std::size_t n = 1; n < fractions_.size(); ++n) {
+            if (steps_at(fractions_[n], item) == steps_at(fractions_[n - 1], item))
+                throw BadInput(where, "time_steps", fmt::format("{:g}", fractions_[n]),
+                               fmt::format("fractions with which runs take different numbers of steps: with "
+                                           "\"steps\": {} a run at {:g} takes as many",
+                                           item.steps, fractions_[n - 1]));
+        }
     }
     int rows_of_case(const Study&, const StudyScene&) const override { return int(fractions_.size()); }
     double steps_of_case(const Study& study, const StudyScene& item) const override {
