@@ -457,6 +457,12 @@ TEST_F(StudyKinds, RefuseWhatTheyWouldMeasureWrongly) {
     // A ball of six voxels across would be five high instead of four and a half.
     refuse(study_of("truth", {{"ball", 4, {}}}, {{"voxels_across", {4, 6}}}), "voxels_across of ball: 6");
     refuse(study_of("pareto", {{"box@4", 1, {}}}, {{"time_steps", {0.9, 0.8}}}), "time_steps: 0.8");
+    Problem pair;
+    pair.rest_position = {{0, 0, 0}, {1, 0, 0}};
+    pair.springs = {{0, 1, 1.0, 1.0}};
+    StudyScene built{"pair", 4, {}};
+    built.built = std::make_shared<const Scene>(scene_of("pair", pair));
+    refuse(study_of("stability", {built}), "scene pair: particles on no lattice");
 }
 
 TEST_F(StudyKinds, OverheadHandsStepsOverInTwoWays) {

@@ -11,6 +11,7 @@
 #include <utility>
 
 #include "backends/physics/spring.h"
+#include "harness/base/bad_input.h"
 #include "harness/base/text.h"
 #include "harness/results/print.h"
 #include "harness/results/row_fields.h"
@@ -306,6 +307,11 @@ public:
     std::string read_scene(JsonObject& item) const override {
         if (const auto map = item.find("map")) (void)map->boolean();
         return StudyKind::read_scene(item);
+    }
+    void check(const Study& study, const StudyScene&, const Scene& scene) const override {
+        if (scene.problem.lattice.voxel.empty())
+            throw BadInput("study " + study.name, "scene " + scene.name, "particles on no lattice",
+                           "particles on a lattice: starts are measured in its spacings");
     }
     int rows_of_case(const Study&, const StudyScene&) const override { return 7; }
     void run(StudyBench& bench) override {
