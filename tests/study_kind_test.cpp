@@ -723,6 +723,15 @@ TEST_F(StudyKinds, ScalingMeasuresTheWaysThatAreAskedFor) {
               (Ways{"none", "none", "memory"}));
 }
 
+TEST_F(StudyKinds, ScalingSaysWhatItDoesNotMeasure) {
+    const auto skipped = [&](const std::string& keys) {
+        return scaling(short_reference + ", " + keys, 2).at("skipped").dump();
+    };
+    expect_contains(skipped(R"("ranks": [1, 2], "ways": ["peer", "mpi"])"), "as 2 ranks by peer, mpi: ");
+    expect_contains(skipped(R"("ranks": [3, 4])"), "asks for 3 ranks or more here, and 2 are the most");
+    EXPECT_EQ(skipped(R"("ranks": [1, 2, 4])"), "[]") << "larger numbers are left out";
+}
+
 TEST_F(StudyKinds, ScalingVerifiesASampleWhereItIsAskedTo) {
     const auto measured = [&](const std::string& backends, const std::string& layers, int ranks = 2) {
         return scaling(R"("repetitions": 1, "steps": 4, "backends": [)" + backends +

@@ -576,6 +576,11 @@ void ScalingStudy::run_backend(StudyBench& bench, const BackendSpec& spec, int t
         bench.refuse(of_rank, "it cannot step a part of a body: it cannot exchange borders");
         return;
     }
+    if (cuts_of_ranks_.empty()) {
+        bench.refuse(of_rank, fmt::format("the study asks for {} ranks or more here, and {} are the most",
+                                          counts_of(bench.item()).front(), limit_of(bench)));
+        return;
+    }
     RankedCase ranked(bench, of_rank);
     for (const int ranks : counts_of(bench.item())) {
         if (interrupted()) return;
@@ -584,6 +589,10 @@ void ScalingStudy::run_backend(StudyBench& bench, const BackendSpec& spec, int t
                    bench.expected_cases() * int(cuts_of_ranks_.size()));
         const std::vector<std::string> ways = ways_of(ranks, bench, capabilities);
         if (ranks > 1 && !capabilities.has_borders) skip_other_ways(bench, of_rank, ranks, ways);
+        if (ways.empty() && capabilities.has_borders)
+            bench.skip(of_rank, fmt::format("as {} ranks by {}: its ranks, {} mpirun, have no such way",
+                                            ranks, joined(known_ways_of(bench.item())),
+                                            bench.options().mpi == nullptr ? "without" : "under"));
         for (const glm::ivec3 cut : cuts_of_ranks_.at(ranks)) {
             if (const std::string reason = cut_refusal(bench.scene(), cut); !reason.empty()) {
                 bench.skip(of_rank, fmt::format("as {} ranks: {}", ranks, reason));
