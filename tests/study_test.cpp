@@ -695,6 +695,9 @@ TEST_F(StudyFile, IsRefusedWithFileKeyValueAndWhatIsAccepted) {
         {target + R"("speed_ratio": 2}])", {"targets[0]"}},
         {target + R"("seconds_per_step": 0}])", {"targets[0]"}},
         {target + R"("seconds_per_step": 1, "over": "gl_*"}])", {"targets[0]"}},
+        {R"("kind": "fastest", )" + of_box +
+             R"(, "targets": [{"scene": "bxo", "formulation": "position", "seconds_per_step": 1}])",
+         {"targets[0].scene", "bxo", "one of box"}},
         {R"("kind": "stress", )" + of_box, {"suites"}},
         {R"("kind": "stress", "backends": ["*"], "suites": [{"lengths": "long"}])",
          {"suites[0].lengths", "brief"}},

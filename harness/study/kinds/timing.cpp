@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 #include <cstdint>
+#include <filesystem>
 #include <nlohmann/json.hpp>
 
 #include "harness/results/print.h"
@@ -83,7 +84,10 @@ public:
     void read(JsonObject& study) override {
         read_start_times(study);
         read_sustained(study);
-        if (const auto targets = study.find("targets")) targets_ = read_targets(*targets);
+        const auto targets = study.find("targets"), scenes = study.find("scenes");
+        if (!targets) return;
+        targets_ = read_targets(*targets);
+        if (scenes) check_targets(*targets, *scenes);
     }
     std::string read_scene(JsonObject& item) const override {
         if (const auto rewind = item.find("rewind")) (void)rewind->boolean();
@@ -98,6 +102,15 @@ public:
     }
 
 private:
+    /// Refuses a target on a scene that the study does not have, since nothing would judge it. Results name a
+    /// scene without the folder of its file.
+    static void check_targets(const JsonValue& targets, const JsonValue& scenes) {
+        std::vector<std::string> names;
+        for (const JsonValue& item : scenes.array())
+            names.push_back(std::filesystem::path(item.object().require("scene").string()).filename());
+        for (const JsonValue& target : targets.array()) (void)target.object().require("scene").one_of(names);
+    }
+
     std::vector<Target> targets_;
 };
 
