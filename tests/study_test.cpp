@@ -698,6 +698,8 @@ TEST_F(StudyFile, IsRefusedWithFileKeyValueAndWhatIsAccepted) {
         {R"("kind": "fastest", )" + of_box +
              R"(, "targets": [{"scene": "bxo", "formulation": "position", "seconds_per_step": 1}])",
          {"targets[0].scene", "bxo", "one of box"}},
+        // No file can have such a name.
+        {any + R"("scenes": [{"scene": ")" + std::string(300, 'a') + R"("}])", accepted},
         {R"("kind": "stress", )" + of_box, {"suites"}},
         {R"("kind": "stress", "backends": ["*"], "suites": [{"lengths": "long"}])",
          {"suites[0].lengths", "brief"}},
