@@ -43,6 +43,7 @@
 #include "harness/process/signal_process.h"
 #include "harness/process/worker.h"
 #include "harness/process/worker_main.h"
+#include "harness/study/selection.h"
 #include "harness/study/timing_runner.h"
 #include "harness/verification/reference.h"
 #include "harness/verification/verify.h"
@@ -595,6 +596,17 @@ TEST(Study, SelectsAndAdds) {
     expect_refused(study_of({"test_sound"}), {}, {"no_such_scene"});
     expect_refused(load_study("stress"), {}, {"box"});
     expect_refused(study_of({"left_out_*"}), {}, {});
+}
+
+// Otherwise a scene that is too large would have a row for each backend of the study, which nobody asked for.
+TEST(Study, BesidesAutoNoBackendIsKnown) {
+    const Study study = study_of({"test_*", "cpu_*"});
+    const auto known = [&](const std::vector<std::string>& globs) {
+        return known_specs(study, {.scene = "box@5", .steps = 4, .backends = {}, .only = globs}).size();
+    };
+    EXPECT_EQ(known({"auto"}), 0u);
+    EXPECT_EQ(known({"auto:formulation=position", "!cpu_parallel"}), 0u);
+    EXPECT_EQ(known({"auto", "cpu_reference"}), 1u);
 }
 
 TEST(Study, APatternStandsForTheBackendsThatHaveItsOptions) {

@@ -101,7 +101,7 @@ bool leaves_out(const std::string& glob) { return glob.starts_with('!'); }
 std::vector<BackendSpec> select(std::vector<BackendSpec> specs, const std::vector<std::string>& globs) {
     std::vector<BackendSpec> kept;
     for (const std::string& glob : globs) {
-        if (leaves_out(glob)) continue;
+        if (leaves_out(glob) || asks_for_auto(glob)) continue;
         std::vector<BackendSpec> found;
         std::copy_if(specs.begin(), specs.end(), std::back_inserter(found),
                      [&](const BackendSpec& spec) { return matches(glob, spec); });
@@ -126,11 +126,9 @@ const std::vector<std::string>& patterns_of(const Study& study, const StudyScene
 }
 
 std::vector<BackendSpec> known_specs(const Study& study, const StudyScene& item) {
-    const auto known = [](std::vector<std::string> patterns) {
-        std::erase_if(patterns, asks_for_auto);
-        return patterns;
-    };
-    return select(expand_all(known(patterns_of(study, item))), known(item.only));
+    std::vector<std::string> patterns = patterns_of(study, item);
+    std::erase_if(patterns, asks_for_auto);
+    return select(expand_all(patterns), item.only);
 }
 
 bool has_backends(const Study& study, const StudyScene& item) {

@@ -28,7 +28,8 @@ bool matches_left_out(const std::string& pattern);
 /// Whether a glob of the command line leaves backends out: "!cpu_*".
 bool leaves_out(const std::string& glob);
 
-/// Applies the command line's --backend to a scene's cases: it removes some of them, and may add others.
+/// Applies the command line's --backend to a scene's cases: it removes some of them, and may add others. The
+/// glob `auto` adds none, since the rules' choice is not known here.
 std::vector<BackendSpec> select(std::vector<BackendSpec> specs, const std::vector<std::string>& globs);
 
 /// The backend patterns of an item: its own if it has some, otherwise those of the study.
