@@ -607,6 +607,14 @@ TEST(Study, BesidesAutoNoBackendIsKnown) {
     EXPECT_EQ(known({"auto"}), 0u);
     EXPECT_EQ(known({"auto:formulation=position", "!cpu_parallel"}), 0u);
     EXPECT_EQ(known({"auto", "cpu_reference"}), 1u);
+
+    Study of_auto = study_of({"auto"});
+    of_auto.scenes.insert(of_auto.scenes.begin(), {"box@2000", 4, {}});
+    ::testing::internal::CaptureStderr();
+    const nlohmann::json result = run_study(of_auto, {});
+    EXPECT_THAT(::testing::internal::GetCapturedStderr(),
+                HasSubstr("voxspring: a scene is left out: box@2000: dataset.dims"));
+    EXPECT_EQ(values_of(result.at("verification"), "scene"), std::set<std::string>{"box@5"});
 }
 
 TEST(Study, APatternStandsForTheBackendsThatHaveItsOptions) {

@@ -251,6 +251,9 @@ void StudyRun::check(const StudyScene& item) {
     } catch (const TooLarge& refusal) {
         if (!options_.scenes.empty()) throw;
         too_large_[item.scene] = refusal.what();
+        // A backend that is not known yet has no row to say so.
+        if (known_specs(study_, item).empty())
+            std::cerr << "voxspring: a scene is left out: " << refusal.what() << "\n";
         return;
     }
     scenes_.check_name(item, *loaded);
