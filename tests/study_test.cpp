@@ -720,6 +720,8 @@ TEST_F(StudyFile, IsRefusedWithFileKeyValueAndWhatIsAccepted) {
          {"targets[0].scene", "bxo", "one of box"}},
         // No file can have such a name.
         {any + R"("scenes": [{"scene": ")" + std::string(300, 'a') + R"("}])", accepted},
+        {R"("kind": "haptic", "rates": [1000, 1000.0001], )" + of_box, {"rates[1]", "1000.0001", "differs"}},
+        {R"("kind": "haptic", "rates": [1000, 2000], )" + of_box, accepted},
         {R"("kind": "stress", )" + of_box, {"suites"}},
         {R"("kind": "stress", "backends": ["*"], "suites": [{"lengths": "long"}])",
          {"suites[0].lengths", "brief"}},

@@ -529,7 +529,14 @@ struct Motions {
     void read(JsonObject& from) {
         if (const auto listed = from.find("rates")) {
             rates.clear();
-            for (const JsonValue& rate : listed->array(1, 16)) rates.push_back(rate.number(1, 1e5));
+            for (const JsonValue& item : listed->array(1, 16)) {
+                const double rate = item.number(1, 1e5);
+                // Rows and the journal name a rate with three decimals.
+                if (std::any_of(rates.begin(), rates.end(),
+                                [&](double other) { return std::abs(other - rate) < 1e-3; }))
+                    item.refuse("a rate that differs by 0.001 or more from those before it");
+                rates.push_back(rate);
+            }
         }
         if (const auto given = from.find("motion_seconds")) seconds = given->number(0.1, 3600);
         if (const auto given = from.find("longest_seconds")) longest_seconds = given->number(0.1, 3600);
