@@ -644,6 +644,23 @@ TEST(MarchPlan, FillsTheDevice) {
     for (const MarchItem& item : many.items) EXPECT_LE(item.end - item.begin, 3);
 }
 
+// The number of a part times the length of the run exceeds 32 bits.
+TEST(MarchPlan, CutsALongRunIntoManyParts) {
+    constexpr MarchShape shape{2, 8, 1, 1, 3, 2};
+    constexpr int planes = 100'000;
+    const MarchPlan plan = plan_for(lattice(solid({1, 1, planes})), shape, planes);
+    std::set<int> begins;
+    int covered = 0;
+    for (const MarchItem& item : plan.items) {
+        begins.insert(item.begin);
+        covered += item.end - item.begin;
+        ASSERT_GT(item.end, item.begin);
+        ASSERT_LE(item.end - item.begin, 3);
+    }
+    EXPECT_EQ(covered, planes);
+    EXPECT_EQ(begins.size(), plan.items.size());
+}
+
 TEST(MarchPlan, TakesTheLongestFirstAndThenTheLowest) {
     constexpr MarchShape shape{2, 8, 1, 2, 3, 2};
     const auto place = [](const MarchItem& item) {

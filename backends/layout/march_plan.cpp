@@ -4,6 +4,7 @@
 #include <array>
 #include <bit>
 #include <cstddef>
+#include <cstdint>
 #include <functional>
 #include <limits>
 #include <queue>
@@ -182,9 +183,11 @@ int finished_at(const LengthCounts& counts, int slots) {
 template <class Visit>
 void visit_parts(const Run& run, int most, Visit visit) {
     const int count = units_of(run.length(), most);
-    for (int part = 0; part < count; ++part)
-        visit(Run{run.column, run.begin + run.length() * part / count,
-                  run.begin + run.length() * (part + 1) / count});
+    // A run of 10^5 planes times the number of a part exceeds 32 bits.
+    const auto begin_of = [&](int part) {
+        return run.begin + int(std::int64_t(run.length()) * part / count);
+    };
+    for (int part = 0; part < count; ++part) visit(Run{run.column, begin_of(part), begin_of(part + 1)});
 }
 
 /// The limit of the length of items, in planes, with which all items are done the soonest.
