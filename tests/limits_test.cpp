@@ -302,6 +302,9 @@ TEST(StepWork, OfCudaExplicit) {
     Problem sutured = plate();
     sutured.springs = {{0, 5, 1, 1}};
     EXPECT_WORK(layout::explicit_work<float>(sutured, true, position), 6 * 48 + 24 * 12, 6 * 15 + 24 * 14, 1);
+    // Without positions, the list says how this spring lies at rest, at both of its ends.
+    EXPECT_EQ(layout::explicit_work<float>(sutured, true, Formulation::displacement).bytes,
+              6 * 48 + 24 * 12 + 2 * 16);
 }
 
 // A spring beyond the lattice has a stiffness: 1 operation at either end, whatever the materials are.
@@ -323,6 +326,14 @@ TEST(StepWork, OfCudaScatter) {
                 6 * 15 + 11 * 20, 2);
     EXPECT_WORK(layout::scatter_work<double>(plate(), position), 6 * (96 + 4 * 24 + 32) + 11 * 24,
                 6 * 15 + 11 * 26, 2);
+    Problem sutured = plate();
+    sutured.springs = {{0, 5, 1, 1}};
+    EXPECT_EQ(layout::scatter_work<float>(sutured, Formulation::displacement).bytes,
+              6 * (48 + 4 * 12 + 16) + 12 * 16 + 16)
+        << "one offset at rest";
+    EXPECT_EQ(layout::scatter_work<float>(plate(), Formulation::compensated).bytes,
+              6 * (112 + 4 * 12 + 2 * 16) + 11 * 16)
+        << "low parts";
     const Problem one_particle = make_lattice_problem(solid({1, 1, 1}), FACE_BITS);
     EXPECT_WORK(layout::scatter_work<float>(one_particle, position), 48 + 2 * 12, 15, 1);
 }

@@ -342,8 +342,8 @@ StepWork delta_work(const Problem& problem, Formulation formulation) {
     StepWork work = implicit_work<Real>(problem, formulation);
     const std::uint64_t off_lattice_ends = 2 * count_springs(problem).beyond;
     work.read_once(units_of(problem.particle_count(), std::size_t(slice_particles)) * sizeof(Slice) +
-                   off_lattice_ends * (sizeof(std::uint32_t) + sizeof(SpringConstants<Real>) +
-                                       (on_positions(formulation) ? 0 : sizeof(SpringRest<Real>))));
+                   off_lattice_ends * (sizeof(std::uint32_t) + sizeof(SpringConstants<Real>)) +
+                   2 * off_lattice_rest_bytes<Real>(problem, formulation));
     work.operations += off_lattice_ends;  // each density times its stiffness
     return work;
 }

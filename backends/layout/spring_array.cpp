@@ -148,8 +148,10 @@ StepWork scatter_work(const Problem& problem, Formulation formulation) {
     if (springs == 0) return work;
     work.launches = 2;
     add_force();
-    work.bytes += particles * sizeof(ParticleRecord<Real>);
-    work.read_once(springs * (sizeof(SpringEnds) + sizeof(SpringConstants<Real>)));
+    const std::uint64_t parts = formulation == Formulation::compensated ? 2 : 1;
+    work.bytes += particles * parts * sizeof(ParticleRecord<Real>);
+    work.read_once(springs * (sizeof(SpringEnds) + sizeof(SpringConstants<Real>)) +
+                   off_lattice_rest_bytes<Real>(problem, formulation));
     // Per spring: 1 operation to multiply by the stiffness, 3 vector operations to compute the force and to
     // add it to both ends.
     work.operations += pull_operations<Real>(problem, formulation) + springs * (1 + 3 * vector_operations);

@@ -104,6 +104,11 @@ std::uint64_t pull_operations(const Problem& problem, Formulation formulation) {
 }
 
 template <class Real>
+std::uint64_t off_lattice_rest_bytes(const Problem& problem, Formulation formulation) {
+    return on_positions(formulation) ? 0 : problem.springs.size() * sizeof(SpringRest<Real>);
+}
+
+template <class Real>
 StepWork implicit_work(const Problem& problem, Formulation formulation) {
     StepWork work = motion_work<Real>(problem, formulation);
     if (problem.has_materials()) work.read_once(problem.particle_count() * sizeof(Real));  // compliance
@@ -120,7 +125,8 @@ template <class Real>
 StepWork explicit_work(const Problem& problem, bool secondary, Formulation formulation) {
     StepWork work = motion_work<Real>(problem, formulation);
     const std::uint64_t ends = spring_ends(problem);
-    work.read_once(ends * (sizeof(std::uint32_t) + (secondary ? sizeof(SpringConstants<Real>) : 0)));
+    work.read_once(ends * (sizeof(std::uint32_t) + (secondary ? sizeof(SpringConstants<Real>) : 0)) +
+                   2 * off_lattice_rest_bytes<Real>(problem, formulation));
     work.operations += 2 * pull_operations<Real>(problem, formulation) + ends * vector_operations;
     // Operations for the stiffness: 1 per spring end, or group_operations() per particle.
     work.operations += secondary ? ends : problem.particle_count() * group_operations(problem);
@@ -163,6 +169,7 @@ StepWork march_work(const Problem& problem, Formulation formulation) {
 #define FOR_PRECISION(Real)                                                           \
     template StepWork motion_work<Real>(const Problem&, Formulation);                 \
     template std::uint64_t pull_operations<Real>(const Problem&, Formulation);        \
+    template std::uint64_t off_lattice_rest_bytes<Real>(const Problem&, Formulation); \
     template StepWork implicit_work<Real>(const Problem&, Formulation);               \
     template StepWork explicit_work<Real>(const Problem&, bool, Formulation);         \
     template StepWork shared_springs_work<Real>(const Problem&, Formulation,          \

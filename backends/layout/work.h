@@ -40,6 +40,11 @@ StepWork motion_work(const Problem& problem, Formulation formulation);
 template <class Real>
 std::uint64_t pull_operations(const Problem& problem, Formulation formulation);
 
+/// The bytes that say how the springs beyond the lattice lie at rest: one SpringRest for each, but none in
+/// formulations on positions.
+template <class Real>
+std::uint64_t off_lattice_rest_bytes(const Problem& problem, Formulation formulation);
+
 /// The work of a step that finds neighbours by their offset in the grid. Words of inactive voxels do not
 /// count. Each position counts as read once, although each neighbour reads it too.
 template <class Real>
