@@ -936,6 +936,7 @@ TEST(SceneOf, RefusesWhatBackendsDoNotCheck) {
                   p.rest_position.erase(p.rest_position.begin() + 1);
               }},
              {"rest length", [](P p) { p.rest_length[1] = NAN; }},
+             {"opposite direction", [](P p) { p.rest_length[0] = 2; }},
              {"group's stiffness", [](P p) { p.group_stiffness[0] = INFINITY; }},
              {"rest position", [](P p) { p.rest_position[2].y = NAN; }},
              {"gravity", [](P p) { p.gravity.z = INFINITY; }},

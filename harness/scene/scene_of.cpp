@@ -69,6 +69,8 @@ void check_masks(const Problem& problem) {
         if ((problem.group_bits >> direction.bit & 1U) == 0) continue;
         const double length = problem.rest_length[std::size_t(direction.bit)];
         require(std::isfinite(length) && length >= 0, "a direction's rest length is negative or not finite");
+        require(length == problem.rest_length[std::size_t(direction.bit & ~1)],
+                "a direction's rest length differs from that of the opposite direction");
         require(problem.has_materials() || is_positive(problem.group_stiffness[std::size_t(direction.group)]),
                 "a spring group's stiffness is not positive");
     }
