@@ -310,6 +310,19 @@ TEST(Borders, OfAPartThatIsTooLargeForThemAreRefused) {
     EXPECT_EQ(refusal(), "");
 }
 
+// Kernels with code per class of springs have one rest length for each class.
+TEST(Classes, WithTwoRestLengthsAreRefused) {
+    Problem problem = make_lattice_problem(testing::solid({2, 2, 2}), FACE_BITS | EDGE_BITS);
+    const auto refusal = [&] {
+        return class_refusal(problem, Precision::float32, Formulation::increment, "the march");
+    };
+    EXPECT_EQ(refusal(), "");
+    for (const std::size_t bit : {8, 9}) problem.rest_length[bit] *= 1.1;  // (1, -1, 0) and its opposite
+    EXPECT_NE(refusal(), "");
+    for (const std::size_t bit : {6, 7}) problem.rest_length[bit] *= 1.1;  // (1, 1, 0) and its opposite
+    EXPECT_EQ(refusal(), "");
+}
+
 /// A part of a body whose borders travel within steps.
 struct Part {
     Part(const BackendSpec& spec, const Subdomain& of) : backend(spec.make()), subdomain(of) {}

@@ -104,6 +104,16 @@ bool has_inverse_lengths(const Problem& problem, Precision precision, Formulatio
     });
 }
 
+bool has_class_lengths(const Problem& problem) {
+    return std::all_of(directions().begin(), directions().end(), [&](const Direction& direction) {
+        const glm::ivec3 o = direction.offset;
+        const Direction& of_class = direction_to(class_offsets[std::size_t(spring_class(o.x, o.y, o.z))]);
+        return (problem.group_bits >> direction.bit & 1U) == 0 ||
+               problem.rest_length[std::size_t(direction.bit)] ==
+                   problem.rest_length[std::size_t(of_class.bit)];
+    });
+}
+
 bool equal_edges(const Problem& problem, Formulation formulation) {
     if ((problem.group_bits & EDGE_BITS) == 0) return false;
     const double first = pull_of_class(problem, 3, formulation);

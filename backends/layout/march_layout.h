@@ -54,6 +54,9 @@ State unpack_soa(const Problem& problem, const SoaState<Real>& packed, Formulati
 /// increments, which do not use such inverses.
 bool has_inverse_lengths(const Problem& problem, Precision precision, Formulation formulation);
 
+/// Whether all springs of a class (spring_class()) have the same rest length, as the kernel's argument says.
+bool has_class_lengths(const Problem& problem);
+
 /// Whether there are edge springs and all have the same stiffness times rest length (in formulations by
 /// increments, the same stiffness). Then forces can be computed in units of this product.
 bool equal_edges(const Problem& problem, Formulation formulation);

@@ -43,6 +43,8 @@ inline std::string class_refusal(const Problem& problem, Precision precision, Fo
     if ((problem.group_bits & CORNER_BITS) != 0) return strategy + " cannot step corner springs";
     if (!has_inverse_lengths(problem, precision, formulation))
         return strategy + " cannot step springs whose rest length is zero or nearly zero";
+    if (!has_class_lengths(problem))
+        return strategy + " cannot step the two diagonals of a plane with different rest lengths";
     const std::size_t elements = march_strides(problem.lattice, scalar_bytes(precision)).axis;
     if (!problem.ghosts.empty() && elements > std::numeric_limits<std::uint32_t>::max())
         return "the arrays of this part have " + std::to_string(elements) +
