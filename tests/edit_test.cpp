@@ -153,6 +153,33 @@ TEST(SpringEditor, APatchCutsWhatEachOfItsTrianglesCuts) {
     }
 }
 
+// Neither a rest length nor the place of a body in space changes which springs a shape cuts.
+TEST(SpringEditor, ShapesCutWhereParticlesAreAtRest) {
+    const auto removed = [](Problem problem, const Shape& shape) {
+        std::vector<Pair> pairs;
+        for (const ChangedSpring& changed : SpringEditor(problem).cut(shape).removed)
+            pairs.emplace_back(changed.spring.first, changed.spring.second);
+        return pairs;
+    };
+    const Problem box = paper_box({6, 5, 4});
+    const Shape patch = TrianglePatch{{{{{2.95, -1, -1}, {2.95, 9, -1}, {2.95, -1, 9}}}}};
+    const std::vector<Pair> cut = removed(box, patch);
+    ASSERT_FALSE(cut.empty());
+    Problem shrinking = box;
+    shrinking.rest_length.fill(0.25);
+    EXPECT_EQ(removed(shrinking, patch), cut);
+
+    const glm::dvec3 by(128, -64, 8);
+    Problem moved = box;
+    for (glm::dvec3& position : moved.rest_position) position += by;
+    TrianglePatch patch_there = std::get<TrianglePatch>(patch);
+    for (glm::dvec3& corner : patch_there.triangles.front()) corner += by;
+    EXPECT_EQ(removed(moved, patch_there), cut);
+    const std::vector<Pair> in_ball = removed(box, Ball{{3, 2, 2}, 1.5});
+    ASSERT_FALSE(in_ball.empty());
+    EXPECT_EQ(removed(moved, Ball{glm::dvec3(3, 2, 2) + by, 1.5}), in_ball);
+}
+
 // The lines pass above the patch by less than coordinates of their ends are rounded by.
 TEST(SpringEditor, APatchCutsLinesThatReachFarAsItsTrianglesDo) {
     const Shape patch = TrianglePatch{{{{{-0.5, -1, 0.5}, {0.5, -1, -0.5}, {0, 1, 0}}}}};

@@ -240,19 +240,21 @@ std::uint32_t SpringEditor::neighbour(std::uint32_t particle, const Direction& d
                                            lattice.stride(direction))];
 }
 
-double SpringEditor::longest_lattice_spring() const {
-    return *std::max_element(problem_.rest_length.begin(), problem_.rest_length.end());
-}
+double SpringEditor::longest_lattice_spring() const { return glm::length(problem_.lattice.spacing); }
 
 template <class Visit>
 void SpringEditor::visit_near(const Shape& shape, Visit visit) const {
     const Lattice& lattice = problem_.lattice;
-    Box box = std::visit(Bounds{}, shape);
+    if (lattice.voxel.empty()) return;
+    const Box box = std::visit(Bounds{}, shape);
+    // A body may be anywhere in space: `origin` is where voxel (0, 0, 0) is.
+    const glm::dvec3 origin = problem_.rest_position.front() -
+                              glm::dvec3(lattice.coordinates(lattice.voxel.front())) * lattice.spacing;
     // Only from particles in the voxels `low` to `high` can a lattice spring reach the shape.
     const double reach = longest_lattice_spring();
     const glm::dvec3 first(0), last(lattice.dims - 1);
-    const glm::ivec3 low(glm::clamp(glm::floor((box.low - reach) / lattice.spacing), first, last));
-    const glm::ivec3 high(glm::clamp(glm::ceil((box.high + reach) / lattice.spacing), first, last));
+    const glm::ivec3 low(glm::clamp(glm::floor((box.low - origin - reach) / lattice.spacing), first, last));
+    const glm::ivec3 high(glm::clamp(glm::ceil((box.high - origin + reach) / lattice.spacing), first, last));
     for (int z = low.z; z <= high.z; ++z) {
         for (int y = low.y; y <= high.y; ++y) {
             const std::size_t row =

@@ -160,6 +160,7 @@ private:
     /// Calls visit(i) for each particle with lattice springs that `shape` might cut.
     template <class Visit>
     void visit_near(const Shape& shape, Visit visit) const;
+    /// The largest distance at rest between the ends of a lattice spring. Its rest length may be another.
     double longest_lattice_spring() const;
     std::optional<Direction> direction_between(std::uint32_t first, std::uint32_t second) const;
     /// Whether `particle` has a lattice spring along `direction`.
