@@ -9,6 +9,7 @@
 #include <ctime>
 #include <glm/common.hpp>
 #include <glm/geometric.hpp>
+#include <limits>
 #include <random>
 #include <set>
 #include <tuple>
@@ -320,6 +321,11 @@ TEST(SpringEditor, AWideSutureReachesBeyondTheLatticeAndOnlyAcrossTheCut) {
     editor.cut(plane);
     const SpringEdit narrow = editor.suture(plane, 0.5);
     EXPECT_TRUE(narrow.empty());
+    // However wide, a suture joins all of both faces.
+    for (const double within : {4.0, 1e10, std::numeric_limits<double>::infinity()}) {
+        Problem sewn = problem;
+        EXPECT_EQ(SpringEditor(sewn).suture(plane, within).added.size(), 1u) << within;
+    }
     Problem stiff = problem;
     const SpringEdit own = SpringEditor(stiff).suture(plane, 4, 0.125);
     ASSERT_EQ(own.added.size(), 1u);

@@ -335,7 +335,8 @@ SpringEdit SpringEditor::suture(const Shape& shape, double within, std::optional
         });
     });
     std::vector<std::pair<std::uint32_t, std::uint32_t>> pairs;
-    const glm::ivec3 reach(glm::ceil(within / problem_.lattice.spacing));
+    const glm::dvec3 all(problem_.lattice.dims);
+    const glm::ivec3 reach(glm::min(glm::ceil(within / problem_.lattice.spacing), all));
     for (const std::uint32_t i : faces) {
         const glm::ivec3 at = problem_.lattice.coordinates(problem_.lattice.voxel[i]);
         const glm::ivec3 low = glm::max(at - reach, glm::ivec3(0));
