@@ -901,6 +901,9 @@ TEST(SceneOf, RefusesWhatBackendsDoNotCheck) {
                     ThrowsMessage<std::invalid_argument>(HasSubstr(word)));
     };
     EXPECT_NO_THROW(scene_of("mine", small_box()));
+    Problem moved = small_box();
+    for (glm::dvec3& position : moved.rest_position) position += glm::dvec3(100.3, -7, 0.1);
+    EXPECT_NO_THROW(scene_of("mine", moved));
     for (const char* name : {"", "a/b", "a b"}) expect_refused("name", small_box(), name);
     expect_refused("no particles", {});
     using P = Problem&;
@@ -939,6 +942,7 @@ TEST(SceneOf, RefusesWhatBackendsDoNotCheck) {
              {"opposite direction", [](P p) { p.rest_length[0] = 2; }},
              {"group's stiffness", [](P p) { p.group_stiffness[0] = INFINITY; }},
              {"rest position", [](P p) { p.rest_position[2].y = NAN; }},
+             {"not that of its voxel", [](P p) { p.rest_position[2].y += 0.1; }},
              {"gravity", [](P p) { p.gravity.z = INFINITY; }},
              {"load", [](P p) { p.load.assign(p.particle_count(), glm::dvec3(NAN)); }},
              {"pinned", [](P p) { p.pinned.assign(p.particle_count(), 2); }},

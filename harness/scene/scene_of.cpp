@@ -3,7 +3,9 @@
 #include <cmath>
 #include <cstdint>
 #include <functional>
+#include <glm/common.hpp>
 #include <glm/vec3.hpp>
+#include <glm/vector_relational.hpp>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -39,6 +41,20 @@ void check_lattice(const Lattice& lattice, std::size_t particles) {
                 lattice.voxel.end(),
             "the indices in voxel are not in strictly ascending order");
     require(lattice.voxel.back() < lattice.voxel_count(), "a voxel is outside of its grid");
+}
+
+/// Checks that particles lie as their voxels do. Some formulations step rest positions, others the offsets of
+/// voxels. The body may be anywhere in space.
+void check_places(const Problem& problem) {
+    const Lattice& lattice = problem.lattice;
+    constexpr double rounding = 1e-6;  // of positions that a program has computed, in voxels
+    for (std::size_t i = 0; i < lattice.voxel.size(); ++i) {
+        const glm::ivec3 voxels =
+            lattice.coordinates(lattice.voxel[i]) - lattice.coordinates(lattice.voxel.front());
+        const glm::dvec3 apart = (problem.rest_position[i] - problem.rest_position.front()) / lattice.spacing;
+        require(glm::all(glm::lessThanEqual(glm::abs(apart - glm::dvec3(voxels)), glm::dvec3(rounding))),
+                "a rest position is not that of its voxel");
+    }
 }
 
 /// Checks every mask bit: backends read the neighbour that a bit stands for without checking that it exists.
@@ -126,6 +142,7 @@ void check(const Problem& problem) {
     require(std::all_of(problem.pinned.begin(), problem.pinned.end(), [](std::uint8_t p) { return p <= 1; }),
             "pinned is neither 0 nor 1");
     check_lattice(problem.lattice, particles);
+    check_places(problem);
     check_masks(problem);
 }
 
