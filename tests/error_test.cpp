@@ -20,6 +20,7 @@
 #include "harness/verification/divergence.h"
 #include "harness/verification/error_threshold.h"
 #include "harness/verification/errors.h"
+#include "harness/verification/random_starts.h"
 #include "harness/verification/reference.h"
 #include "tests/support.h"
 #include "tests/surroundings.h"
@@ -280,6 +281,16 @@ TEST(Reference, OfALongRunIsTheParallelOne) {
     plain->upload(large.problem, large.state);
     plain->step(361);
     EXPECT_LT(relative_difference(end.displacement, plain->download().displacement), 1e-13);
+}
+
+// Catches a check of the first steps that ends a whole study, since squares of the displacements overflow.
+TEST(Reference, OfARunThatDivergesIsNotChecked) {
+    Scene scene = load_scene("box@32");
+    scene.problem.time_step = 5 * scene.stable_time_step;
+    References references{no_cache()};
+    State end;
+    ASSERT_NO_THROW(end = references.after(scene, 361));
+    EXPECT_GT(farthest(end), largest_increment(scene, 361));
 }
 
 // Catches a limit that takes every kept state to be as large as the new one.
