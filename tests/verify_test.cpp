@@ -85,6 +85,18 @@ TEST_F(Verify, FailsOnWhatIsNotFinite) {
     }
 }
 
+TEST_F(Verify, FailsOnAReferenceThatIsNotFinite) {
+    for (const double bad :
+         {std::numeric_limits<double>::quiet_NaN(), std::numeric_limits<double>::infinity()}) {
+        State diverged = reference;
+        diverged.displacement[17].y = bad;
+        const Comparison comparison = differences(state, diverged);
+        EXPECT_EQ(comparison.reason, "the reference is not finite");
+        EXPECT_EQ(comparison.max, std::numeric_limits<double>::infinity());
+        EXPECT_EQ(comparison.relative_l2, std::numeric_limits<double>::infinity());
+    }
+}
+
 TEST_F(Verify, FailsOnAStateThatIsWrong) {
     const std::size_t last = state.displacement.size() - 1;
     const double flipped = 2 * std::abs(reference.displacement[17].y);

@@ -131,7 +131,7 @@ double rounding_tolerance(const Problem& problem, const State& reference, Precis
 Comparison differences(const State& state, const State& reference) {
     constexpr double infinity = std::numeric_limits<double>::infinity();
     Comparison result;
-    // The errors stay infinite if a displacement is not finite or if the numbers of particles differ.
+    // The errors stay infinite if either state is not finite or if the numbers of particles differ.
     result.relative_l2 = result.max = result.rms = result.mean = infinity;
     const bool fits =
         reference.displacement.empty() || state.displacement.size() == reference.displacement.size();
@@ -154,6 +154,11 @@ Comparison differences(const State& state, const State& reference) {
     if (!fits) {
         result.reason = std::to_string(state.displacement.size()) + " particles instead of " +
                         std::to_string(reference.displacement.size());
+        return result;
+    }
+    // Comparisons with NaN are false: a difference from NaN would be taken for none.
+    if (!std::isfinite(apart.squared_reference)) {
+        result.reason = "the reference is not finite";
         return result;
     }
     result.max = apart.max;

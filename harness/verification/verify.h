@@ -88,8 +88,9 @@ std::string fingerprint_of(const State& state);
 /// process can be compared.
 std::string fingerprint_of(Backend& backend);
 
-/// Compares displacements without a tolerance. Comparison::reason is set if a displacement is not finite or
-/// if the number of displacements differs from the reference's. A reference without displacements is at rest.
+/// Compares displacements without a tolerance. Comparison::reason is set, and the errors are infinite, if a
+/// displacement or the reference is not finite or if the number of displacements differs from the
+/// reference's. A reference without displacements is at rest.
 Comparison differences(const State& state, const State& reference);
 
 /// Sets comparison.reason if `max`, `rms` or `mean` exceeds its tolerance, and otherwise makes it empty.
