@@ -83,7 +83,14 @@ std::vector<glm::dvec3> list_of(const Vectors& array, std::size_t count, const c
     return list;
 }
 
-glm::dvec3 vec3(const std::array<double, 3>& from) { return {from[0], from[1], from[2]}; }
+/// Throws BadInput unless the numbers are finite.
+glm::dvec3 vec3(const std::array<double, 3>& from) {
+    for (const double number : from) {
+        if (!std::isfinite(number))
+            throw BadInput("voxspring", "a vector", std::to_string(number), "three finite numbers");
+    }
+    return {from[0], from[1], from[2]};
+}
 
 // --- Interruption -----------------------------------------------------------------------------------------
 

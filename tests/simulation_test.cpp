@@ -10,6 +10,7 @@
 #include <fstream>
 #include <glm/geometric.hpp>
 #include <iterator>
+#include <limits>
 #include <memory>
 #include <stdexcept>
 #include <string>
@@ -426,6 +427,18 @@ TEST_F(SimulationOfOne, WhatIsRefusedChangesNothing) {
     EXPECT_EQ(twin.switch_to(bad()), "the device is lost");
     EXPECT_EQ(twin.backend_label(), reference().label());
     faults = {};
+    expect_alike(simulation, twin);
+}
+
+// Catches a hand that pushes away what it holds, and one that makes the body's positions NaN.
+TEST_F(SimulationOfOne, AHandHasAPositiveStiffnessAndRadius) {
+    Simulation simulation(box(), reference()), twin(box(), reference());
+    const double nan = std::numeric_limits<double>::quiet_NaN();
+    for (const auto& [radius, stiffness] :
+         {std::pair(1.0, -0.5), {1.0, 0.0}, {1.0, nan}, {-1.0, 1.0}, {nan, 1.0}}) {
+        EXPECT_NE(simulation.take_hold(top, radius, stiffness).find("a hand needs"), std::string::npos);
+        EXPECT_FALSE(simulation.holds());
+    }
     expect_alike(simulation, twin);
 }
 

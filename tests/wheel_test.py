@@ -140,7 +140,11 @@ class Simulations(unittest.TestCase):
     def test_holds_cuts_and_sews(self):
         simulation = voxspring.Simulation(beam(gravity=(0, 0, 0)), "cpu_parallel")
         far = simulation.position[-1]
+        with self.assertRaisesRegex(voxspring.Refused, "a stiffness above 0"):
+            simulation.take_hold(far, 0.5, -1.0)
         simulation.take_hold(far, 0.5, 1.0)
+        with self.assertRaisesRegex(voxspring.BadInput, "three finite numbers"):
+            simulation.drag((0, 0, numpy.nan))
         simulation.drag((0, 0, 0.5))
         simulation.step(200)
         self.assertGreater(simulation.displacement[-1, 2], 0.1)

@@ -191,6 +191,10 @@ bool Simulation::is_broken() {
 // --- The hand ---------------------------------------------------------------------------------------------
 
 std::string Simulation::take_hold(const glm::dvec3& place, double radius, double stiffness) {
+    // Written so that NaN, which fails every comparison, is refused.
+    if (!(radius >= 0 && stiffness > 0))
+        return fmt::format("a hand needs a radius of at least 0 and a stiffness above 0, not {:g} and {:g}",
+                           radius, stiffness);
     const double room = room_for_springs(scene_);
     if (room <= 0) {
         return fmt::format(

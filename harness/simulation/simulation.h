@@ -65,7 +65,8 @@ public:
     /// particle and at most of the nearest max_held. What was held before, also by the scene's tool, is let
     /// go. `stiffness`, a force per length, is the sum over all springs of the hand. It is reduced where the
     /// time step might become unstable: the hand's springs may use two fifths of the margin by which the
-    /// square of the body's largest angular frequency may grow before the time step becomes unstable.
+    /// square of the body's largest angular frequency may grow before the time step becomes unstable. Refuses
+    /// a negative radius, a stiffness that is not above 0, and NaN.
     std::string take_hold(const glm::dvec3& place, double radius, double stiffness);
     static constexpr std::size_t max_held = 4096;
     bool holds() const { return holds_; }
