@@ -223,6 +223,15 @@ class Resume(InTemporaryFolder):
         self.assertIn("half.npz: 125 particles have a different mass in the file, and 50 differ in whether they are pinned; the run "
                       "uses the masses and pins of the scene loose", ran.stdout)
 
+    def test_a_series_keeps_the_files_that_it_lists(self):
+        run = ("run", "box@4", "--backend", "cpu_reference", "--every", 10)
+        body = ("--out", self.folder / "body.vtu")
+        # The first run goes beyond the step at which the second begins.
+        succeeds(*run, "--steps", 40, *body, "--out", self.folder / "state.npz")
+        succeeds(*run, "--steps", 55, *body, "--resume", self.folder / "state_000020.npz")
+        listed = re.findall(r'file="body_(\d+)\.vtu"', (self.folder / "body.pvd").read_text())
+        self.assertEqual([int(step) for step in listed], [10, 20, 30, 40, 50, 55])
+
     def test_a_body_that_was_pulled_far_does_not_count_as_diverged(self):
         half = self.folder / "half.npz"
         run = ("--backend", "cpu_reference")
