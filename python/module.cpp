@@ -828,10 +828,15 @@ NB_MODULE(_core, m) {
             "save",
             [](Running& self, const std::string& file) {
                 const nb::gil_scoped_release free;
-                self.simulation().keep_state();
-                self.simulation().save(file);
+                Simulation& simulation = self.simulation();
+                simulation.keep_state();
+                if (simulation.kept_steps() != simulation.steps())
+                    throw Refused("the state is no longer finite");
+                simulation.save(file);
             },
-            "file"_a, "Writes the state as `voxspring run --out FILE.npz` does. Raises OSError.");
+            "file"_a,
+            "Writes the state as `voxspring run --out FILE.npz` does. "
+            "Raises OSError, and Refused if the state is not finite.");
 
     nb::class_<Trial>(m, "Trial")
         .def(

@@ -159,6 +159,13 @@ class Simulations(unittest.TestCase):
         with self.assertRaisesRegex(voxspring.Refused, "which needs neighbour lists"):
             simulation.suture((0, 0, 0), far, 0.1)
 
+    def test_a_state_that_is_not_finite_is_not_saved(self):
+        simulation = voxspring.Simulation(beam(time_step=10 * beam().time_step), "cpu_reference")
+        simulation.step(2000)
+        with self.assertRaisesRegex(voxspring.Refused, "no longer finite"):
+            simulation.save("diverged.npz")
+        self.assertFalse(pathlib.Path("diverged.npz").exists())
+
     def test_what_is_missing_is_said(self):
         with self.assertRaisesRegex(voxspring.BadInput, "cuda_nothing"):
             voxspring.Simulation(beam(), "cuda_nothing")
