@@ -65,6 +65,11 @@ TEST(BackendSpec, RefusesAnEmptyPlaceInItsOptions) {
                     AllOf(HasSubstr("backend auto:"), HasSubstr("key=value")))
             << text;
     }
+    for (const char* text : {"auto:precision=half", "auto:precision=float64,precision=float32"}) {
+        EXPECT_THAT(message_of<BadSpecification>([&] { check_auto(text); }),
+                    AllOf(HasSubstr("backend auto:"), Not(HasSubstr("cpu_parallel"))))
+            << text;
+    }
     EXPECT_NO_THROW(check_auto("auto:precision=float64"));
 }
 

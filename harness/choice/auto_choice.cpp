@@ -111,8 +111,15 @@ Formulation check_auto(const std::string& text) {
                                    "'; known: precision, formulation");
     }
     // cpu_parallel has every formulation and precision, so parsing for it accepts all valid options.
-    const std::string options = options_of(text);
-    return BackendSpec::parse("cpu_parallel" + (options.empty() ? "" : ":" + options)).options.formulation;
+    const std::string stand_in = "cpu_parallel", own = "auto";
+    try {
+        return BackendSpec::parse(stand_in + text.substr(own.size())).options.formulation;
+    } catch (const BadSpecification& error) {
+        std::string message = error.what();
+        while (message.find(stand_in) != std::string::npos)
+            message.replace(message.find(stand_in), stand_in.size(), own);
+        throw BadSpecification(message);
+    }
 }
 
 std::string passed_over_text(const BackendSpec& spec, const std::string& why) {
