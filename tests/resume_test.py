@@ -281,6 +281,10 @@ class Resume(InTemporaryFolder):
         link = self.folder / "link.csv"
         link.symlink_to(force)
         self.assert_refused(voxspring(*run, "--tool-force", force, "--out", link), "--tool-force", "--out")
+        circle = self.folder / "circle.csv"
+        circle.symlink_to(circle)
+        for table, out in ((circle, link), (link, circle)):
+            self.assert_refused(voxspring(*run, "--tool-force", table, "--out", out), "circle.csv", "links")
 
     def test_refuses_what_is_no_state_of_the_scene(self):
         state = self.folder / "state.npz"

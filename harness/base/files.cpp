@@ -144,8 +144,10 @@ void check_writable(const std::filesystem::path& path, const std::string& option
     if (is_pipe_or_device(path)) return;
     std::error_code none;
     if (std::filesystem::is_directory(path, none)) refuse("the path of a file; this is a folder");
+    const std::filesystem::path target = behind_links(path);
+    if (std::filesystem::is_symlink(target, none)) refuse("a path whose links do not lead in a circle");
     // A longer name than that of write_atomically() might be refused, a shorter one accepted in vain.
-    const std::string probe = unused_name_beside(behind_links(path));
+    const std::string probe = unused_name_beside(target);
     const int file = open(probe.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
     if (file < 0)
         refuse(std::string("a path in a folder where a file can be created (") + std::strerror(errno) + ")");

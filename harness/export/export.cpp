@@ -7,6 +7,7 @@
 #include <fstream>
 #include <map>
 #include <set>
+#include <system_error>
 #include <utility>
 
 #include "harness/base/bad_input.h"
@@ -63,9 +64,12 @@ std::filesystem::path collection_of(std::filesystem::path path) { return path.re
 /// The end of the line of a .pvd that lists the file `name`.
 std::string file_attribute(const std::string& name) { return "file=\"" + escaped(name) + "\"/>"; }
 
-/// One spelling for all paths of a file: "a.csv", "./a.csv", "/home/me/a.csv" and a link to it.
+/// One spelling for all paths of a file: "a.csv", "./a.csv", "/home/me/a.csv" and a link to it. A path that
+/// cannot be followed stays as it is; check_writable() refuses it.
 std::filesystem::path in_full(const std::filesystem::path& path) {
-    return std::filesystem::weakly_canonical(std::filesystem::absolute(path));
+    std::error_code error;
+    const auto full = std::filesystem::weakly_canonical(std::filesystem::absolute(path), error);
+    return error ? path : full;
 }
 
 }  // namespace
