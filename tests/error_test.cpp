@@ -648,6 +648,12 @@ TEST(Advise, RefusesAResultThatIsNone) {
                 ::testing::AllOf(HasSubstr("pareto[0].seconds"), HasSubstr("fast")));
     row.erase("seconds");
     EXPECT_THAT(refusal(nlohmann::json({{"pareto", {row}}}).dump()), HasSubstr("seconds"));
+    for (const char* key : {"seconds", "total_error_relative_l2", "error_relative_l2", "time_step"}) {
+        nlohmann::json negative = row_of("fast", "card", 1, 1e-2);
+        negative[key] = -1;
+        EXPECT_THAT(refusal(nlohmann::json({{"pareto", {negative}}}).dump()),
+                    ::testing::AllOf(HasSubstr(std::string("pareto[0].") + key), HasSubstr("-1")));
+    }
 }
 
 TEST(AReference, SaysHowFarItIsAndCanBeStopped) {

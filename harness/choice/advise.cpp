@@ -1,6 +1,7 @@
 #include "harness/choice/advise.h"
 
 #include <algorithm>
+#include <limits>
 #include <set>
 #include <tuple>
 
@@ -18,6 +19,7 @@ std::optional<Candidate> read_candidate(JsonObject row) {
     const auto error = row.require("total_error_relative_l2", "a number or null");
     const auto rounding = row.require("error_relative_l2", "a number or null");
     if (seconds.text() == "null" || error.text() == "null" || rounding.text() == "null") return std::nullopt;
+    constexpr double most = std::numeric_limits<double>::max();
     Candidate candidate;
     candidate.name = row.require("name").string();
     candidate.backend = row.require("backend").string();
@@ -26,13 +28,13 @@ std::optional<Candidate> read_candidate(JsonObject row) {
     if (const auto tuning = row.require("tuning"); tuning.text() != "\"\"")
         candidate.tuning = tuning.string();
     candidate.device = row.require("device").string();
-    candidate.time_step = row.require("time_step").number();
-    candidate.fraction_of_stable = row.require("fraction_of_stable").number();
+    candidate.time_step = row.require("time_step").number(0, most);
+    candidate.fraction_of_stable = row.require("fraction_of_stable").number(0, most);
     candidate.steps = int(row.require("steps").integer(1, 2147483647));
-    candidate.end_time = row.require("end_time").number();
-    candidate.seconds = seconds.number();
-    candidate.total_error = error.number();
-    candidate.rounding_error = rounding.number();
+    candidate.end_time = row.require("end_time").number(0, most);
+    candidate.seconds = seconds.number(0, most);
+    candidate.total_error = error.number(0, most);
+    candidate.rounding_error = rounding.number(0, most);
     return candidate;
 }
 
