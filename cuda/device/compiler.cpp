@@ -8,6 +8,7 @@
 #include <algorithm>
 #include <bit>
 #include <chrono>
+#include <cstddef>
 #include <cstring>
 #include <filesystem>
 #include <source_location>
@@ -127,7 +128,7 @@ std::string build_id(const dl_phdr_info& file) {
         if (part.p_type != PT_NOTE) continue;
         const char* at = std::bit_cast<const char*>(file.dlpi_addr + part.p_vaddr);
         const char* const end = at + part.p_memsz;
-        while (std::size_t(end - at) >= sizeof(ElfW(Nhdr))) {
+        while (end - at >= std::ptrdiff_t(sizeof(ElfW(Nhdr)))) {
             ElfW(Nhdr) note{};
             std::memcpy(&note, at, sizeof note);
             const auto aligned = [](std::size_t size) { return (size + 3) / 4 * 4; };
