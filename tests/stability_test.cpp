@@ -89,6 +89,13 @@ TEST(Stability, AStretchedSpringAlsoActsAcross) {
     corner.springs.back().rest_length = 5;
     corner.springs.front().rest_length = 5;
     EXPECT_NEAR(frequency_bound_squared(corner), 4, rounding);
+    // So do springs of a lattice: 2 k along an axis, and 2 3/4 k across from each of the other two.
+    Problem lattice = make_lattice_problem(solid({3, 3, 3}), FACE_BITS);
+    lattice.rest_length.fill(0.25);
+    EXPECT_NEAR(frequency_bound_squared(lattice), 2 * (2 + 3), rounding);
+    EXPECT_LE(true_frequency_squared(lattice).squared.value(), frequency_bound_squared(lattice));
+    lattice.rest_length.fill(5);
+    EXPECT_NEAR(frequency_bound_squared(lattice), 4, rounding);
 }
 
 TEST(Stability, PinnedParticlesAndLooseOnesDoNotCount) {

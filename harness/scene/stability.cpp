@@ -28,9 +28,17 @@ double largest_eigenvalue(const Eigen::Matrix3d& symmetric) {
         .maxCoeff();
 }
 
-/// For each particle the matrix sum_j k_ij r r^T over its springs beyond the lattice and its spring to a
-/// tool. The caller doubles the sum. A tool's spring, whose other end is fixed, must not be doubled, so only
-/// half its stiffness is added. Empty if there are no such springs.
+/// The stiffness matrix of a spring of stiffness 1 along the unit vector `r`. If the spring is longer than at
+/// rest, it also acts across.
+Eigen::Matrix3d matrix_of(const glm::dvec3& r, double length, double rest_length) {
+    const Eigen::Matrix3d along = outer_product(r);
+    const double transverse = std::max(0.0, 1 - rest_length / length);
+    return along + transverse * (Eigen::Matrix3d::Identity() - along);
+}
+
+/// For each particle the sum of k_ij matrix_of(spring) over its springs beyond the lattice and its spring to
+/// a tool. The caller doubles the sum. A tool's spring, whose other end is fixed, must not be doubled, so
+/// only half its stiffness is added. Empty if there are no such springs.
 std::vector<Eigen::Matrix3d> beyond_lattice(const Problem& problem) {
     std::vector<Eigen::Matrix3d> sum;
     if (problem.springs.empty() && !problem.has_tool()) return sum;
@@ -41,11 +49,7 @@ std::vector<Eigen::Matrix3d> beyond_lattice(const Problem& problem) {
         const glm::dvec3 offset = problem.rest_position[spring.first] - problem.rest_position[spring.second];
         const double length = glm::length(offset);
         Eigen::Matrix3d matrix = Eigen::Matrix3d::Identity();  // at length 0 there is no direction
-        if (length > 0) {
-            const Eigen::Matrix3d along = outer_product(offset / length);
-            const double transverse = std::max(0.0, 1 - spring.rest_length / length);
-            matrix = along + transverse * (Eigen::Matrix3d::Identity() - along);
-        }
+        if (length > 0) matrix = matrix_of(offset / length, length, spring.rest_length);
         sum[spring.first] += spring.stiffness * matrix;
         sum[spring.second] += spring.stiffness * matrix;
     }
@@ -198,10 +202,11 @@ std::optional<double> largest_eigenvalue(const Oscillations& matrix, std::vector
 }  // namespace
 
 double frequency_bound_squared(const Problem& problem) {
-    std::array<Eigen::Matrix3d, neighbour_count> along;
+    std::array<Eigen::Matrix3d, neighbour_count> matrix;
     for (const Direction& direction : directions()) {
-        along[std::size_t(direction.bit)] =
-            outer_product(glm::normalize(glm::dvec3(direction.offset) * problem.lattice.spacing));
+        const auto bit = std::size_t(direction.bit);
+        const glm::dvec3 offset = glm::dvec3(direction.offset) * problem.lattice.spacing;
+        matrix[bit] = matrix_of(glm::normalize(offset), glm::length(offset), problem.rest_length[bit]);
     }
     const std::vector<Eigen::Matrix3d> beyond = beyond_lattice(problem);
     // The index of a neighbour is needed only if materials differ.
@@ -223,7 +228,7 @@ double frequency_bound_squared(const Problem& problem) {
         Eigen::Matrix3d sum = Eigen::Matrix3d::Zero();
         if (!beyond.empty()) sum = beyond[i];
         const auto add = [&](std::size_t neighbour, const Direction& direction) {
-            sum += problem.spring_stiffness(i, neighbour, direction) * along[std::size_t(direction.bit)];
+            sum += problem.spring_stiffness(i, neighbour, direction) * matrix[std::size_t(direction.bit)];
         };
         if (springs) {
             springs->all_of(i, add);
