@@ -243,6 +243,12 @@ TEST(Volume, NiftiScalingIsApplied) {
               (std::vector<std::uint8_t>{0, 0, 0, 1, 0, 0, 1, 1, 0, 0, 0, 1}));
     header.scl_slope = 0;  // no scaling at all
     EXPECT_EQ(values_of(read(nifti(header, data))), values);
+    // Infinity exceeds every threshold, and scaling does not change that.
+    nifti_1_header floats = nifti_header({2, 3, 2}, 16);
+    floats.scl_slope = 2;
+    std::vector<double> infinite(12);
+    infinite[4] = std::numeric_limits<double>::infinity();
+    EXPECT_EQ(above_threshold(read(nifti(floats, bytes_of_values<float>(infinite))), 0).grid.label[4], 1);
 }
 
 TEST(Volume, NiftiExtensionsAreSkipped) {

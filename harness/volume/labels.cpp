@@ -54,9 +54,10 @@ public:
           intercept_(std::abs(volume.intercept)),
           step_(scaled_ && is_integer(volume.type) ? std::abs(volume.slope) / 2 : 0) {}
 
-    /// The largest error of `value` that comes from rounding slope and intercept to 24 bits.
+    /// The largest error of `value` that comes from rounding slope and intercept to 24 bits. Infinity has
+    /// none.
     double error(double value) const {
-        return scaled_ ? std::ldexp(std::abs(value) + 2 * intercept_, -23) : 0;
+        return scaled_ && std::isfinite(value) ? std::ldexp(std::abs(value) + 2 * intercept_, -23) : 0;
     }
 
     /// The label for which `value` was stored, if any. It is the nearest whole number, which a value may miss
