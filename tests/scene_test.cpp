@@ -189,6 +189,7 @@ TEST(ToolMotion, BadFilesAreRefused) {
         {head + "0,1,2,inf\n", "line 2, z: inf"},
         {head + "0,1,2,3x\n", "line 2, z: 3x"},
         {still + "1,0,0,0\n", "line 4, time: 1"},
+        {head + "1700000000.5,0,0,0\n1700000000.25,0,0,0\n", "line 3, time: 1700000000.25"},
         {still + "2,0,0,0\n13,0,0,0\n", "line 5, time: a gap of 11"},
         {head, "0 samples"},
         {head + "0,0,0,0\n\n1,0,0,0\n", "line 3: "},
@@ -197,6 +198,9 @@ TEST(ToolMotion, BadFilesAreRefused) {
         EXPECT_EQ(refused([&, &t = text] { (void)parse_tool_motion(t, "hand.csv", 1, 1); }), expected)
             << text;
     EXPECT_EQ(refused([] { (void)read_tool_motion("no/such.csv", 1, 1); }), "a missing file");
+    // Times in messages are those of the file, whatever the scene makes of them.
+    EXPECT_EQ(refused([&] { (void)parse_tool_motion(still + "2,0,0,0\n13,0,0,0\n", "hand.csv", 1e-3, 1); }),
+              "line 5, time: a gap of 11");
 }
 
 TEST(Scene, AToolHoldsARegionAndMovesTickByTick) {

@@ -57,7 +57,7 @@ std::array<double, 4> parse_sample(std::string_view line, const std::string& fil
     return sample;
 }
 
-/// Throws BadInput if `time` has a gap (max_gap). The first time is on line 2 of the file.
+/// Throws BadInput if `time`, as the file has it, has a gap (max_gap). The first time is on line 2.
 void check_gaps(const std::vector<double>& time, const std::string& file) {
     std::vector<double> interval;
     for (std::size_t n = 1; n < time.size(); ++n) interval.push_back(time[n] - time[n - 1]);
@@ -96,23 +96,26 @@ ToolMotion parse_tool_motion(std::string_view text, const std::string& file, dou
     if (!std::equal(named.begin(), named.end(), columns.begin(), columns.end()))
         throw BadInput(file, "line 1", first, header);
     ToolMotion motion;
+    std::vector<double> time;
     std::array<double, 4> start{}, before{};
     for (int line = 2; !text.empty(); ++line) {
         const std::string where = "line " + std::to_string(line);
         const std::array<double, 4> sample = parse_sample(cut(text, '\n'), file, where);
         if (motion.empty()) start = sample;
         if (!motion.empty() && !(sample[0] > before[0])) {
-            throw BadInput(file, where + ", time", fmt::format("{:g}", sample[0]),
-                           fmt::format("a time after {:g}, the time of the line before", before[0]));
+            // All digits, since a time may be the seconds since 1970.
+            throw BadInput(file, where + ", time", fmt::format("{}", sample[0]),
+                           fmt::format("a time after {}, the time of the line before", before[0]));
         }
         before = sample;
+        time.push_back(sample[0]);
         motion.time.push_back(time_scale * (sample[0] - start[0]));
         motion.displacement.push_back(
             length_scale * glm::dvec3(sample[1] - start[1], sample[2] - start[2], sample[3] - start[3]));
     }
     if (motion.time.size() < 2)
         throw BadInput(file, "", std::to_string(motion.time.size()) + " samples", "two samples at least");
-    check_gaps(motion.time, file);
+    check_gaps(time, file);
     return motion;
 }
 
