@@ -26,6 +26,7 @@ namespace voxspring::testing {
 namespace {
 
 using ::testing::AllOf;
+using ::testing::Contains;
 using ::testing::ElementsAre;
 using ::testing::EndsWith;
 using ::testing::HasSubstr;
@@ -654,6 +655,19 @@ TEST(Scene, PartsOfABodyAreNamedAndLeftOut) {
     options.gravity = glm::dvec3(0);
     options.parts = PartsToKeep{};
     EXPECT_EQ(load_scene((folder.path() / "v.nrrd").string(), options, small).problem.particle_count(), 12u);
+}
+
+// With particles at corners, springs of the labels after the first are not those of the lattice.
+TEST(Scene, ANoteNamesTheStiffestSpringOfAllLabels) {
+    const TemporaryFolder folder;
+    write_volume(folder, "dimension: 3\nsizes: 4 4 4", std::string(32, '\1') + std::string(32, '\2'));
+    for (const std::string particles : {"centres", "corners"}) {
+        const Scene scene = volume_scene(folder, "v.nrrd", R"(, "labels": [1, 2])",
+                                         R"(, "unit": "mm", "young": {"1": 1000, "2": 1e5}, "density": 1000,
+                                             "particles": ")" +
+                                             particles + "\"");
+        EXPECT_THAT(scene.notes, Contains(HasSubstr("springs have up to 40 N/m"))) << particles;
+    }
 }
 
 TEST(Parts, OfABoxAreFoundHoweverItIsCut) {

@@ -514,6 +514,8 @@ std::string what_follows(const Scene& scene) {
             std::max(stiffest, problem.has_materials() ? material.stiffness : problem.group_stiffness[0]);
         heaviest = std::max(heaviest, material.mass);
     }
+    // With particles at corners, springs of all tissues but the first are not the lattice's.
+    for (const Spring& spring : problem.springs) stiffest = std::max(stiffest, spring.stiffness);
     // The factor by which damp() has multiplied masses is the inverse of this one.
     if (scene.damping_per_second > 0) heaviest *= 1 - problem.damping / 2;
     return fmt::format(
