@@ -942,6 +942,9 @@ TEST(SceneOf, RefusesWhatBackendsDoNotCheck) {
              {"ascend", [](P p) { std::swap(p.lattice.voxel[0], p.lattice.voxel[1]); }},
              {"outside", [](P p) { p.lattice.voxel.back() = 12; }},
              {"dims", [](P p) { p.lattice.dims.z = -2; }},
+             // The first product of the sides exceeds 64 bits, the second 32 bits.
+             {"dims are above", [](P p) { p.lattice.dims = glm::ivec3(1 << 30); }},
+             {"dims are above", [](P p) { p.lattice.dims = glm::ivec3(1 << 20); }},
              {"spacing", [](P p) { p.lattice.spacing.y = 0; }},
              {"dims of 0", [](P p) { p.lattice.dims = glm::ivec3(0); }},
              // Masks that would make backends read outside of the body, and values that would spread.

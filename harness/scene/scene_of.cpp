@@ -6,6 +6,7 @@
 #include <glm/common.hpp>
 #include <glm/vec3.hpp>
 #include <glm/vector_relational.hpp>
+#include <limits>
 #include <stdexcept>
 #include <string>
 #include <utility>
@@ -16,6 +17,7 @@
 #include "harness/base/json.h"
 #include "harness/scene/scene.h"
 #include "harness/scene/stability.h"
+#include "harness/volume/dataset.h"
 
 namespace voxspring {
 namespace {
@@ -32,6 +34,10 @@ void check_lattice(const Lattice& lattice, std::size_t particles) {
         return;
     }
     require(lattice.dims.x > 0 && lattice.dims.y > 0 && lattice.dims.z > 0, "dims are not positive");
+    // Indices of voxels have 32 bits. The bound of the sides keeps the product of the three within 64 bits.
+    require(std::max({lattice.dims.x, lattice.dims.y, lattice.dims.z}) <= max_side &&
+                lattice.voxel_count() <= std::numeric_limits<std::uint32_t>::max(),
+            "dims are above 1048576, or of more voxels than indices of 32 bits reach");
     require(
         is_positive(lattice.spacing.x) && is_positive(lattice.spacing.y) && is_positive(lattice.spacing.z),
         "the spacing is not positive");
