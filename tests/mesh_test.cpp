@@ -657,15 +657,17 @@ TEST(CarriedMesh, PartsWhereTheLatticeIsCut) {
     Mesh& mesh = body.source.mesh;
     mesh.tetrahedra = {{0, 1, 2, 4}};  // much larger than a voxel: it stays whole
     Problem& problem = body.problem;
-    // A cut through half of the height, at x = 1.
+    // A cut through half of the height, at x = 1, and the springs that a suture would put in its place.
+    std::vector<Spring> sewn;
     const std::vector<std::uint32_t> at = particle_of_voxel(problem.lattice);
     const auto is_left = [&](std::size_t i) { return place(body, i).x < 1; };
     for (std::size_t i = 0; i < problem.particle_count(); ++i) {
         visit_directions(problem.lattice.mask[i], [&](const Direction& direction) {
             const std::size_t j =
                 at[std::size_t(std::ptrdiff_t(problem.lattice.voxel[i]) + problem.lattice.stride(direction))];
-            if (is_left(i) != is_left(j) && std::max(place(body, i).z, place(body, j).z) < 0.5)
-                problem.lattice.mask[i] &= ~(1U << unsigned(direction.bit));
+            if (is_left(i) == is_left(j) || std::max(place(body, i).z, place(body, j).z) >= 0.5) return;
+            problem.lattice.mask[i] &= ~(1U << unsigned(direction.bit));
+            if (i < j) sewn.push_back({std::uint32_t(i), std::uint32_t(j), 2, 1});
         });
     }
     std::vector<glm::dvec3> displacement;
@@ -697,6 +699,9 @@ TEST(CarriedMesh, PartsWhereTheLatticeIsCut) {
     EXPECT_GT(near, 20);
     // Above it nothing is parted.
     for (std::size_t v = mesh.points.size(); v < parted.rest.size(); ++v) EXPECT_LT(parted.rest[v].z, 0.75);
+    // A suture closes the mesh again, also one whose springs are not those of the lattice.
+    problem.springs = sewn;
+    EXPECT_EQ(carried(body.source, problem, displacement).copies, 0u);
 }
 
 }  // namespace

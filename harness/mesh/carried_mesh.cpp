@@ -129,10 +129,21 @@ public:
         : source_(source),
           problem_(problem),
           vertices_(std::move(vertices)),
-          particle_(particle_of_voxel(problem.lattice)) {
+          particle_(particle_of_voxel(problem.lattice)),
+          mask_(problem.lattice.mask) {
         for (const Direction& direction : directions()) {
             const auto bit = std::size_t(direction.bit);
             stride_[bit] = (direction.offset.z * width + direction.offset.y) * width + direction.offset.x;
+        }
+        // A suture may join neighbours by a spring that is not the lattice's. That closes the mesh as well.
+        for (const Spring& spring : problem.springs) {
+            const glm::ivec3 offset = problem.lattice.coordinates(problem.lattice.voxel[spring.second]) -
+                                      problem.lattice.coordinates(problem.lattice.voxel[spring.first]);
+            for (const Direction& direction : directions()) {
+                if (direction.offset != offset) continue;
+                mask_[spring.first] |= 1U << direction.bit;
+                mask_[spring.second] |= 1U << (direction.bit ^ 1);
+            }
         }
     }
 
@@ -204,8 +215,7 @@ private:
         while (count > 0) {
             const int cell = waiting[std::size_t(--count)];
             const glm::ivec3 at(cell % width, cell / width % width, cell / (width * width));
-            const std::uint32_t bits =
-                present ? problem_.lattice.mask[box.particle[std::size_t(cell)]] : problem_.group_bits;
+            const std::uint32_t bits = present ? mask_[box.particle[std::size_t(cell)]] : problem_.group_bits;
             visit_directions(bits, [&](const Direction& direction) {
                 const glm::ivec3 to = at + direction.offset;
                 if (std::min({to.x, to.y, to.z}) < 0 || std::max({to.x, to.y, to.z}) >= width) return;
@@ -292,6 +302,7 @@ private:
     const Problem& problem_;
     Vertices vertices_;
     std::vector<std::uint32_t> particle_;  ///< the particle in each voxel, or no_particle
+    std::vector<std::uint32_t> mask_;      ///< Lattice::mask with the springs beyond the lattice
     std::array<int, neighbour_count> stride_{};
     std::unordered_map<std::uint64_t, std::uint32_t> copies_;
 };
