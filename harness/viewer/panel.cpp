@@ -13,6 +13,9 @@
 namespace voxspring {
 namespace {
 
+/// A number that is typed into a slider (Ctrl and click) stays within the slider's range.
+constexpr ImGuiSliderFlags in_range = ImGuiSliderFlags_AlwaysClamp;
+
 constexpr float width = 330;
 
 template <class Value>
@@ -74,7 +77,7 @@ void draw_run(const Figures& figures, const std::vector<std::string>& backends, 
     ImGui::Checkbox("as many steps as fit", &controls.as_many_as_fit);
     if (!controls.as_many_as_fit)
         ImGui::SliderInt("steps per frame", &controls.steps_per_frame, 1, 1000, "%d",
-                         ImGuiSliderFlags_Logarithmic);
+                         in_range | ImGuiSliderFlags_Logarithmic);
     ImGui::Text("step %lld, time %.4g", static_cast<long long>(figures.steps), figures.time);
 }
 
@@ -86,15 +89,15 @@ void draw_tools(Controls& controls) {
     choose("needle (s)", controls.tool, HandTool::needle);
     ImGui::SameLine();
     choose("turn (t)", controls.tool, HandTool::turn);
-    constexpr auto logarithmic = ImGuiSliderFlags_Logarithmic;
     if (controls.tool == HandTool::grab || controls.tool == HandTool::needle)
-        ImGui::SliderFloat("radius", &controls.radius, controls.largest[0] / 100, controls.largest[0],
-                           "%.3g");
+        ImGui::SliderFloat("radius", &controls.radius, controls.largest[0] / 100, controls.largest[0], "%.3g",
+                           in_range);
     if (controls.tool == HandTool::grab)
         ImGui::SliderFloat("stiffness", &controls.stiffness, controls.largest[1] / 1e4F, controls.largest[1],
-                           "%.3g", logarithmic);
+                           "%.3g", in_range | ImGuiSliderFlags_Logarithmic);
     if (controls.tool == HandTool::blade)
-        ImGui::SliderFloat("depth", &controls.depth, controls.largest[2] / 100, controls.largest[2], "%.3g");
+        ImGui::SliderFloat("depth", &controls.depth, controls.largest[2] / 100, controls.largest[2], "%.3g",
+                           in_range);
 }
 
 void draw_colouring(const Figures& figures, Controls& controls, Requests& requests) {
