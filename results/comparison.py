@@ -161,7 +161,7 @@ class Result:
         self.timed = [name for name, (unit, better) in about.items() if better == "less" and unit in TIMED_UNITS]
         self.rows = collections.defaultdict(list)
         self.kinds, self.backends_of_rows = set(), set()
-        self.verdicts = {row.get("name"): row for row in self.json.get("verification", [])}
+        self.verdicts = {result_files.case_of(row): row for row in self.json.get("verification", [])}
         self.unmeasured = {name: {identity_of(row): row.get("reason", "no reason given") for row in self.json.get(name, [])}
                            for name in ("failed", "skipped")}
         for list_name in PLACES:
@@ -177,10 +177,10 @@ class Result:
     def unjudged(self, row):
         """Returns (why times of the row may be those of wrong states, number of repetitions that were not
         verified): ("", 0) if all were verified, or if the file is older than such fields."""
-        name, repetitions = row.get("name", "").split("/iterations:")[0], row.get("repetitions", 1)
-        if self.verdicts and name not in self.verdicts:
+        verdict, repetitions = result_files.verdict_on(row, self.verdicts), row.get("repetitions", 1)
+        if self.verdicts and not verdict:
             return "its states were not verified", repetitions
-        judged = self.verdicts.get(name, {}).get("repetitions_judged", repetitions)
+        judged = verdict.get("repetitions_judged", repetitions)
         return (f"{judged} of {repetitions} repetitions were verified", repetitions - judged) if judged < repetitions else ("", 0)
 
     def refuse(self, key, value, accepted):
@@ -234,17 +234,18 @@ class Result:
                     entry.name, entry.measure, [row[key]], "J" if "joules" in key else "s", (list_name, key), noisy=list(entry.noisy)))
 
     def keep(self, identity, place, entry):
-        """Adds a row, or adds its times to those of the row of which it is another repetition."""
+        """Adds a row, or adds its times to those of the row of which it is another repetition: of the same steps of the case."""
         self.kinds.add(entry.kind)
         self.backends_of_rows.add(identity[1])
-        known = self.rows[(identity, place)]
-        if not known or entry.kind[0] != "benchmarks":
-            known.append(entry)
+        rows = self.rows[(identity, place)]
+        known = next((row for row in rows if entry.kind[0] == "benchmarks" and row.measure == entry.measure), None)
+        if known is None:
+            rows.append(entry)
             return
-        known[0].times += entry.times
-        known[0].noisy += entry.noisy
+        known.times += entry.times
+        known.noisy += entry.noisy
         for counter, values in entry.counters.items():
-            known[0].counters.setdefault(counter, []).extend(values)
+            known.counters.setdefault(counter, []).extend(values)
 
     def card(self, backend):
         """(identity, name) of the device to which the noise of a backend belongs: the same one whatever an API calls the device."""

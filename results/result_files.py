@@ -96,10 +96,22 @@ def unlike(row, key, value):
     return number(row.get(key)) and number(value) and abs(row[key] - value) > SAME * abs(value)
 
 
+def case_of(row):
+    """(name, steps as text) of a row's case. A study may step one scene by several numbers of steps."""
+    return str(row.get("name")).split("/iterations:")[0], shown(row.get("steps"))
+
+
+def verdict_on(row, verdicts):
+    """The row of `verification` on the case of a row, {} if there is none. `verdicts`: the rows by case_of(), of which some may not
+    say their steps."""
+    name, steps = case_of(row)
+    return verdicts.get((name, steps), verdicts.get((name, shown(None)), {}))
+
+
 def contradictions(result):
     """Yields (place, value, expected) for each contradiction within a result, as a faulty program or an edit by hand leaves it."""
     rows = {name: [row for row in content if isinstance(row, dict)] for name, content in result.items() if isinstance(content, list)}
-    verdicts = {str(row.get("name")): row for row in rows.get("verification", [])}
+    verdicts = {case_of(row): row for row in rows.get("verification", [])}
     for name, index, row in ((name, *one) for name in ("verification", *JUDGED) for one in enumerate(rows.get(name, []))):
         strained = row.get("strained_start")
         for run, at in ((row, ""), (strained if isinstance(strained, dict) else {}, "strained_start.")):
@@ -111,9 +123,9 @@ def contradictions(result):
                 yield place + "error_rms", run["error_rms"], f"at most {run['error_max']:g}, which error_max is"
         if row.get("passed") and row.get("finite") is False:
             yield f"{name}[{index}].passed", True, "false, since the state is not finite"
-    cases = groups(enumerate(rows.get("benchmarks", [])), lambda one: str(one[1].get("name")).split("/iterations:")[0])
-    for (name,), own in cases.items():
-        verdict = verdicts.get(name, {})
+    cases = groups(enumerate(rows.get("benchmarks", [])), lambda one: case_of(one[1]))
+    for own in cases.values():
+        (name, _), verdict = case_of(own[0][1]), verdict_on(own[0][1], verdicts)
         times = [row["real_time"] for _, row in own if row.get("run_type") == "iteration" and number(row.get("real_time"))]
         place = f"benchmarks[{own[0][0]}]"
         if verdict.get("passed") is False:
@@ -313,11 +325,11 @@ def medians(benchmarks, verification):
     repetition is taken. times: those of the repetitions, or the median if there are none. bound: the bound on the row's error.
     partly: how many repetitions were verified; empty if all were. threshold: bound and partly, as tables show them."""
     times = groups((row for row in benchmarks if row.get("run_type") == "iteration"), "run_name", "steps")
-    verdicts = {row["name"]: row for row in verification}
+    verdicts = {case_of(row): row for row in verification}
 
     def with_times(row):
         own = [one["real_time"] for one in times.get((row["run_name"], row["steps"]), [row])]
-        verdict = verdicts.get(name_of(row), {})
+        verdict = verdict_on(row, verdicts)
         judged = verdict.get("repetitions_judged", len(own))
         partly = f"{judged} of {len(own)} repetitions verified" * (judged < len(own))
         bound = threshold_of(verdict)

@@ -319,6 +319,21 @@ class Diff(InTemporaryFolder):
                 ("still fails", without, without, "diverged"), ("not comparable", whole, changed(steps=50), "steps 100 -> 50")):
             self.assertIn(detail, self.assert_first(verdict, old, new)["detail"])
 
+    def test_a_scene_that_is_stepped_twice_has_two_rows(self):
+        """A study file may name a scene twice, with other numbers of steps. Each has its own verdict and its own repetitions."""
+        def twice(slower):
+            long = [(name, time * slower, fields | {"steps": 200, "error_max": 2e-7}) for name, time, fields in PLAIN]
+            rows = [row for row in result(PLAIN + long)["benchmarks"] if row["run_type"] == "iteration"]
+            verdicts = [identity(name) | {"steps": steps, "error_max": error, "repetitions_judged": 9}
+                        for name, *_ in PLAIN for steps, error in ((100, 1e-7), (200, 2e-7))]
+            return result(PLAIN) | {"benchmarks": [row | {"repetitions": 9, "run_name": row["name"]} for row in rows], "verification": verdicts}
+
+        found = self.judge(twice(1), twice(2))[1]
+        self.assertEqual([(row["repetitions"], row["verdict"]) for row in found["rows"]], 6 * [([9, 9], "slower")] + 6 * [([9, 9], "same")])
+        judged = result_files.medians([row | {"aggregate_name": "median"} for row in twice(1)["benchmarks"][::9]], [
+            verdict | {"tolerance_rms": verdict["steps"], "motion_rms": 1, "tolerance": 1} for verdict in twice(1)["verification"]])
+        self.assertEqual([row["bound"] for row in judged], 6 * ["1.0e+02"] + 6 * ["2.0e+02"])
+
     def test_a_tuning_parameter_that_one_file_lacks(self):
         old, new = result(PLAIN), changed(tuning="block=128,root=hardware")
         self.assert_first("same", old, new)
