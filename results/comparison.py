@@ -158,7 +158,7 @@ class Result:
         about = {name: (of.get("unit"), of["better"]) for name, of in result_files.counters(self.json).items()}
         self.less_is_better = {name: better == "less" for name, (unit, better) in about.items()
                                if better != "neither" and unit not in TIMED_UNITS}
-        self.timed = [name for name, (unit, better) in about.items() if better == "less" and unit in TIMED_UNITS]
+        self.timed = {name: unit for name, (unit, better) in about.items() if better == "less" and unit in TIMED_UNITS}
         self.rows = collections.defaultdict(list)
         self.kinds, self.backends_of_rows = set(), set()
         self.verdicts = {result_files.case_of(row): row for row in self.json.get("verification", [])}
@@ -212,11 +212,12 @@ class Result:
         if list_name == "stability" and result_files.number(row.get("ratio")):
             entry.counters["ratio"] = [row["ratio"]]
             self.less_is_better["ratio"] = False
-        for counter in self.less_is_better.keys() & row.keys() - entry.counters.keys():
+        for counter in (self.less_is_better | self.timed).keys() & row.keys() - entry.counters.keys():
             value = row[counter]
-            if value is not None and (isinstance(value, (bool, str, list, dict)) or not 0 <= value < math.inf):
+            if value is not None and not (result_files.number(value) and value >= 0):
                 self.refuse(at + counter, value, "a number that is not negative, or null")
-            entry.counters[counter] = [] if value is None else [value]
+            if counter in self.less_is_better:
+                entry.counters[counter] = [] if value is None else [value]
         if not row.get("passed", True) or row.get("diverged", False):
             entry.failure = row.get("reason", "beyond its gate")
         first, *more = TIMES.get(list_name, ("seconds",))
@@ -230,8 +231,9 @@ class Result:
         self.keep(identity, place, entry)
         for key in [] if across else dict.fromkeys([*more, *self.timed]):
             if key != first and row.get(key):
+                unit = self.timed.get(key, "J" if "joules" in key else "s")
                 self.keep(identity, (*place, ("measured", json.dumps(key))), Row(
-                    entry.name, entry.measure, [row[key]], "J" if "joules" in key else "s", (list_name, key), noisy=list(entry.noisy)))
+                    entry.name, entry.measure, [row[key]], unit, (list_name, key), noisy=list(entry.noisy)))
 
     def keep(self, identity, place, entry):
         """Adds a row, or adds its times to those of the row of which it is another repetition: of the same steps of the case."""

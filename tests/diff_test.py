@@ -292,6 +292,22 @@ class Diff(InTemporaryFolder):
         self.assert_refused(["new.json: benchmarks[0].cache_misses_of_x: \"x\": expected a number"], old, with_counter(result(PLAIN), "x"))
         self.assertEqual(set(result_files.frame([self.write("frame.json", old)]).cache_misses_of_x), {5, 1000})
 
+    def test_a_counter_of_seconds_or_joules_is_a_time(self):
+        def with_counter(value, unit):
+            result_ = result(PLAIN)
+            result_["context"]["voxspring"]["counters"] = {"waiting": {"unit": unit, "better": "less"}}
+            result_["benchmarks"] = [row | {"waiting": value} for row in result_["benchmarks"]]
+            return result_
+
+        for unit, service in (("s", "latency"), ("J", "energy")):
+            found = self.judge(with_counter(1, unit), with_counter(4, unit))[1]
+            self.assertEqual({(row["unit"], row["verdict"]) for row in found["rows"] if row["place"]}, {(unit, "slower")})
+            exported = json.loads(self.run_diff(with_counter(1, unit), with_counter(4, unit), "--format", "bmf")[1])
+            self.assertEqual({key for name, one in exported.items() if "waiting" in name for key in one}, {service})
+            for value in ("x", -1, [1], True):
+                self.assert_refused([f"new.json: benchmarks[0].waiting: {json.dumps(value)}: expected a number that is not negative"],
+                                    with_counter(1, unit), with_counter(value, unit))
+
     def test_errors_of_backends_whose_runs_differ(self):
         first = [("a", 10, {"spread": 3e-6})] + PLAIN[1:]
 
@@ -578,7 +594,7 @@ class Diff(InTemporaryFolder):
             ("chaotic", 1), ("divergence", []), ("noisy", None), ("time_unit", "ns"))]
         cases += [([f"context.voxspring.{key}"], good | {"context": good["context"] | {"voxspring": about | {key: value}}})
                   for key, value in (
-            ("backends", 3), ("backends", {"a": 3}), ("backends", {"a": {"uuid": 3}}), ("study", 3), ("study", {"name": 3}),
+            ("backends", 3), ("backends", {"a": 3}), ("backends", {"a": {"uuid": 3}}), ("gpu", []), ("cpu", 3), ("study", 3), ("study", {"name": 3}),
             ("counters", {"a": {}}))]
         for words, new in cases:
             self.assert_refused(["missing.json" if isinstance(new, pathlib.Path) else "new.json", *words], good, new)
