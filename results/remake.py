@@ -106,6 +106,8 @@ def reason_stale(path, machine):
     if path.with_name(path.name.removesuffix(".gz") + ".journal").exists():
         return "cut short"
     context = context_of(path)
+    if context.get("unfinished"):
+        return "cut short"
     if context.get("commit") != machine.commit:
         return f"of commit {str(context.get('commit'))[:8]}, not {machine.commit[:8]}"
     if not context.get("clean", False):

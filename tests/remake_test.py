@@ -11,7 +11,8 @@ from folder import InTemporaryFolder, run
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 
 # A voxspring of a commit and a card, whose studies take no time. Its arguments go to $CALLS; Ctrl-C ends the study $FAIL, and $BREAK
-# ends after its first row. After Ctrl-C the study $SLOW finishes what is in flight for a second.
+# ends after its first row. After Ctrl-C the study $SLOW finishes what is in flight for a second. $CUT writes the scenes before Ctrl-C, and
+# no journal.
 PROGRAM = """#!/usr/bin/python3
 import json, os, pathlib, signal, sys, time
 commit, uuid, devices = "{commit}", "{uuid}", {devices}
@@ -31,14 +32,15 @@ else:
         time.sleep(1)
         pathlib.Path(f"{{out}}.journal").write_text("all that was measured")
         sys.exit(130)
+    cut = sys.argv[2] == os.environ.get("CUT")
     broken = sys.argv[2] == os.environ.get("BREAK")
     if broken:
         pathlib.Path(f"{{out}}.journal").touch()
     if not broken or "WRITES" in os.environ:
         out.write_text(json.dumps({{"benchmarks": [], "context": {{"voxspring": {{
-            "commit": commit, "clean": True, "backends": used, **({{"unfinished": True}} if broken else {{}})}}}}}}))
-    if broken:
-        sys.exit(1)
+            "commit": commit, "clean": True, "backends": used, **({{"unfinished": True}} if broken or cut else {{}})}}}}}}))
+    if broken or cut:
+        sys.exit(1 if broken else 130)
     if sys.argv[2] == os.environ.get("FAIL"):  # what is cut short is written as far as it came
         pathlib.Path(f"{{out}}.journal").touch()
         sys.exit(130)
@@ -115,6 +117,13 @@ class Remake(InTemporaryFolder):
         done, calls = self.remake(self.out, FAIL="stability")
         self.assertEqual((done.returncode, calls[-1]), (130, "study stability"))
         self.assertEqual(self.remake(self.out)[1], ["study stability --resume", "study stress", "study haptic"])
+
+    def test_peers_that_were_cut_short_are_measured_anew(self):
+        self.assertEqual(self.remake(self.out, "peers", CUT="peers")[0].returncode, 130)
+        done = self.remake("--check", self.out, "peers")[0]
+        self.assertEqual((done.returncode, done.stdout.splitlines()[-1].split(" ", 1)[1].strip()), (1, "stale: cut short"))
+        self.assertEqual(self.remake(self.out, "peers")[1], ["study peers"])
+        self.assertEqual([path.name for path in self.out.iterdir()], ["peers.json.gz"])
 
     def test_a_study_that_is_interrupted_finishes_what_is_in_flight(self):
         done, calls = self.remake(self.out, SLOW="stability")

@@ -16,6 +16,7 @@ import tempfile
 import threading
 import time
 import unittest
+from unittest import mock
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 NEEDED = ("numpy", "pandas", "python-dateutil", "tzdata")
@@ -351,6 +352,17 @@ class Studies(unittest.TestCase):
             case._process.join()
             ask(case)
             self.assertEqual(case.reason, "its process was killed by signal 9")
+
+    def test_a_file_of_some_scenes_says_that_it_is_unfinished(self):
+        """An interrupted run leaves it, and results/remake.py would take it for whole."""
+        def study(*_, **__):
+            return voxspring.Result({"context": {"voxspring": {"study": {}, "gpu": "", "driver": "", "gl_renderer": ""}}, "fastest": []})
+
+        saved = []
+        with mock.patch.object(peers, "study", study), mock.patch.object(
+                voxspring.Result, "save", lambda result, file: saved.append("unfinished" in result.json["context"]["voxspring"])):
+            peers.run([], {"box@3": 1, "box@4": 1}, 1, "cpu", [], "peers.json")
+        self.assertEqual(saved, [True, False])
 
     def test_every_peer_has_a_pinned_version(self):
         pinned = (pathlib.Path(voxspring.__file__).parent / "peers/requirements.txt").read_text().splitlines()

@@ -149,6 +149,8 @@ def run(peers: list[str], scenes: dict[str, int], repetitions: int, device: str,
                 case.end()
         whole = Result.joined(results, "peers")
         whole.json["context"]["voxspring"]["study"] = {"name": "peers", "kind": "judge", "repetitions": repetitions}
+        if argument != list(scenes)[-1]:
+            whole.json["context"]["voxspring"]["unfinished"] = True
         if out:
             whole.save(out)
     return whole
