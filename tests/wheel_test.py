@@ -324,6 +324,11 @@ class Studies(unittest.TestCase):
         with self.assertRaisesRegex(voxspring.BadInput, "no_such_study"):
             voxspring.study("no_such_study")
 
+    def test_steps_are_those_of_a_body(self):
+        for body, steps in ((None, 20), (beam(), 0), (beam(), -1)):
+            with self.assertRaisesRegex(voxspring.BadInput, rf"study\(\): steps: {steps} is not accepted; expected 1 or more, and a body"):
+                voxspring.study("smoke", body, steps=steps, repetitions=1)
+
     def test_the_command_is_the_program_and_its_peers(self):
         command = pathlib.Path(sys.executable).parent / "voxspring"
         listed = subprocess.run([command, "list"], capture_output=True, text=True, check=True)

@@ -84,14 +84,17 @@ class Result:
         return cls(whole)
 
 
-def study(name: str | os.PathLike[str] = "default", body: _core.Body | None = None, *, steps: int = 1000,
+def study(name: str | os.PathLike[str] = "default", body: _core.Body | None = None, *, steps: int | None = None,
           backends: Sequence[str] = (), scenes: Sequence[str] = (), repetitions: int | None = None,
           out: str | os.PathLike[str] | None = None) -> Result:
     """Runs a built-in study or a study file, each backend in a separate process.
 
-    With `body`, this body is the study's only scene, and a batch has `steps` steps. `backends` and `scenes` are globs, as after
-    --backend and --scene of the program. The file `out` is written after every scene. Ctrl-C finishes the work in flight, writes
-    `out` and raises KeyboardInterrupt. Raises BadInput.
+    With `body`, this body is the study's only scene, and a batch has `steps` steps, 1000 by default. `backends` and `scenes` are
+    globs, as after --backend and --scene of the program. The file `out` is written after every scene. Ctrl-C finishes the work in
+    flight, writes `out` and raises KeyboardInterrupt. Raises BadInput, also for `steps` without `body`.
     """
-    return Result(_core.study(os.fspath(name), body, steps, list(backends), list(scenes), repetitions,
+    if steps is not None and (body is None or steps < 1):
+        raise _core.BadInput(f"study(): steps: {steps} is not accepted; expected 1 or more, and a body: the scenes of a study have "
+                             "their own numbers of steps")
+    return Result(_core.study(os.fspath(name), body, 1000 if steps is None else steps, list(backends), list(scenes), repetitions,
                               None if out is None else os.fspath(out), str(PROGRAM)))
