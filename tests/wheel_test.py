@@ -15,6 +15,7 @@ import sys
 import tempfile
 import threading
 import time
+import types
 import unittest
 from unittest import mock
 
@@ -300,6 +301,12 @@ class Judging(unittest.TestCase):
                 voxspring.judge(step, body, **{"steps": 5, "repetitions": 1, **settings})
         with self.assertRaisesRegex(voxspring.Unavailable, "torch:cuda.*No module named 'torch'"):
             voxspring.judge(right, body, steps=5, arrays="torch:cuda")
+        def no_card(name):
+            raise AssertionError(f"not compiled with {name} enabled")
+
+        with mock.patch.dict(sys.modules, jax=types.SimpleNamespace(devices=no_card)):
+            with self.assertRaisesRegex(voxspring.Unavailable, "jax:cuda.*not compiled with cuda enabled"):
+                voxspring.judge(right, body, steps=5, arrays="jax:cuda")
         with self.assertRaisesRegex(voxspring.BadInput, "incision.*without edits"):
             voxspring.judge(right, voxspring.scene("incision"), steps=5)
 

@@ -137,7 +137,7 @@ def _arrays(given: str | Arrays) -> Arrays:
                              "your own")
     try:
         return _LIBRARIES[library](device)
-    except ImportError as error:
+    except Exception as error:  # each library has its own exception for a device that is not there
         raise _core.Unavailable(f"judge(): arrays: {given!r}: {error}") from error
 
 
