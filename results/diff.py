@@ -7,7 +7,7 @@ OLD and NEW are results, RESULT.json or RESULT.json.gz. --format bmf and github-
 per case, as Bencher (`bencher run --adapter json`) and github-action-benchmark (`tool: customSmallerIsBetter`) read them.
 
 Exit code: 0 if nothing is worse; 1 if a row is slower, has a larger error or a worse counter, or fails now, if the run is slower as
-a whole, or if a condition of --fail-on holds; 2 for bad input.
+a whole, or if a condition of --fail-on holds; 2 for bad input, or if standard output cannot take all.
 
 How rows are judged, here and on the page of results:
 """
@@ -197,14 +197,18 @@ def main():
         result_files.refuse(__file__, f"{absent}: install Debian's python3-scipy and python3-fastjsonschema, or with pip scipy and "
                             "fastjsonschema")
     shown = [row for row in found["rows"] if options.all or row["verdict"] != "same"]
-    if options.format in EXPORTS:
-        print(json.dumps(exported(options.format, options.new, found["new"]), indent=2, ensure_ascii=False))
-    elif options.format == "json":
-        print(json.dumps(found, indent=2))
-    elif options.format == "markdown":
-        markdown(found, shown)
-    else:
-        terminal(found, shown)
+    try:
+        if options.format in EXPORTS:
+            print(json.dumps(exported(options.format, options.new, found["new"]), indent=2, ensure_ascii=False))
+        elif options.format == "json":
+            print(json.dumps(found, indent=2))
+        elif options.format == "markdown":
+            markdown(found, shown)
+        else:
+            terminal(found, shown)
+        sys.stdout.flush()
+    except OSError as error:
+        result_files.end_output(__file__, error)
     return 1 if found["worse"] else 0
 
 

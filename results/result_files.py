@@ -4,6 +4,7 @@ import functools
 import gzip
 import json
 import math
+import os
 import pathlib
 import re
 import statistics
@@ -27,6 +28,14 @@ def refuse(script, reason):
     """Prints the reason why input cannot be used, and exits with 2."""
     print(f"{pathlib.Path(script).name}: {reason}", file=sys.stderr)
     sys.exit(2)
+
+
+def end_output(script, error):
+    """Ends a script whose standard output failed. A reader that has enough is no failure; a full disk exits with 2."""
+    # Python's flush at exit then goes to the null device, and does not fail.
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    if not isinstance(error, BrokenPipeError):
+        refuse(script, f"standard output: {error.strerror or error}; expected room for all of it")
 
 
 def shown(value, longest=60):

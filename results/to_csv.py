@@ -7,12 +7,11 @@ A line is a row of any list of a result: a repetition or an aggregate of them, a
 measurement of `stress`. The columns are those of all files; a cell is empty where its row has no such field or null. Lists and
 objects are written as JSON.
 
-Exit code: 0 done; 2 bad input.
+Exit code: 0 done; 2 bad input, or standard output that cannot take all.
 """
 
 import csv
 import json
-import os
 import sys
 
 import result_files
@@ -37,9 +36,8 @@ def main():
         writer.writeheader()
         writer.writerows({key: cell(value) for key, value in row.items()} for row in rows)
         sys.stdout.flush()
-    except BrokenPipeError:
-        # The reader of the pipe has ended. Python's flush at exit then goes to the null device, and does not fail.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except OSError as error:
+        result_files.end_output(__file__, error)
 
 
 if __name__ == "__main__":

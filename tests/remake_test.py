@@ -11,8 +11,8 @@ from folder import InTemporaryFolder, run
 ROOT = pathlib.Path(__file__).resolve().parent.parent
 
 # A voxspring of a commit and a card, whose studies take no time. Its arguments go to $CALLS; Ctrl-C ends the study $FAIL, and $BREAK
-# ends after its first row. After Ctrl-C the study $SLOW finishes what is in flight for a second. $CUT writes the scenes before Ctrl-C, and
-# no journal.
+# ends after its first row. After Ctrl-C the study $SLOW finishes what is in flight for a second, and $CUT leaves an unfinished
+# result without a journal.
 PROGRAM = """#!/usr/bin/python3
 import json, os, pathlib, signal, sys, time
 commit, uuid, devices = "{commit}", "{uuid}", {devices}

@@ -10,6 +10,7 @@ import os
 import pathlib
 import re
 import shutil
+import subprocess
 import sys
 import unittest
 from unittest import mock
@@ -208,6 +209,16 @@ class Rows(InTemporaryFolder):
         said = run("bash", "-c", "set -o pipefail; /usr/bin/python3 results/to_csv.py results/*/*.json.gz | head -1")
         self.assertEqual((said.returncode, said.stderr), (0, ""))
         self.assertTrue(said.stdout.startswith("machine,study,"))
+
+    def test_a_full_standard_output_is_not_a_worse_result(self):
+        """A traceback exits with 1, which says of diff.py that a row is worse."""
+        path = RESULTS / "amd-epyc/fastest.json.gz"
+        for script, *arguments in (("diff.py", path, path), ("diff.py", path, path, "--json"), ("to_csv.py", path)):
+            with open("/dev/full", "w") as full:
+                said = run("/usr/bin/python3", f"results/{script}", *arguments, capture_output=False, stdout=full,
+                           stderr=subprocess.PIPE)
+            self.assertEqual((said.returncode, said.stderr),
+                             (2, f"{script}: standard output: No space left on device; expected room for all of it\n"))
 
 
 class Compact(InTemporaryFolder):
