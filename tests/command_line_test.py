@@ -786,6 +786,18 @@ class Pareto(InTemporaryFolder):
         again = succeeds(*words[1:-2])
         self.assertIn("of 48 particles", again.stdout)
 
+    def test_advises_on_a_scene_file_in_another_folder(self):
+        body = self.folder / "bodies/body.json"
+        body.parent.mkdir()
+        for row, kind, options in ((self.result["pareto"][0], "pareto", ["--error", 1]),
+                                   ({"name": "body.json/cpu_reference/increment/float64", "particles": 8, "steps": 1, "ranks": 1,
+                                     "cut": "1x1x1", "way": "none", "seconds_per_step": 0.5}, "scaling", ["--ranks", 2])):
+            result = self.write(f"{kind}.json", {"context": {"voxspring": {"study": {"kind": kind}}},
+                                                 kind: [row | {"scene": "body.json"}]})
+            said = succeeds("advise", body, *options, "--results", result).stdout
+            if kind == "pareto":
+                self.assertIn(f"\n  voxspring run {body} --backend ", said)
+
     def test_refuses_scenes_without_such_a_study(self):
         self.assert_refused(voxspring("study", "pareto", "--scene", "scalpel_1", "--backend", "cpu_parallel"),
                             "scalpel_1", "edits")

@@ -1,6 +1,7 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <filesystem>
 #include <iostream>
 #include <nlohmann/json.hpp>
 #include <ostream>
@@ -35,6 +36,11 @@ Result measured(const std::string& study, const std::string& scene, const Advise
     Result result = run_study(load_study(study), of_study);
     print_unmeasured(result, options.json ? std::cerr : out);
     return result;
+}
+
+/// The name of the scene `argument` in results. Results name a file without its folder.
+std::string name_in_results(const std::string& argument) {
+    return utf8_text(std::filesystem::path(argument).filename().string());
 }
 
 /// The command that repeats the run of a candidate. Its time step has all digits, so that the run is the same
@@ -75,11 +81,11 @@ void print(const Candidate& candidate, std::ostream& out) {
 }
 
 int print_advice_on_errors(const std::string& argument, const AdviseOptions& options, std::ostream& out) {
-    std::string scene = argument;
+    std::string scene = name_in_results(argument);
     std::vector<Candidate> candidates;
     bool unfinished = false;
     if (options.results) {
-        candidates = candidates_of(read_json(*options.results), argument);
+        candidates = candidates_of(read_json(*options.results), scene);
     } else {
         scene = load_scene(argument, options.study.volume).name;
         const Result result = measured("pareto", argument, options, out);
@@ -141,7 +147,7 @@ int print_advice_on_ranks(const std::string& argument, const AdviseOptions& opti
     std::vector<ScalingRow> rows;
     bool unfinished = false;
     if (options.results) {
-        rows = scaling_rows_of(read_json(*options.results), argument);
+        rows = scaling_rows_of(read_json(*options.results), name_in_results(argument));
         // The result may have rows of more ranks than the user asks for.
         const int most = options.study.ranks.value_or(int(options.study.devices.size()));
         std::erase_if(rows, [&](const ScalingRow& row) { return row.ranks > most; });
