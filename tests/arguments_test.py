@@ -260,8 +260,10 @@ class Output(InTemporaryFolder):
         def context(kind, **more):
             return {"context": {"voxspring": {"study": {"kind": kind}, **more}}}
 
-        for kind, scene, options in (("truth", "cantilever", ["--continuum", "--error", 1]), ("scaling", "box@4", ["--ranks", 2])):
+        for kind, scene, options, figures in (("truth", "cantilever", ["--continuum", "--error", 1], ["model_error", "seconds"]),
+                                              ("scaling", "box@4", ["--ranks", 2], ["ranks", "seconds_per_step"])):
             row = {"name": f"{scene}/cpu_explicit/increment/float64", "scene": scene, "particles": 8, "steps": 1}
+            row |= dict.fromkeys(figures, 1)
             whole = context(kind) | {kind: [row]}
             for result, words in (
                     (context("timing") | {"benchmarks": []}, [f"{kind} is missing", f"result of a study of kind {kind}"]),
@@ -272,6 +274,8 @@ class Output(InTemporaryFolder):
                     (whole | {kind: []}, [f"{kind}: {scene}", "it has none"]),
                     (whole | {kind: [row | {"name": "box"}]}, [f'{kind}[0].name: "box"', f"{scene}/BACKEND"]),
                     (whole | {kind: [{"name": row["name"], "scene": scene}]}, [f"{kind}[0].particles is missing"]),
+                    *((whole | {kind: [row, row | {figure: value}]}, [f"{kind}[1].{figure}: {said}", "a number from 0"])
+                      for figure in figures for value, said in ((None, "null"), (-1, "-1"))),
                     (whole | {kind: [row, row | {"steps": "many"}]}, [f"{kind}[1]: ", "results/schema.json"]),
                     (context(kind, counters={"steps": {"unit": "eV", "better": "less"}}) | {kind: [row]}, [f"{kind}[0]: ", "eV"])):
                 other = self.write("other.json", result)

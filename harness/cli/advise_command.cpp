@@ -183,7 +183,8 @@ int print_advice_on_ranks(const std::string& argument, const AdviseOptions& opti
 /// against the continuum in the least time.
 int print_advice_on_continuum(const std::string& argument, const AdviseOptions& options, std::ostream& out) {
     (void)truth_case(argument, "command line");
-    const Result result = options.results ? read_result_of("truth", read_json(*options.results), argument)
+    const Result result = options.results ? read_result_of("truth", read_json(*options.results), argument,
+                                                           {"model_error", "seconds"})
                                           : measured("truth", argument, options, out);
     const std::vector<TruthRow>& rows = result.rows<TruthRow>("truth");
     const bool unfinished = is_unfinished(result);

@@ -72,7 +72,7 @@ void compare(ScalingRow& row, const ScalingRow& one) {
 }
 
 std::vector<ScalingRow> scaling_rows_of(JsonObject result, const std::string& scene) {
-    Result read = read_result_of("scaling", std::move(result), scene);
+    Result read = read_result_of("scaling", std::move(result), scene, {"ranks", "seconds_per_step"});
     std::vector<ScalingRow> rows = std::move(read.rows<ScalingRow>("scaling"));
     std::erase_if(rows, [&](const ScalingRow& row) { return row.identity.scene != scene; });
     return rows;

@@ -4,6 +4,7 @@
 
 #include <cstddef>
 #include <exception>
+#include <limits>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <set>
@@ -99,7 +100,8 @@ Result read_result(const nlohmann::json& file, const std::string& name) {
     return result;
 }
 
-Result read_result_of(const std::string& kind, JsonObject file, const std::string& scene) {
+Result read_result_of(const std::string& kind, JsonObject file, const std::string& scene,
+                      const std::vector<std::string>& figures) {
     const std::string accepted = "the result of a study of kind " + kind;
     check_schema_version(file, result_schema_version);
     const JsonValue list = file.require(kind, accepted);
@@ -114,6 +116,9 @@ Result read_result_of(const std::string& kind, JsonObject file, const std::strin
         const JsonValue name = row.require("name");
         if (!name.string().starts_with(of + "/")) name.refuse(of + "/BACKEND/FORMULATION/PRECISION");
         (void)row.require("particles", "a number").number();
+        // Without this check a missing figure would be read as 0, and the row would be the best of all.
+        for (const std::string& figure : figures)
+            (void)row.require(figure, "a number").number(0, std::numeric_limits<double>::max());
         scenes.insert(of);
     }
     if (!scenes.contains(scene))

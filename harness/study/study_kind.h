@@ -80,7 +80,9 @@ void print_result(const Result& result, std::ostream& out, TableWidth width = 0)
 /// registered. Throws BadInput for a row unlike results/schema.json.
 Result read_result(const nlohmann::json& file, const std::string& name = "result");
 /// Reads the result of a study of kind `kind`, whose rows are in a list of the same name. Throws BadInput if
-/// the file has no such result, a row that could not be printed, or no row of `scene`.
-Result read_result_of(const std::string& kind, JsonObject file, const std::string& scene);
+/// the file has no such result, a row that could not be printed or in which one of `figures` is not a number
+/// from 0 on, or no row of `scene`.
+Result read_result_of(const std::string& kind, JsonObject file, const std::string& scene,
+                      const std::vector<std::string>& figures);
 
 }  // namespace voxspring
