@@ -9,6 +9,7 @@ import pathlib
 import re
 import resource
 import shutil
+import signal
 import subprocess
 import threading
 import unittest
@@ -387,6 +388,9 @@ class Scripts(InTemporaryFolder):
     def test_give_the_scripts_exit_code(self):
         program = self.place("prefix/bin/voxspring", "prefix/share/voxspring/results")
         self.assertEqual(run(program, "diff", "none.json", "none.json").returncode, 2)
+        # As under a parent that does not wait for its children.
+        ignored = {"preexec_fn": lambda: signal.signal(signal.SIGCHLD, signal.SIG_IGN)}
+        self.assertEqual(run(program, "diff", "--help", **ignored).returncode, 0)
 
 
 if __name__ == "__main__":

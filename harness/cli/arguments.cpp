@@ -603,6 +603,9 @@ int run_program(int argc, char** argv, const ViewScene& view) {
     occupy_standard_descriptors();
     // With this signal ignored, write() at the limit on file sizes fails instead of ending the process.
     std::signal(SIGXFSZ, SIG_IGN);
+    // The program may have inherited that this signal is ignored. waitpid() and pclose() would then not
+    // report how a process ended, and every Python would seem to fail.
+    std::signal(SIGCHLD, SIG_DFL);
     worker_main(argc, argv);
     const int code = exit_code_of(argc, argv, view);
     // That a disk is full may show only when buffered output is written.
