@@ -46,7 +46,7 @@ class Interrupted(InTemporaryFolder):
         return program.returncode, out, errors, time.monotonic() - begin
 
     def test_leaves_the_state_and_goes_on_from_it(self):
-        out, whole, resumed = (self.folder / f"{name}.npz" for name in ("state", "whole", "resumed"))
+        out, whole, resumed = (self.folder / f"{name}.npz" for name in ("my state", "whole", "resumed"))
         table = self.folder / "state.csv"
         for sent in (signal.SIGINT, signal.SIGTERM):
             code, said, errors, seconds = self.interrupt("run", "box@12", "--backend", "cpu_reference", "--steps", 10**9,
@@ -56,8 +56,8 @@ class Interrupted(InTemporaryFolder):
             self.assertIn("stopping after the work in progress", errors)
             reached = int(re.search(rf"^box@12: interrupted after step (\d+) of {10**9}; its state is in {out}, {table}$",
                                     said, re.MULTILINE)[1])
-            self.assertIn(f"--resume {out} goes on", said)
-            self.assertEqual({path.name for path in self.folder.iterdir()}, {"state.npz", "state.csv"})
+            self.assertIn(f"--resume '{out}' goes on", said)
+            self.assertEqual({path.name for path in self.folder.iterdir()}, {"my state.npz", "state.csv"})
         steps = reached + 30
         for arguments in (["--out", whole], ["--out", resumed, "--resume", out]):
             ran = succeeds("run", "box@12", "--backend", "cpu_reference", "--steps", steps, *arguments)

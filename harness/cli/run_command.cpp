@@ -366,7 +366,8 @@ private:
             if (path.extension() == ".npz") resumable = path.string();
         }
         out_ << "; its state is in " << states << "\n";
-        if (!resumable.empty()) out_ << "the same command with --resume " << resumable << " goes on\n";
+        if (!resumable.empty())
+            out_ << "the same command with --resume " << shell_word(resumable) << " goes on\n";
         return interrupted_exit_code;
     }
 
