@@ -1,5 +1,6 @@
 #include "harness/process/launcher.h"
 
+#include <fmt/format.h>
 #include <spawn.h>
 #include <sys/prctl.h>
 #include <sys/socket.h>
@@ -70,6 +71,10 @@ pid_t spawn(const std::filesystem::path& program, int socket) {
     return process;
 }
 
+std::string no_answer_within(Seconds patience) {
+    return fmt::format("did not answer within {:g} s", patience.count());
+}
+
 std::string describe_end(int status) {
     if (WIFSIGNALED(status)) {
         const int signal = WTERMSIG(status);
@@ -115,6 +120,10 @@ Launcher::Launcher(const std::filesystem::path& program, const Scene* scene, Sec
     } catch (const Closed&) {
         lose(own_patience_);
         throw std::runtime_error("before it had received the scene, the launcher " + lost_);
+    } catch (const Late&) {
+        lose(Seconds(0));
+        throw std::runtime_error("before it had received the scene, the launcher " +
+                                 no_answer_within(own_patience_));
     } catch (...) {
         lose(Seconds(0));
         throw;
@@ -158,6 +167,7 @@ nlohmann::json Launcher::call(const nlohmann::json& request, Seconds patience) {
         throw;
     } catch (const Late&) {
         lose(Seconds(0));
+        lost_ = no_answer_within(patience + own_patience_);
         throw Closed();
     }
 }
@@ -172,6 +182,7 @@ Launcher::Child Launcher::start(const nlohmann::json& description) {
         // If the worker's socket comes late, it would be taken for the next answer. So the launcher is given
         // up.
         lose(Seconds(0));
+        lost_ = no_answer_within(own_patience_);
     } catch (const Closed&) {
         if (!is_lost()) lose(Seconds(0));
     }
