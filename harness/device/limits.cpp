@@ -98,11 +98,12 @@ bool is_on_a_part(const DeviceLimits& limits) {
 }
 
 /// The key of a device's limits in the cache on disk: a hash of all that the limits depend on. The number of
-/// OpenMP threads is part of the key, because all of these threads measure a processor's limits, and because
-/// the sizes of the arrays that they move are multiples of that number.
+/// processors is part of the key, because a thread on each of them measures the host's limits, and because
+/// the sizes of the arrays that these threads move are multiples of that number. OMP_NUM_THREADS changes
+/// neither.
 std::string name_in_cache(const Capabilities& device) {
     return "limits-" + hash_of(json_text({version_commit, device.api, device.device, device.driver,
-                                          device.uuid, device.limits_of, omp_get_max_threads()}));
+                                          device.uuid, device.limits_of, omp_get_num_procs()}));
 }
 
 }  // namespace

@@ -22,10 +22,10 @@ DeviceLimits device_limits_of(const nlohmann::json& json);
 /// For each limit the better of the two values that two measurements of a device gave.
 DeviceLimits best_of(const DeviceLimits& one, const DeviceLimits& other);
 
-/// The best limits of a device that any process of this commit has measured with this number of OpenMP
-/// threads. The first function adds `measured` to them; the second returns no value if nothing was measured
-/// yet. They are kept in the user's cache, since a processor's rates, and launch times that depend on the
-/// host, differ between processes by tens of percent.
+/// The best limits of a device that any process of this commit has measured with this number of processors.
+/// The first function adds `measured` to them; the second returns no value if nothing was measured yet. They
+/// are kept in the user's cache, since a processor's rates, and launch times that depend on the host, differ
+/// between processes by tens of percent.
 DeviceLimits best_so_far(const Capabilities& device, const DeviceLimits& measured);
 std::optional<DeviceLimits> best_so_far(const Capabilities& device);
 
