@@ -18,8 +18,17 @@ namespace {
 
 bool is_terminal() { return isatty(STDERR_FILENO) != 0; }
 
-/// The time between two lines if standard error is not a terminal.
-Seconds pause() {
+void overwrite_line(const std::string& line) {
+    winsize size{};
+    const bool known = ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 0;
+    // The line is cut to the terminal's width, since a line that wraps could not be overwritten.
+    const std::size_t fits = bytes_of_characters(line, (known ? size.ws_col : 80) - 1u);
+    std::cerr << "\r\x1b[K" << line.substr(0, fits) << std::flush;
+}
+
+}  // namespace
+
+Seconds time_between_lines() {
     constexpr const char* variable = "VOXSPRING_PROGRESS_SECONDS";
     constexpr double otherwise = 10, shortest = 0.01, longest = 1e6;
     const char* asked = std::getenv(variable);
@@ -31,16 +40,6 @@ Seconds pause() {
                        fmt::format("a number of seconds from {:g} to {:g}", shortest, longest));
     return Seconds(seconds);
 }
-
-void overwrite_line(const std::string& line) {
-    winsize size{};
-    const bool known = ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 0;
-    // The line is cut to the terminal's width, since a line that wraps could not be overwritten.
-    const std::size_t fits = bytes_of_characters(line, (known ? size.ws_col : 80) - 1u);
-    std::cerr << "\r\x1b[K" << line.substr(0, fits) << std::flush;
-}
-
-}  // namespace
 
 std::string duration_text(double seconds) {
     const auto whole = std::llround(seconds);
@@ -91,7 +90,7 @@ void Activity::begin(const std::string& what) {
     if (is_terminal()) {
         ticker_.start(unseen, redrawn);
     } else {
-        ticker_.start(pause(), pause());
+        ticker_.start(time_between_lines(), time_between_lines());
     }
 }
 
@@ -114,7 +113,7 @@ void Activity::write() {
 }
 
 Progress::Progress(std::vector<Scene> scenes) : scenes_(std::move(scenes)), terminal_(is_terminal()) {
-    ticker_.start(pause(), pause());
+    ticker_.start(time_between_lines(), time_between_lines());
 }
 
 Progress::~Progress() {

@@ -15,6 +15,10 @@
 
 namespace voxspring {
 
+/// The time between two lines if standard error is not a terminal. Throws BadInput if
+/// VOXSPRING_PROGRESS_SECONDS is set and is not a time.
+Seconds time_between_lines();
+
 /// A duration as text: "3 h 20 min", "12 min", "45 s".
 std::string duration_text(double seconds);
 

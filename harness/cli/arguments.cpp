@@ -26,6 +26,7 @@
 #include "harness/base/bad_input.h"
 #include "harness/base/files.h"
 #include "harness/base/interruption.h"
+#include "harness/base/progress.h"
 #include "harness/base/text.h"
 #include "harness/cli/commands.h"
 #include "harness/export/export.h"
@@ -559,6 +560,7 @@ int run_command_line(int argc, char** argv, std::ostream& out, const ViewScene& 
         return 0;
     }
     check_command(app, argc, argv);
+    (void)time_between_lines();  // refuses a wrong value before anything is written
     // Ctrl-C ends the program at once, except while a command catches the signal to finish its work.
     const CaughtInterruptions caught(true);
     try {
