@@ -1060,7 +1060,7 @@ TEST_F(AWorkersProgram, WhoseAnswerComesHalfIsLost) {
     Launcher launcher(program_, nullptr, std::chrono::milliseconds(200));
     for (int n = 0; n < 2; ++n) {
         EXPECT_THAT([&] { (void)launcher.start({}); },
-                    ThrowsMessage<std::runtime_error>("the launcher did not answer within 0.2 s"));
+                    ::testing::ThrowsMessage<std::runtime_error>("the launcher did not answer within 0.2 s"));
         EXPECT_TRUE(launcher.is_lost());
     }
 }
