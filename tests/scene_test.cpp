@@ -657,6 +657,22 @@ TEST(Scene, PartsOfABodyAreNamedAndLeftOut) {
     EXPECT_EQ(load_scene((folder.path() / "v.nrrd").string(), options, small).problem.particle_count(), 12u);
 }
 
+TEST(Scene, VoxelsThatShareACornerAreOnePartIfParticlesAreThere) {
+    const TemporaryFolder folder;
+    // Two voxels that share a face, a third that shares an edge with the second, and a fourth alone.
+    std::string data;
+    for (const char c : std::string("11000"
+                                    "00101"
+                                    "00000"
+                                    "00000"))
+        data.push_back(char(c - '0'));
+    write_volume(folder, "dimension: 3\nsizes: 5 2 2\nspacings: 1 1 1", data);
+    const Scene scene = volume_scene(folder, "v.nrrd", R"(, "parts": "largest")",
+                                     R"(, "pinned": {"side": "x-"}, "particles": "corners")");
+    EXPECT_EQ(scene.problem.particle_count(), 18u);
+    EXPECT_THAT(scene.notes, Contains("1 voxel in 1 of 2 parts is left out (parts: largest)"));
+}
+
 // With particles at corners, springs of the labels after the first are not those of the lattice.
 TEST(Scene, ANoteNamesTheStiffestSpringOfAllLabels) {
     const TemporaryFolder folder;

@@ -106,26 +106,27 @@ std::string describe(const BodyParts& parts, bool has_gravity) {
     return text;
 }
 
-std::string leave_out_parts(VoxelGrid& grid, std::uint32_t group_bits, const PartsToKeep& keep) {
+std::string leave_out_parts(VoxelGrid& grid, std::uint32_t group_bits, const PartsToKeep& keep,
+                            const std::string& noun) {
     const Problem problem = make_lattice_problem(grid, group_bits);
     const BodyParts parts = parts_of(problem);
-    std::size_t particles = 0;
+    std::size_t count = 0;
     const auto is_kept = [&](std::uint32_t part) {
         return keep.least == 0 ? part == 0 : parts.sizes[part] >= keep.least;
     };
     for (std::size_t i = 0; i < problem.particle_count(); ++i) {
         if (is_kept(parts.part_of(i))) continue;
         grid.label[problem.lattice.voxel[i]] = 0;
-        ++particles;
+        ++count;
     }
-    if (particles == 0) return {};
+    if (count == 0) return {};
     const auto left_out =
         std::size_t(std::count_if(parts.sizes.begin(), parts.sizes.end(), [&](const auto& size) {
             return !is_kept(std::uint32_t(&size - parts.sizes.data()));
         }));
-    return fmt::format("{} {} in {} of {} parts {} left out (parts: {})", with_commas(particles),
-                       particles == 1 ? "particle" : "particles", with_commas(left_out),
-                       with_commas(parts.sizes.size()), particles == 1 ? "is" : "are", keep.text());
+    return fmt::format("{} {}{} in {} of {} parts {} left out (parts: {})", with_commas(count), noun,
+                       count == 1 ? "" : "s", with_commas(left_out), with_commas(parts.sizes.size()),
+                       count == 1 ? "is" : "are", keep.text());
 }
 
 }  // namespace voxspring

@@ -35,16 +35,19 @@ std::string with_commas(std::size_t number);
 
 /// Which parts of a dataset make the body.
 struct PartsToKeep {
-    std::size_t least = 0;  ///< parts with fewer particles are left out; 0: only the largest part is kept
+    /// Parts with fewer particles (with particles at corners: voxels) are left out. 0: only the largest part
+    /// is kept.
+    std::size_t least = 0;
 
     /// The choice as command lines and scene files spell it: "largest", or `least` as a number.
     std::string text() const { return least == 0 ? "largest" : std::to_string(least); }
 };
 inline constexpr std::int64_t max_part_particles = 4'294'967'295;
 
-/// Makes all voxels of the parts that `keep` leaves out inactive. Springs of the groups in `group_bits`
-/// connect the particles of a part. Returns a note for the user, which is empty if no part is left out. If no
-/// part is large enough, every voxel becomes inactive.
-std::string leave_out_parts(VoxelGrid& grid, std::uint32_t group_bits, const PartsToKeep& keep);
+/// Makes all voxels of the parts that `keep` leaves out inactive. Neighbours in the directions of
+/// `group_bits` are in one part. Returns a note for the user, which counts voxels as things called `noun`; it
+/// is empty if no part is left out. If no part is large enough, every voxel becomes inactive.
+std::string leave_out_parts(VoxelGrid& grid, std::uint32_t group_bits, const PartsToKeep& keep,
+                            const std::string& noun);
 
 }  // namespace voxspring

@@ -484,11 +484,16 @@ void take_tool(Scene& scene, const ToolSpec& spec, const std::string& file, bool
 void keep_parts(VoxelGrid& grid, const SceneFile& scene, const std::string& file,
                 std::vector<std::string>& notes) {
     if (!scene.dataset.parts) return;
-    const std::string note = leave_out_parts(grid, bits_of(scene.spring_groups), *scene.dataset.parts);
+    // Voxels that touch share particles at corners, whatever springs there are.
+    const std::uint32_t connecting =
+        scene.corners ? FACE_BITS | EDGE_BITS | CORNER_BITS : bits_of(scene.spring_groups);
+    const std::string note =
+        leave_out_parts(grid, connecting, *scene.dataset.parts, scene.corners ? "voxel" : "particle");
     if (!note.empty()) notes.push_back(note);
     if (std::any_of(grid.label.begin(), grid.label.end(), [](std::uint8_t label) { return label != 0; }))
         return;
-    const std::string accepted = "\"largest\", or at most as many particles as the largest part has";
+    const std::string accepted = fmt::format("\"largest\", or at most as many {} as the largest part has",
+                                             scene.corners ? "voxels" : "particles");
     if (scene.dataset.parts_source) scene.dataset.parts_source->refuse(accepted);
     throw BadInput(file, "--parts", scene.dataset.parts->text(), accepted);
 }
