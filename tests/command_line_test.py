@@ -392,7 +392,7 @@ class Study(OwnStudy):
         self.assertIn("this result is not saved; --out FILE.json saves each part", voxspring(*arguments).stderr)
         out = self.folder / "kept.json"
         kept = voxspring(*arguments, "--out", out)
-        self.assertNotIn("not kept", kept.stderr)
+        self.assertNotIn("not saved", kept.stderr)
         self.assertIn(f"written: {out}", kept.stdout)
 
     def test_result_follows_its_schema_and_leaves_nothing_out(self):
