@@ -79,16 +79,18 @@ TEST_F(Vulkan, SaysWhatItRunsOn) {
 
 TEST_F(Vulkan, ADeviceIsTakenByNumberOrName) {
     const std::vector<ListedDevice> devices = apis().at("vulkan").devices();
-    ASSERT_FALSE(devices.empty());
+    bool is_taken = false;
     for (std::size_t n = 0; n < devices.size(); ++n) {
         const Variable asked(device_variable("vulkan"), std::to_string(n));
         if (!absence("vulkan_implicit").empty()) continue;
+        is_taken = true;
         EXPECT_THAT(BackendSpec::parse("vulkan_implicit").make()->capabilities().device,
                     HasSubstr(devices[n].name));
         const std::vector<ListedDevice> now = apis().at("vulkan").devices();
         for (std::size_t other = 0; other < now.size(); ++other)
             EXPECT_EQ(now[other].refusal.empty(), other == n) << now[other].refusal;
     }
+    EXPECT_TRUE(is_taken);
     const Variable asked(device_variable("vulkan"), "no such card");
     EXPECT_THAT(absence("vulkan_implicit"),
                 AllOf(HasSubstr("no Vulkan device matches 'no such card'"), HasSubstr(names_of(devices))));
