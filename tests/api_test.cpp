@@ -101,11 +101,11 @@ TEST(NewApi, ItsDevicesAreListedAndChosen) {
                 HasSubstr("Stand-in devices, for --standin-device\n  0 Small memory, integrated\n"));
     const auto listed = nlohmann::json::parse(said({"list", "--json", "--standin-device", "small"}));
     EXPECT_EQ(listed.at("standin_devices").at(1).at("name"), "Large memory");
+    std::string device;
     for (const auto& backend : listed.at("backends")) {
-        if (backend.at("name") == "standin_lists") {
-            EXPECT_EQ(backend.at("device"), "Small memory");
-        }
+        if (backend.at("name") == "standin_lists") device = backend.at("device");
     }
+    EXPECT_EQ(device, "Small memory");
     unsetenv(device_variable("standin").c_str());
     EXPECT_EQ(BackendSpec::parse("standin_lists").make()->capabilities().device, "Large memory");
 }
