@@ -115,14 +115,8 @@ TEST(Noise, IsPrintedWithWhatItIsOf) {
               "~ 40 of 40 times not to be trusted, it rained: box: 40 cuda_* backends\n");
 }
 
-TEST(Noise, ASpinTakesTheSameTimeTwice) {
-    const double once = spin_seconds();
-    EXPECT_GT(once, 0);
-    // The minimum of three; on a busy machine the minimum of many more.
-    double again = once;
-    for (int i = 0; i < 100; ++i) again = std::min(again, spin_seconds());
-    EXPECT_GT(again, once / 10) << "the compiler has not taken it away";
-}
+// Without its operations a spin is two readings of a clock, which take some 40 ns.
+TEST(Noise, ASpinTakesTheTimeOfItsOperations) { EXPECT_GT(spin_seconds(), 2e-6); }
 
 TEST(Noise, WaitingGrowsWhereThreadsHaveNoCore) {
     if (!waited_seconds()) GTEST_SKIP() << "this system does not tell";
