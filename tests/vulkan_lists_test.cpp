@@ -3,12 +3,19 @@
 #include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
+#include <cstddef>
+#include <cstdint>
+#include <functional>
+#include <map>
 #include <memory>
 #include <numeric>
+#include <optional>
+#include <span>
 #include <string>
 #include <utility>
 #include <vector>
 
+#include "backends/glsl/compute_backend.h"
 #include "backends/glsl/explicit.h"
 #include "backends/registry.h"
 #include "backends/vulkan/compute_device.h"
@@ -21,6 +28,7 @@ namespace voxspring::testing {
 namespace {
 
 using ::testing::AllOf;
+using ::testing::ElementsAre;
 using ::testing::EndsWith;
 using ::testing::HasSubstr;
 using ::testing::IsEmpty;
@@ -179,6 +187,88 @@ TEST(ListsOfAProblem, AreRefusedWithTheReason) {
     EXPECT_THAT(glsl::lists_refusal(problem, options_of("vulkan_explicit:lists=addressed"),
                                     {bytes, "maxStorageBufferRange", false}),
                 EndsWith("(bufferDeviceAddress)"));
+}
+
+// --- What an edit sends ------------------------------------------------------------------------------------
+
+/// A device that computes nothing. It knows which lists the shader of an edit wrote and did not get.
+class DeviceWithoutWork final : public glsl::Device {
+public:
+    explicit DeviceWithoutWork(std::vector<std::string>& edits) : edits_(edits) {}
+
+    const Capabilities& capabilities() const override { return capabilities_; }
+    glsl::WorkGroupLimits work_group_limits() const override { return {1024, {1024, 1024, 64}, 0}; }
+    const glsl::BufferLimits& buffer_limits() const override { return limits_; }
+    std::optional<std::uint64_t> free_memory_bytes() const override { return std::nullopt; }
+    void use(const char*, const std::function<void()>& work) const override { work(); }
+    void check(const char*) const override {}
+    void wait() override {}
+    std::unique_ptr<glsl::Array> make(std::span<const std::byte> values) override {
+        return make_zeros(values.size());
+    }
+    std::unique_ptr<glsl::Array> make_zeros(std::size_t bytes) override {
+        return std::make_unique<Empty>(bytes);
+    }
+    void overwrite(glsl::Array&, std::span<const std::byte>) override {}
+    void download(const glsl::Array&, std::span<std::byte>) override {}
+    std::unique_ptr<glsl::Array> copy_of(const glsl::Array& array) override {
+        return make_zeros(array.bytes());
+    }
+    void copy(const glsl::Array&, glsl::Array&) override {}
+    std::shared_ptr<glsl::Pass> pass(const glsl::Shader&, const glsl::Uniforms&,
+                                     const glsl::Arrays&) override {
+        return std::make_shared<glsl::Pass>();
+    }
+    void set(glsl::Pass&, const glsl::Uniforms&) override {}
+    void dispatch_once(const glsl::Shader& shader, std::size_t, const glsl::Uniforms&, const glsl::Arrays&,
+                       const std::map<unsigned, std::span<const std::byte>>& sent) override {
+        if (shader.file != "edit_rows") return;
+        std::string& missing = edits_.emplace_back();
+        for (const auto& [list, binding] : {std::pair("SECONDARY", 2U), std::pair("OFF_LATTICE_REST", 3U)}) {
+            if (shader.constants.at(list) == "true" && sent.at(binding).empty()) missing += list;
+        }
+    }
+    bool records_checks() const override { return false; }
+    void step_by(glsl::Dispatches) override {}
+    void step(int) override {}
+    std::optional<std::uint64_t> step_counted() override { return std::nullopt; }
+    double seconds_of(const std::vector<glsl::Dispatch>&, int) override { return 0; }
+    bool has_float64() const override { return false; }
+    void mark(bool) override {}
+    double seconds_between_marks() const override { return 0; }
+
+private:
+    class Empty final : public glsl::Array {
+    public:
+        explicit Empty(std::size_t bytes) : Array(bytes) {}
+    };
+    void check_by(glsl::Dispatches) override {}
+
+    const Capabilities capabilities_;
+    const glsl::BufferLimits limits_{.max_bytes = std::uint64_t(1) << 30};
+    std::vector<std::string>& edits_;
+};
+
+// Without the last suture the rows of an edit have no rest offsets, though their list still exists. A shader
+// that read some would read beyond the end of a buffer.
+TEST(ListsOfAProblem, AreSentForAllThatAnEditWrites) {
+    Problem now = make_lattice_problem(solid({4, 4, 4}), FACE_BITS);
+    now.materials = {{1, 1}, {2, 0.25}};
+    now.material.assign(now.particle_count(), 1);
+    Problem edited = now;
+    SpringEditor editor(edited);
+    const std::pair<std::uint32_t, std::uint32_t> far_apart[] = {{0, 63}};
+    const SpringEdit edits[] = {editor.suture(far_apart, 1.0), editor.cut(far_apart)};
+    std::vector<std::string> missing;
+    const auto backend = glsl::make_explicit(options_of("vulkan_explicit:formulation=increment"),
+                                             std::make_unique<DeviceWithoutWork>(missing));
+    backend->upload(now, state_at_rest(now));
+    for (const SpringEdit& edit : edits) {
+        ASSERT_FALSE(edit.empty());
+        apply(now, edit);
+        backend->edit(now, edit);
+    }
+    EXPECT_THAT(missing, ElementsAre(IsEmpty()));
 }
 
 // --- Bodies whose lists exceed a storage buffer ------------------------------------------------------------

@@ -148,6 +148,8 @@ private:
                                                            : sizeof(std::uint32_t));
     }
 
+    /// A list of rest offsets outlives the last spring beyond the lattice. The rows of an edit without such
+    /// springs have no rest offsets, and the shader must not read any.
     void write_rows(const layout::EditedLists<Real>& rows) {
         Uniforms uniforms;
         uniforms.set("count", int(rows.lists.neighbour.size()));
@@ -157,16 +159,17 @@ private:
         for (const Own list : {neighbours, spring_constants, off_lattice_rests})
             arrays[list] = this->own(list);
         const auto bytes = [](const auto& values) { return std::as_bytes(std::span(values)); };
-        this->device().dispatch_once({.file = "edit_rows",
-                                      .variant = by_address_ ? "_addressed" : "",
-                                      .constants = {{"SECONDARY", text(kind_.secondary)},
-                                                    {"OFF_LATTICE_REST", text(kind_.off_lattice_rest)},
-                                                    {"SQUARED", text(!by_increments(this->formulation()))}}},
-                                     rows.lists.neighbour.size(), uniforms, arrays,
-                                     {{0, bytes(rows.particle)},
-                                      {1, bytes(rows.lists.neighbour)},
-                                      {2, bytes(rows.lists.constants)},
-                                      {3, bytes(rows.lists.off_lattice_rest)}});
+        this->device().dispatch_once(
+            {.file = "edit_rows",
+             .variant = by_address_ ? "_addressed" : "",
+             .constants = {{"SECONDARY", text(kind_.secondary)},
+                           {"OFF_LATTICE_REST", text(!rows.lists.off_lattice_rest.empty())},
+                           {"SQUARED", text(!by_increments(this->formulation()))}}},
+            rows.lists.neighbour.size(), uniforms, arrays,
+            {{0, bytes(rows.particle)},
+             {1, bytes(rows.lists.neighbour)},
+             {2, bytes(rows.lists.constants)},
+             {3, bytes(rows.lists.off_lattice_rest)}});
     }
 
     const std::size_t block_;
