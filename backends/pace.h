@@ -20,14 +20,16 @@ public:
     /// Whether the caller has to wait for the steps that it gives, and to tell measured() how long they took.
     bool is_unknown() const { return unknown_; }
     /// Tells that `steps` steps took `seconds`, from handing them over until the host knew that they had
-    /// ended. The first steps take longer than later ones, because caches are empty and the device is asleep.
-    /// So measuring goes on, up to max_measurements times, while more steps fit into longest_seconds than
-    /// were measured, but fewer than most_steps.
+    /// ended. The first steps take longer than later ones, because caches are empty, the device is asleep and
+    /// a driver may still compile. So the first measurement alone never decides that steps are long.
+    /// Measuring goes on, up to max_measurements times, while more steps fit into longest_seconds than were
+    /// measured, but fewer than most_steps.
     void measured(int steps, double seconds) {
         const double fitting = seconds > 0 ? longest_seconds / seconds * steps : most_steps_;
         steps_ = int(std::clamp(fitting, 1.0, double(most_steps_)));
         ++measurements_;
-        unknown_ = steps_ > steps && steps_ < most_steps_ && measurements_ < max_measurements;
+        unknown_ = (steps_ > steps || measurements_ == 1) && steps_ < most_steps_ &&
+                   measurements_ < max_measurements;
     }
     /// Forgets all measurements. To be called before steps of another problem.
     void forget() { *this = Pace(most_steps_); }

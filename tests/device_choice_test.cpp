@@ -116,6 +116,17 @@ TEST(APace, KeepsADeviceNoLongerThanItShould) {
     }
 }
 
+// Mesa compiles within the first step, which then takes longer than steps given at once may.
+TEST(APace, IsNotDecidedByASlowFirstStep) {
+    Pace pace(512);
+    pace.measured(1, 2 * Pace::longest_seconds);
+    EXPECT_TRUE(pace.is_unknown());
+    EXPECT_EQ(pace.steps(), 1);
+    pace.measured(1, 1e-5);
+    EXPECT_FALSE(pace.is_unknown());
+    EXPECT_EQ(pace.steps(), 512);
+}
+
 TEST(APace, IsNotMeasuredForEverWhereStepsComeOneByOne) {
     Pace pace(512);
     int measured = 0;
