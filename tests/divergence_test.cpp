@@ -63,6 +63,22 @@ TEST_P(Monitored, FindsTheChecksBetweenWhichAParticleBecameTooFast) {
     }
 }
 
+// Without springs, forces and speed nothing may move: the largest increment is 0.
+TEST_P(Monitored, WhatMayNotMoveDoesNotDivergeAtRest) {
+    Problem apart = make_lattice_problem(
+        make_grid({36, 5, 4}, [](int x, int y, int z) { return (x + y + z) % 2; }), FACE_BITS);
+    apart.time_step = 1;
+    backend->monitor({.largest_increment = 0, .every = 1});
+    State start = state_at_rest(apart);
+    backend->upload(apart, start);
+    backend->step(3);
+    EXPECT_FALSE(backend->divergence().has_value());
+    start.increment[5].y = 1e-3;
+    backend->upload(apart, start);
+    backend->step(3);
+    EXPECT_TRUE(backend->divergence().has_value());
+}
+
 TEST_P(Monitored, OnlyTheNextUploadTakesAMonitor) {
     State start = random_state(problem, 0.05, 64);
     start.increment[3].x = 5;

@@ -296,7 +296,7 @@ void FragmentBackend::reset_to_step_zero() {
         found_ = make_buffer(context_);
         glNamedBufferStorage(found_.get(), sizeof(GLuint), nullptr, GL_DYNAMIC_STORAGE_BIT);
     }
-    monitor_program_.set("inverse_largest", float(1 / monitor_.largest_increment));
+    monitor_program_.set("inverse_largest", float(glsl::inverse_largest(monitor_.largest_increment)));
     glNamedBufferSubData(found_.get(), 0, sizeof(never_found), &never_found);
 }
 

@@ -2,9 +2,11 @@
 // those that include shaders/compute.glsl.
 #pragma once
 
+#include <algorithm>
 #include <array>
 #include <cstdint>
 #include <glm/vec3.hpp>
+#include <limits>
 #include <vector>
 
 #include "backends/glsl/device.h"
@@ -54,6 +56,13 @@ std::string work_group_refusal(glm::ivec3 group, const WorkGroupLimits& limits);
 /// The number of work groups of 64 invocations that stride over `count` items, as in
 /// shaders/divergence_check.comp, measure.comp and edit*.comp.
 unsigned striding_groups(std::size_t count);
+
+/// 1 / `largest`, a DivergenceMonitor's largest increment, as shaders/divergence_check.comp takes it. Its
+/// product with an increment of 0 is 0 even if `largest` is 0: an infinity would give a NaN, which the check
+/// would find too fast.
+inline double inverse_largest(double largest) {
+    return 1 / std::max(largest, double(std::numeric_limits<float>::min()));
+}
 
 /// An empty string, or why an upload of `needed` bytes is refused. `free` bytes are free, and the backend
 /// will free `held` bytes first. If the driver does not tell `free`, nothing is refused in advance.

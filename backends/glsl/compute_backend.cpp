@@ -146,7 +146,7 @@ Dispatches ComputeBackend<Real>::make_check() {
     const Shader check = {"divergence_check", by_increments(formulation()) ? "_increment" : "_position",
                           formulation_defines(formulation())};
     Uniforms uniforms;
-    uniforms.set("inverse_largest", Real(1 / monitor_.largest_increment));
+    uniforms.set("inverse_largest", Real(inverse_largest(monitor_.largest_increment)));
     for (const std::size_t current : {0, 1}) {
         const Arrays checked = {{words, words_[current].get()},
                                 {next_words, words_[1 - current].get()},
