@@ -149,7 +149,7 @@ DeviceKind kind_of(const vk::PhysicalDeviceProperties& properties) {
 }
 
 /// An empty string, or why a device cannot be used. `asked_for`: whether the user has named the device.
-std::string refusal(const vk::raii::PhysicalDevice& physical, Precision precision, bool asked_for) {
+std::string refusal(const vk::raii::PhysicalDevice& physical, bool asked_for) {
     const auto properties = physical.getProperties();
     if (properties.apiVersion < needed_version) return "does not support Vulkan 1.2";
     if (!asked_for) {
@@ -163,8 +163,6 @@ std::string refusal(const vk::raii::PhysicalDevice& physical, Precision precisio
         return fmt::format("allows {} storage buffers per shader, and {} are needed", buffers,
                            glsl::storage_blocks);
     if (!votes(physical)) return "has no subgroup votes in compute shaders";
-    if (precision == Precision::float64 && !physical.getFeatures().shaderFloat64)
-        return "does not support float64 in shaders";
     return {};
 }
 
@@ -188,7 +186,7 @@ std::vector<ListedDevice> listed_with_refusals() {
         for (std::size_t n = 0; n < all.size(); ++n) {
             all[n].refusal = std::find(tried.begin(), tried.end(), n) == tried.end()
                                  ? "does not match the requested device '" + asked + "'"
-                                 : refusal(devices[n], Precision::float32, !asked.empty());
+                                 : refusal(devices[n], !asked.empty());
         }
         return all;
     } catch (const vk::SystemError& error) {
@@ -212,8 +210,12 @@ Device::Device(Precision precision) : messages_(std::make_unique<Messages>()), l
         const std::string asked = asked_device("vulkan");
         const std::vector<std::size_t> tried = devices_to_try(all, asked);
         for (const std::size_t n : tried) {
-            const std::string why = refusal(devices[n], precision, !asked.empty());
+            const std::string why = refusal(devices[n], !asked.empty());
             if (why.empty()) {
+                // Another device would be a second card in the same table.
+                if (precision == Precision::float64 && !devices[n].getFeatures().shaderFloat64)
+                    throw Unavailable("no float64 in Vulkan: " + all[n].name +
+                                      " does not support it in shaders (--vulkan-device can choose another)");
                 take(std::move(devices[n]));
                 return;
             }
