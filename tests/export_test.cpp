@@ -2,6 +2,7 @@
 // the list of a series.
 #include "harness/export/export.h"
 
+#include <gmock/gmock.h>
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -9,7 +10,6 @@
 #include <filesystem>
 #include <fstream>
 #include <glm/geometric.hpp>
-#include <optional>
 #include <string>
 #include <vector>
 
@@ -22,6 +22,8 @@
 
 namespace voxspring::testing {
 namespace {
+
+using ::testing::ElementsAre;
 
 /// A run of a scene on cpu_reference.
 class Played {
@@ -133,38 +135,42 @@ std::vector<std::string> listed_in(const std::filesystem::path& collection) {
     return names;
 }
 
-TEST(ExportedSeries, ListsAFileOnceIfTheRunIsInterruptedRightAfterIt) {
-    const TemporaryFolder folder;
-    const Scene scene = scene_of("box", make_lattice_problem(solid({2, 2, 2}), FACE_BITS));
-    const State state = state_at_rest(scene.problem);
-    ExportOptions options;
-    options.out = {folder.path() / "body.vtu"};
-    options.every = 2;
-    Exports exports(options, 10);
-    for (const int step : {2, 4}) exports.write({scene, scene.problem, state, step, step * 0.5, ""});
+/// A series of a body at rest, one file after each second step.
+class ExportedSeries : public ::testing::Test {
+protected:
+    ExportedSeries() {
+        options_.out = {folder_.path() / "body.vtu"};
+        options_.every = 2;
+    }
+    void write(Exports& exports, const std::vector<int>& steps) const {
+        for (const int step : steps) exports.write({scene_, scene_.problem, state_, step, step * 0.5, ""});
+    }
+    std::vector<std::string> listed() const { return listed_in(folder_.path() / "body.pvd"); }
+
+    const TemporaryFolder folder_;
+    const Scene scene_ = scene_of("box", make_lattice_problem(solid({2, 2, 2}), FACE_BITS));
+    const State state_ = state_at_rest(scene_.problem);
+    ExportOptions options_;
+};
+
+TEST_F(ExportedSeries, ListsAFileOnceIfTheRunIsInterruptedRightAfterIt) {
+    Exports exports(options_, 10);
+    write(exports, {2, 4});
     exports.end_at(4);
-    exports.write({scene, scene.problem, state, 4, 2, ""});
-    EXPECT_EQ(listed_in(folder.path() / "body.pvd"),
-              std::vector<std::string>({"body_000002.vtu", "body_000004.vtu"}));
+    write(exports, {4});
+    EXPECT_THAT(listed(), ElementsAre("body_000002.vtu", "body_000004.vtu"));
 }
 
-TEST(ExportedSeries, OfAResumedRunListsTheFilesBeforeItToo) {
-    const TemporaryFolder folder;
-    const Scene scene = scene_of("box", make_lattice_problem(solid({2, 2, 2}), FACE_BITS));
-    const State state = state_at_rest(scene.problem);
-    ExportOptions options;
-    options.out = {folder.path() / "body.vtu"};
-    options.every = 2;
-    const auto write = [&](std::optional<int> resumed_from, std::vector<int> steps) {
-        Exports exports(options, 10);
-        if (resumed_from) exports.resume_from(*resumed_from);
-        for (const int step : steps) exports.write({scene, scene.problem, state, step, step * 0.5, ""});
-        return listed_in(folder.path() / "body.pvd");
-    };
-    write({}, {2, 4, 6});
-    EXPECT_EQ(write(5, {6, 8}), std::vector<std::string>({"body_000002.vtu", "body_000004.vtu",
-                                                          "body_000006.vtu", "body_000008.vtu"}));
-    EXPECT_EQ(write({}, {2}), std::vector<std::string>({"body_000002.vtu"})) << "a run from the start";
+TEST_F(ExportedSeries, OfAResumedRunListsTheFilesBeforeItToo) {
+    Exports first(options_, 10), second(options_, 1'000'000), anew(options_, 10);
+    write(first, {2, 4, 6});
+    second.resume_from(5);
+    write(second, {6, 8});
+    EXPECT_THAT(listed(),
+                ElementsAre("body_000002.vtu", "body_000004.vtu", "body_0000006.vtu", "body_0000008.vtu"))
+        << "with more digits, since the second run is longer";
+    write(anew, {2});
+    EXPECT_THAT(listed(), ElementsAre("body_000002.vtu")) << "a run from the start";
 }
 
 }  // namespace

@@ -4,6 +4,7 @@
 
 #include <algorithm>
 #include <cstdio>
+#include <cstdlib>
 #include <fstream>
 #include <map>
 #include <set>
@@ -60,9 +61,6 @@ int next_multiple(int step, int every, int last) {
 }
 
 std::filesystem::path collection_of(std::filesystem::path path) { return path.replace_extension(".pvd"); }
-
-/// The end of the line of a .pvd that lists the file `name`.
-std::string file_attribute(const std::string& name) { return "file=\"" + escaped(name) + "\"/>"; }
 
 /// One spelling for all paths of a file: "a.csv", "./a.csv", "/home/me/a.csv" and a link to it. A path that
 /// cannot be followed stays as it is; check_writable() refuses it.
@@ -187,12 +185,11 @@ std::string Exports::name_in_series(const File& file, std::int64_t step) const {
 void Exports::resume_from(int step) {
     for (File& file : files_) {
         if (!file.every || !file.writer->collected) continue;
-        const std::string last = file_attribute(name_in_series(file, step));
         std::ifstream collection(collection_of(file.path));
         for (std::string line; std::getline(collection, line);) {
-            const std::size_t at = line.find("file=");
-            // Names of the same length sort by step.
-            if (at != std::string::npos && line.size() - at == last.size() && line.substr(at) <= last)
+            // The name of a file in a series ends in its step and the writer's ending.
+            const std::size_t at = line.rfind('_');
+            if (at != std::string::npos && std::strtoll(line.c_str() + at + 1, nullptr, 10) <= step)
                 file.listed += line + "\n";
         }
     }
@@ -209,8 +206,8 @@ void Exports::write(const Snapshot& snapshot) {
         written_.push_back(file.path.parent_path() / name);
         write_atomically(written_.back(), contents);
         if (!file.every || !file.writer->collected) continue;
-        const std::string entry =
-            fmt::format("    <DataSet timestep=\"{}\" part=\"0\" {}\n", snapshot.time, file_attribute(name));
+        const std::string entry = fmt::format("    <DataSet timestep=\"{}\" part=\"0\" file=\"{}\"/>\n",
+                                              snapshot.time, escaped(name));
         // A run that is interrupted right after a file was due writes that file again.
         if (!file.listed.ends_with(entry)) file.listed += entry;
         write_atomically(collection_of(file.path),

@@ -22,7 +22,7 @@ struct PartsOnDevices {
     explicit PartsOnDevices(std::size_t ranks) : borders(ranks) {}
 
     std::vector<std::shared_ptr<DeviceBorders>> borders;  ///< element r belongs to rank r
-    std::atomic<bool> all_keep_start = true;              ///< so far no rank could not
+    std::atomic<bool> all_keep_start = true;              ///< false once a rank could not
 };
 
 /// Where the time of a rank's steps went, in seconds.

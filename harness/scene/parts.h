@@ -45,8 +45,8 @@ struct PartsToKeep {
 inline constexpr std::int64_t max_part_particles = 4'294'967'295;
 
 /// Makes all voxels of the parts that `keep` leaves out inactive. Neighbours in the directions of
-/// `group_bits` are in one part. Returns a note for the user, which counts voxels as things called `noun`; it
-/// is empty if no part is left out. If no part is large enough, every voxel becomes inactive.
+/// `group_bits` are in one part. Returns a note for the user, in which a voxel is called `noun`; it is empty
+/// if no part is left out. If no part is large enough, every voxel becomes inactive.
 std::string leave_out_parts(VoxelGrid& grid, std::uint32_t group_bits, const PartsToKeep& keep,
                             const std::string& noun);
 

@@ -37,7 +37,7 @@ void check_lattice(const Lattice& lattice, std::size_t particles) {
     // Indices of voxels have 32 bits. The bound of the sides keeps the product of the three within 64 bits.
     require(std::max({lattice.dims.x, lattice.dims.y, lattice.dims.z}) <= max_side &&
                 lattice.voxel_count() <= std::numeric_limits<std::uint32_t>::max(),
-            "dims are above 1048576, or of more voxels than indices of 32 bits reach");
+            "dims are above 1048576, or have more voxels than a 32-bit index can number");
     require(
         is_positive(lattice.spacing.x) && is_positive(lattice.spacing.y) && is_positive(lattice.spacing.z),
         "the spacing is not positive");

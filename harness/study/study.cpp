@@ -53,7 +53,7 @@ nlohmann::json keys_of_the_kind(JsonObject object, const std::set<std::string>& 
 /// The path of `scene` if it is a file beside the study file, resized ("my.json@64") or not; else `scene`.
 std::string found_beside(const std::filesystem::path& study, const std::string& scene) {
     const std::filesystem::path folder = study.parent_path();
-    std::error_code none;  // a name that no file can have is none of a file
+    std::error_code none;  // a name too long for a file is not the name of one
     const bool is_there = std::filesystem::is_regular_file(folder / scene, none) ||
                           std::filesystem::is_regular_file(folder / scene.substr(0, scene.rfind('@')), none);
     return is_there ? (folder / scene).string() : scene;

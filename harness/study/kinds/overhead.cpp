@@ -118,7 +118,7 @@ public:
         const std::string where = "study " + study.name, what = "scene " + scene.name;
         if (!scene.edits.empty())
             throw BadInput(where, what, counted(scene.edits.size(), "edit"), "no edits in an overhead study");
-        // Many steps that are handed over at once have no place for a move between them.
+        // Steps that are handed over at once leave no moment to move the tool between them.
         if (!scene.tool_motion.empty())
             throw BadInput(where, what, "a tool that moves", "no tool that moves in an overhead study");
     }

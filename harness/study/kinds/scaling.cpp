@@ -590,8 +590,8 @@ void ScalingStudy::run_backend(StudyBench& bench, const BackendSpec& spec, int t
         const std::vector<std::string> ways = ways_of(ranks, bench, capabilities);
         if (ranks > 1 && !capabilities.has_borders) skip_other_ways(bench, of_rank, ranks, ways);
         if (ways.empty() && capabilities.has_borders)
-            bench.skip(of_rank, fmt::format("as {} ranks by {}: its ranks, {} mpirun, have no such way",
-                                            ranks, joined(known_ways_of(bench.item())),
+            bench.skip(of_rank, fmt::format("as {} ranks by {}: no such way is available {} mpirun", ranks,
+                                            joined(known_ways_of(bench.item())),
                                             bench.options().mpi == nullptr ? "without" : "under"));
         for (const glm::ivec3 cut : cuts_of_ranks_.at(ranks)) {
             if (const std::string reason = cut_refusal(bench.scene(), cut); !reason.empty()) {
