@@ -266,7 +266,7 @@ private:
     bool splits_steps() const override { return true; }
     /// Makes a plan in which no item has both planes at borders and planes of the interior.
     bool split_steps(const std::vector<std::uint32_t>& border) override {
-        interior_ = interior_of(this->problem().lattice, border);
+        interior_ = interior_of(this->problem(), border);
         resume(planned(this->problem(), {tile_}), launch_);
         return launch_.border_items < launch_.items;
     }

@@ -225,7 +225,7 @@ public:
     /// Arrays as in Simulation of host_kernels.h.
     std::size_t split(const std::vector<std::uint32_t>& border) {
         plan_ = plan_for(problem_, V::shape, 4, V::precision, V::formulation,
-                         interior_of(problem_.lattice, border));
+                         interior_of(problem_, border));
         step_.words = plan_.words.data();
         return plan_.items.size() - plan_.border_items;
     }
@@ -561,8 +561,11 @@ TEST(MarchPlan, HoldsEveryParticleOnceAndBordersFirst) {
     for (const auto& [name, problem] : lattices()) {
         SCOPED_TRACE(name);
         const int planes = problem.lattice.dims.z;
-        for (const MarchInterior interior :
-             {MarchInterior{2, planes - 2}, {0, planes - 1}, {3, planes}, {planes / 2, planes / 2}}) {
+        for (const MarchInterior interior : {MarchInterior{2, planes - 2},
+                                             {0, planes - 1},
+                                             {3, planes},
+                                             {planes / 2, planes / 2},
+                                             {2, planes - 2, 1, planes - 1}}) {
             std::map<std::tuple<int, int, int>, int> items;
             const MarchPlan plan =
                 plan_for(problem, shape, 4, Precision::float32, Formulation::position, interior);
@@ -570,6 +573,7 @@ TEST(MarchPlan, HoldsEveryParticleOnceAndBordersFirst) {
                 const MarchItem& item = plan.items[n];
                 for (int z = item.begin; z < item.end; ++z) {
                     ++items[{item.x, item.y, z}];
+                    EXPECT_TRUE(z >= interior.own_begin && z < interior.own_end);
                     EXPECT_EQ(z < interior.begin || z >= interior.end, n < plan.border_items);
                 }
             }
@@ -577,6 +581,7 @@ TEST(MarchPlan, HoldsEveryParticleOnceAndBordersFirst) {
             std::set<std::tuple<int, int, int>> needed;
             for (const std::uint32_t voxel : problem.lattice.voxel) {
                 const glm::ivec3 c = problem.lattice.coordinates(voxel);
+                if (c.z < interior.own_begin || c.z >= interior.own_end) continue;
                 needed.emplace(c.x / shape.width() * shape.width(), c.y / shape.height() * shape.height(),
                                c.z);
             }
@@ -586,13 +591,35 @@ TEST(MarchPlan, HoldsEveryParticleOnceAndBordersFirst) {
 }
 
 TEST(MarchPlan, HasTheLongestRunOfPlanesBetweenBordersAsItsInterior) {
-    const Lattice box = lattice(solid({1, 1, 9})).lattice;  // each plane is one particle
-    EXPECT_EQ(interior_of(box, {}), (MarchInterior{0, 9}));
-    EXPECT_EQ(interior_of(box, {0, 1}), (MarchInterior{2, 9}));
-    EXPECT_EQ(interior_of(box, {7, 8}), (MarchInterior{0, 7}));
-    EXPECT_EQ(interior_of(box, {0, 1, 7, 8}), (MarchInterior{2, 7}));
+    Problem box = lattice(solid({1, 1, 9}));  // each plane is one particle
+    EXPECT_EQ(interior_of(box, {}), (MarchInterior{0, 9, 0, 9}));
+    EXPECT_EQ(interior_of(box, {0, 1}), (MarchInterior{2, 9, 0, 9}));
+    EXPECT_EQ(interior_of(box, {7, 8}), (MarchInterior{0, 7, 0, 9}));
+    EXPECT_EQ(interior_of(box, {0, 1, 7, 8}), (MarchInterior{2, 7, 0, 9}));
     const MarchInterior none = interior_of(box, {0, 1, 2, 3, 4, 5, 6, 7, 8});
     EXPECT_EQ(none.begin, none.end);
+    box.ghosts = {0, 8};
+    EXPECT_EQ(interior_of(box, {0, 1, 7, 8}), (MarchInterior{2, 7, 1, 8}));
+    box.ghosts = {0, 1, 2, 3, 4, 5, 6, 7, 8};
+    const MarchInterior nothing = interior_of(box, {0});
+    EXPECT_EQ(nothing.own_begin, nothing.own_end);
+}
+
+// Blocks of the border run first, so that one block of the interior in each column begins later.
+TEST(MarchPlan, GivesFewerPlanesToTheItemsBesideBorders) {
+    constexpr MarchShape shape{2, 8, 1, 2, 3, 2};  // 16 x 16
+    for (const bool above : {false, true}) {
+        const int border = above ? 127 : 0;
+        const MarchInterior interior = above ? MarchInterior{0, 127, 0, 128} : MarchInterior{1, 128, 0, 128};
+        const MarchPlan plan = plan_for(lattice(solid({16, 16, 128})), shape, 5, Precision::float32,
+                                        Formulation::position, interior);
+        ASSERT_EQ(plan.items.size(), 6U);
+        EXPECT_EQ(plan.items.front().begin, border);
+        for (const MarchItem& item : std::span(plan.items).subspan(1)) {
+            const bool beside = item.end == border || item.begin == border + 1;
+            EXPECT_EQ(item.end - item.begin, beside ? 23 : 26);
+        }
+    }
 }
 
 TEST(MarchPlan, NeedsMasksOnlyWhereSpringsAreMissing) {

@@ -20,10 +20,13 @@ namespace voxspring::layout {
 /// borders travel to and from neighbouring parts.
 struct MarchInterior {
     int begin = 0, end = std::numeric_limits<int>::max();
+    /// The planes that are stepped, the interior among them. Planes before and after them have only ghosts
+    /// (Problem::ghosts), which are written as they arrive.
+    int own_begin = 0, own_end = std::numeric_limits<int>::max();
     bool operator==(const MarchInterior&) const = default;
 };
 /// The longest run of planes without a particle in `border`. It may be empty.
-MarchInterior interior_of(const Lattice& lattice, const std::vector<std::uint32_t>& border);
+MarchInterior interior_of(const Problem& problem, const std::vector<std::uint32_t>& border);
 
 /// The work of all blocks.
 struct MarchPlan {
