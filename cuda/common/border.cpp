@@ -61,7 +61,7 @@ void exchange_places(const BorderPlaces<Real>& places, const BorderLinks<Real>& 
                      const ExchangeLaunch& launch, const WaitLimit& limit, const Stream& stream) {
     if (links.size() == 0) return;
     const Kernel& kernel = *support_kernels<Real>().exchange_borders;
-    const dim3 grid(launch.blocks, unsigned(links.size())), block(ExchangeLaunch::threads_per_block);
+    const dim3 grid(launch.blocks, unsigned(links.size())), block(exchange_threads);
     const BorderLink<Real>* const first = links.data();
     kernel.launch_dependent_if(launch.dependent, stream, grid, block, 0, places, first, launch.stores,
                                launch.takes, limit);

@@ -52,8 +52,7 @@ struct ExchangeLaunch {
     bool takes;       ///< whether the kernel waits for messages and writes them to the state
     bool dependent;   ///< whether the kernel may begin while the previous step still runs
     /// How many threads serve one link.
-    std::size_t threads() const { return std::size_t(blocks) * threads_per_block; }
-    static constexpr unsigned threads_per_block = 512;
+    std::size_t threads() const { return std::size_t(blocks) * exchange_threads; }
 };
 
 /// All links (borders with other parts) of one part of a body, in device memory.

@@ -272,14 +272,17 @@ private:
         std::shared_ptr<BorderInbox> own, theirs;
     };
 
-    /// Blocks per link: enough for one thread per particle, but at most one block per multiprocessor.
+    /// Blocks per link: enough for one thread per particle, but no more than run at once with those of all
+    /// links. Otherwise blocks that wait could keep others from running that the other part waits for.
     static unsigned blocks_for(const std::vector<SharedParticles>& borders, const Device& device) {
-        constexpr std::size_t threads = ExchangeLaunch::threads_per_block;
+        constexpr std::size_t blocks_at_once = 8;  // per multiprocessor: all cards have room for these
         std::size_t most = 1;
         for (const SharedParticles& elements : borders)
             most = std::max({most, elements.sent.size(), elements.received.size()});
-        return unsigned(
-            std::min((most + threads - 1) / threads, std::size_t(std::max(1, device.multiprocessors))));
+        const std::size_t room = blocks_at_once * std::size_t(std::max(1, device.multiprocessors)) /
+                                 std::max<std::size_t>(1, borders.size());
+        return unsigned(std::clamp<std::size_t>((most + exchange_threads - 1) / exchange_threads, 1,
+                                                std::max<std::size_t>(1, room)));
     }
     void enqueue(bool stores, bool takes) {
         ExchangeLaunch launch = launch_;

@@ -37,8 +37,9 @@ KERNEL scatter_border(BorderPlaces<Real> places, const Real* message) {
 // Each row of blocks serves one link. A thread stores its share of the message first and waits afterwards, so
 // that a wait depends on nothing but the stores of the other part. If parts must not wait for each other, the
 // host launches this kernel twice: once with `stores` alone, and once with `takes` alone.
-KERNEL exchange_borders(BorderPlaces<Real> places, const BorderLink<Real>* links, bool stores, bool takes,
-                        WaitLimit limit) {
+extern "C" __global__ void __launch_bounds__(exchange_threads, exchange_blocks)
+    exchange_borders(BorderPlaces<Real> places, const BorderLink<Real>* links, bool stores, bool takes,
+                     WaitLimit limit) {
     BEGIN_AFTER_THE_STEP;
     const BorderLink<Real> link = links[blockIdx.y];
     const std::size_t threads = std::size_t(gridDim.x) * blockDim.x;

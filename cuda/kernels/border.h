@@ -93,6 +93,12 @@ VOXSPRING_HOST_DEVICE void join_place(const BorderPlaces<Real>& places, std::siz
     }
 }
 
+/// Threads per block of the kernel `exchange_borders`, and how many of its blocks a multiprocessor has to have
+/// registers for: these limit a thread to 40 registers. A block then finds room beside the blocks of a march,
+/// which leave 4096 of 65536 registers. With more threads per block it would wait for the end of the interior
+/// beside which borders are to travel.
+inline constexpr unsigned exchange_threads = 96, exchange_blocks = 16;
+
 /// One border as the kernel `exchange_borders` sees it from one of the two parts. A message consists of words
 /// (kernels/exchange.h): word 0 of all particles, then word 1, numbered as by split_place(). Successive
 /// messages use two buffers in turn. The tag of a message is its number, from 1 on.
