@@ -605,23 +605,6 @@ TEST(MarchPlan, HasTheLongestRunOfPlanesBetweenBordersAsItsInterior) {
     EXPECT_EQ(nothing.own_begin, nothing.own_end);
 }
 
-// Blocks of the border run first, so that one block of the interior in each column begins later.
-TEST(MarchPlan, GivesFewerPlanesToTheItemsBesideBorders) {
-    constexpr MarchShape shape{2, 8, 1, 2, 3, 2};  // 16 x 16
-    for (const bool above : {false, true}) {
-        const int border = above ? 127 : 0;
-        const MarchInterior interior = above ? MarchInterior{0, 127, 0, 128} : MarchInterior{1, 128, 0, 128};
-        const MarchPlan plan = plan_for(lattice(solid({16, 16, 128})), shape, 5, Precision::float32,
-                                        Formulation::position, interior);
-        ASSERT_EQ(plan.items.size(), 6U);
-        EXPECT_EQ(plan.items.front().begin, border);
-        for (const MarchItem& item : std::span(plan.items).subspan(1)) {
-            const bool beside = item.end == border || item.begin == border + 1;
-            EXPECT_EQ(item.end - item.begin, beside ? 23 : 26);
-        }
-    }
-}
-
 TEST(MarchPlan, NeedsMasksOnlyWhereSpringsAreMissing) {
     constexpr MarchShape shape{2, 32, 1, 8, 4, 3};  // 64 x 16
     // Only the first and last rows have masks.

@@ -157,100 +157,59 @@ std::vector<Run> cut_by_interior(const MarchInterior& interior, const std::vecto
     return cut;
 }
 
-bool is_border(const Run& run, const MarchInterior& interior) {
-    return run.begin < interior.begin || run.begin >= interior.end;
-}
-
 /// Element n: the number of items that are n planes long.
 using LengthCounts = std::vector<int>;
 
-/// How many planes more than its own an item takes the time of: it also fetches the plane below and the plane
-/// above, and waits for its first plane as long as one more plane takes.
-constexpr int extra_planes = 3;
-
-/// The time until all items are done, in units of the time that a plane takes. `slots` blocks run at once.
-/// First all items of `borders` begin, then those of `interior`. A slot that becomes free takes the longest
-/// item that is left.
-int finished_at(const LengthCounts& borders, const LengthCounts& interior, int slots) {
+/// The time until all items are done, in units of the time that a plane takes. `slots` blocks run at once. A
+/// slot that becomes free takes the longest item that is left. An item of n planes takes the time of n + 3
+/// planes: it also fetches the plane below and the plane above, and waits for its first plane as long as one
+/// more plane takes.
+int finished_at(const LengthCounts& counts, int slots) {
+    constexpr int extra = 3;
     std::priority_queue<int, std::vector<int>, std::greater<>> ends;
     for (int slot = 0; slot < slots; ++slot) ends.push(0);
     int last = 0;
-    for (const LengthCounts* counts : {&borders, &interior}) {
-        for (int length = int(counts->size()) - 1; length > 0; --length) {
-            for (int n = 0; n < (*counts)[std::size_t(length)]; ++n) {
-                const int end = ends.top() + length + extra_planes;
-                ends.pop();
-                ends.push(end);
-                last = std::max(last, end);
-            }
+    for (int length = int(counts.size()) - 1; length > 0; --length) {
+        for (int n = 0; n < counts[std::size_t(length)]; ++n) {
+            const int end = ends.top() + length + extra;
+            ends.pop();
+            ends.push(end);
+            last = std::max(last, end);
         }
     }
     return last;
 }
 
-/// How runs are cut into items.
-struct Cut {
-    int most = 1;  ///< planes of the longest item
-    /// How many planes fewer an item of the interior has on a side where it touches a border. Items at
-    /// borders begin first, so that as many slots become free later than the others.
-    int fewer = 0;
-};
-
-/// The range that is cut evenly for `run`: its planes and, on the sides where it touches a border,
-/// `fewer` planes more.
-Run padded(const Run& run, const MarchInterior& interior, int fewer) {
-    Run all = run;
-    if (run.begin == interior.begin && run.begin > interior.own_begin) all.begin -= fewer;
-    if (run.end == interior.end && run.end < interior.own_end) all.end += fewer;
-    return all;
-}
-
-/// Cuts `run` into parts, and calls visit(part) for each. Their lengths are at most `cut.most`, and differ by
-/// at most one plane except beside borders.
+/// Cuts `run` into parts, and calls visit(part) for each. Their lengths are at most `most` and differ by at
+/// most one plane.
 template <class Visit>
-void visit_parts(const Run& run, const MarchInterior& interior, const Cut& cut, Visit visit) {
-    const Run all = padded(run, interior, cut.fewer);
-    const int count = units_of(all.length(), cut.most);
+void visit_parts(const Run& run, int most, Visit visit) {
+    const int count = units_of(run.length(), most);
     // A run of 10^5 planes times the number of a part exceeds 32 bits.
     const auto begin_of = [&](int part) {
-        return std::clamp(all.begin + int(std::int64_t(all.length()) * part / count), run.begin, run.end);
+        return run.begin + int(std::int64_t(run.length()) * part / count);
     };
-    for (int part = 0; part < count; ++part) {
-        const Run piece{run.column, begin_of(part), begin_of(part + 1)};
-        if (piece.length() > 0) visit(piece);
-    }
+    for (int part = 0; part < count; ++part) visit(Run{run.column, begin_of(part), begin_of(part + 1)});
 }
 
-/// The cut with which all items are done the soonest.
-Cut best_cut(const std::vector<Run>& runs, const MarchInterior& interior, int slots) {
-    int border = 0;
-    for (const Run& run : runs) {
-        if (is_border(run, interior)) border = std::max(border, run.length());
-    }
-    Cut best;
-    int least = std::numeric_limits<int>::max();
-    const auto try_cuts = [&](int fewer) {
-        int longest = 1;
-        for (const Run& run : runs) longest = std::max(longest, padded(run, interior, fewer).length());
-        for (int parts = 1, before = 0; parts == 1 || units_of(longest, parts) >= shortest_part; ++parts) {
-            const Cut cut{units_of(longest, parts), fewer};
-            if (cut.most == before) continue;
-            before = cut.most;
-            LengthCounts borders(std::size_t(longest) + 1), inside = borders;
-            for (const Run& run : runs) {
-                LengthCounts& counts = is_border(run, interior) ? borders : inside;
-                visit_parts(run, interior, cut,
-                            [&](const Run& part) { ++counts[std::size_t(part.length())]; });
-            }
-            const int finished = finished_at(borders, inside, slots);
-            if (finished < least) {
-                least = finished;
-                best = cut;
-            }
+/// The limit of the length of items, in planes, with which all items are done the soonest.
+int best_length(const std::vector<Run>& runs, int slots) {
+    int longest = 1;
+    for (const Run& run : runs) longest = std::max(longest, run.length());
+    int best = longest, least = std::numeric_limits<int>::max();
+    for (int parts = 1, before = 0; parts == 1 || units_of(longest, parts) >= shortest_part; ++parts) {
+        const int length = units_of(longest, parts);
+        if (length == before) continue;
+        before = length;
+        LengthCounts counts(std::size_t(length) + 1);
+        for (const Run& run : runs)
+            visit_parts(run, length, [&](const Run& part) { ++counts[std::size_t(part.length())]; });
+        const int finished = finished_at(counts, slots);
+        if (finished < least) {
+            least = finished;
+            best = length;
         }
-    };
-    try_cuts(0);
-    for (int fewer = 1; border > 0 && fewer <= border + extra_planes; ++fewer) try_cuts(fewer);
+    }
     return best;
 }
 
@@ -295,16 +254,17 @@ private:
     void cut(const MarchInterior& interior) {
         const std::vector<Run> runs =
             cut_by_interior(interior, cut_by_full_stencils(columns_, runs_of(columns_)));
-        const Cut cut = best_cut(runs, interior, cost_.slots());
+        const int length = best_length(runs, cost_.slots());
         for (const Run& run : runs)
-            visit_parts(run, interior, cut, [&](const Run& part) { items_.push_back(part); });
+            visit_parts(run, length, [&](const Run& part) { items_.push_back(part); });
         // The longest items come first, so that little work is left at the end. Equally long items are
         // ordered from the lowest to the highest, and at one height column by column.
         std::stable_sort(items_.begin(), items_.end(), [](const Run& a, const Run& b) {
             return a.length() != b.length() ? a.length() > b.length() : a.begin < b.begin;
         });
-        const auto first = std::stable_partition(items_.begin(), items_.end(),
-                                                 [&](const Run& item) { return is_border(item, interior); });
+        const auto first = std::stable_partition(items_.begin(), items_.end(), [&](const Run& item) {
+            return item.begin < interior.begin || item.begin >= interior.end;
+        });
         border_items_ = std::size_t(first - items_.begin());
     }
     void predict() {
