@@ -161,6 +161,18 @@ TEST(GoogleBenchmark, ContextIsOfThisBuild) {
     EXPECT_FALSE(context.contains("host_name")) << "results are published";
 }
 
+TEST(GoogleBenchmark, ContextCountsOnlyProcessorsThatTheProcessMayUse) {
+    cpu_set_t before, one;
+    ASSERT_EQ(sched_getaffinity(0, sizeof before, &before), 0);
+    CPU_ZERO(&one);
+    CPU_SET(sched_getcpu(), &one);
+    ASSERT_EQ(sched_setaffinity(0, sizeof one, &one), 0);
+    const int pinned = google_benchmark_context().at("num_cpus");
+    ASSERT_EQ(sched_setaffinity(0, sizeof before, &before), 0);
+    EXPECT_EQ(pinned, 1);
+    EXPECT_EQ(google_benchmark_context().at("num_cpus"), CPU_COUNT(&before));
+}
+
 TEST(Row, IsReadAsItWasWritten) {
     Row row = google_benchmark_rows(timed_row(), {{2e-5, 3e-5, 4e-5}}, 0).front();
     row.errors.emplace();

@@ -2,6 +2,7 @@
 
 #include <benchmark/benchmark.h>
 #include <fmt/chrono.h>
+#include <omp.h>
 
 #include <array>
 #include <cmath>
@@ -54,7 +55,8 @@ nlohmann::json google_benchmark_context() {
     const benchmark::CPUInfo& cpu = benchmark::CPUInfo::Get();
     nlohmann::json context = {{"date", fmt::format("{:%FT%T}+00:00", fmt::gmtime(std::time(nullptr)))},
                               {"executable", "voxspring"},
-                              {"num_cpus", cpu.num_cpus},
+                              // Google Benchmark also counts processors that this process may not use.
+                              {"num_cpus", omp_get_num_procs()},
                               {"mhz_per_cpu", std::llround(cpu.cycles_per_second / 1e6)},
                               {"caches", nlohmann::json::array()},
                               {"load_avg", cpu.load_avg},
