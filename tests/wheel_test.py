@@ -6,6 +6,7 @@ Makes the environment with the interpreter that runs this, installs the wheel wi
 needs, and runs the tests there.
 """
 
+import gzip
 import json
 import os
 import pathlib
@@ -290,6 +291,7 @@ class Judging(unittest.TestCase):
         for step, settings, expected in ((lambda x, v, n: (x[:-1], v), {}, r"x of shape \(143, 3\).*\(144, 3\)"),
                                          (lambda x, v, n: (x.astype(float), v), {}, "x of float64.*float32"),
                                          (lambda x, v, n: (x, v, n), {}, "3 values.*x and v"),
+                                         (lambda x, v, n: n, {}, "1 value returned.*x and v"),
                                          (right, {"arrays": "fortran"}, "fortran.*numpy, torch"),
                                          (right, {"arrays": "numpy:cuda"}, "numpy:cuda.*numpy computes on the processor only"),
                                          (right, {"arrays": "cupy:cpu"}, "cupy:cpu.*cupy on a card only"),
@@ -327,6 +329,20 @@ class Studies(unittest.TestCase):
         self.assertEqual(set(frame["scene"]), {"beam"})
         joined.save("joined.json")
         self.assertEqual(voxspring.Result.load("joined.json").json, json.loads(json.dumps(joined.json)))
+        packed = gzip.compress(pathlib.Path("joined.json").read_bytes())
+        pathlib.Path("joined.json.gz").write_bytes(packed)
+        self.assertEqual(voxspring.Result.load("joined.json.gz").json, joined.json)
+        for content, reason in ((packed[:-9], "ended before"), (b"{", "Expecting property name"), (b"\x93NUMPY", "decode"),
+                                (b"[1]", "key benchmarks")):
+            pathlib.Path("broken.json").write_bytes(content)
+            with self.assertRaisesRegex(voxspring.BadInput, f"broken.json: .*{reason}"):
+                voxspring.Result.load("broken.json")
+        with mock.patch("os.replace", side_effect=OSError("disk full")), self.assertRaisesRegex(OSError, "disk full"):
+            own.save("joined.json")
+        self.assertEqual(voxspring.Result.load("joined.json").json, joined.json)
+        self.assertEqual(list(pathlib.Path().glob(".joined*")), [])
+        with self.assertRaisesRegex(voxspring.BadInput, "none is not accepted"):
+            voxspring.Result.joined([], "both")
         self.assertIn("cpu_parallel", str(joined))
         with self.assertRaisesRegex(voxspring.BadInput, "no_such_study"):
             voxspring.study("no_such_study")

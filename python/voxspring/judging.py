@@ -174,7 +174,10 @@ class Judge:
         def make() -> None:
             returned = self._step(x, v, self._steps)
             if returned is not None:
-                left[:] = returned
+                try:
+                    left[:] = returned
+                except TypeError:
+                    left[:] = [returned]
 
         def batch() -> float | None:
             seconds = None
@@ -194,8 +197,9 @@ class Judge:
     def _taken(self, left: list[Any]) -> tuple[numpy.ndarray, numpy.ndarray]:
         expected = (len(self._body), 3)
         if len(left) != 2:
-            raise _core.BadInput(f"judge(): step: {len(left)} values returned are not accepted; expected x and v, or None if it changed "
-                                 "them in place")
+            values = "1 value returned is" if len(left) == 1 else f"{len(left)} values returned are"
+            raise _core.BadInput(f"judge(): step: {values} not accepted; expected x and v, or None if it changed them in "
+                                 "place")
         x, v = (numpy.ascontiguousarray(self._arrays.host(array)) for array in left)
         for name, array in (("x", x), ("v", v)):
             if array.shape != expected:

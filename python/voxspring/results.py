@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import gzip
 import json
 import os
 import pathlib
 import shutil
 import sys
+import tempfile
+import zlib
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -34,10 +37,28 @@ class Result:
 
     @classmethod
     def load(cls, file: str | os.PathLike[str]) -> Result:
-        return cls(pathlib.Path(file).read_text())
+        """The result in a file (.json, or compressed .json.gz). Raises OSError, and BadInput for a file that is no result."""
+        content = pathlib.Path(file).read_bytes()
+        try:
+            whole = json.loads(gzip.decompress(content) if content.startswith(b"\x1f\x8b") else content)
+        except (ValueError, EOFError, OSError, zlib.error) as error:
+            raise _core.BadInput(f"{file}: {error}; expected a result of a study, in JSON, compressed by gzip or not") from None
+        if not isinstance(whole, dict) or "benchmarks" not in whole:
+            raise _core.BadInput(f"{file}: expected a result of a study, whose JSON has the key benchmarks")
+        return cls(whole)
 
     def save(self, file: str | os.PathLike[str]) -> None:
-        pathlib.Path(file).write_text(json.dumps(self.json, indent=2) + "\n")
+        """Writes the result. A file of this name is replaced in one step. Raises OSError."""
+        file = pathlib.Path(file)
+        handle, name = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}.")
+        try:
+            with os.fdopen(handle, "w") as whole:
+                whole.write(json.dumps(self.json, indent=2) + "\n")
+            os.chmod(name, 0o644)  # mkstemp() lets only its owner read the file
+            os.replace(name, file)
+        except BaseException:
+            os.unlink(name)
+            raise
 
     @property
     def rows(self) -> list[dict[str, Any]]:
@@ -65,7 +86,8 @@ class Result:
 
     @classmethod
     def joined(cls, results: Iterable[Result], name: str) -> Result:
-        """One result with the rows of several results, which must be of the same build and machine."""
+        """One result with the rows of one or more results, which must be of the same build and machine. Raises BadInput if there is
+        none."""
         whole: dict[str, Any] = {}
         for result in results:
             if not whole:
@@ -80,6 +102,8 @@ class Result:
                     mine.setdefault(key, {}).update(other[key])
             for key in ("gpu", "driver", "gl_renderer"):
                 mine[key] = mine[key] or other[key]
+        if not whole:
+            raise _core.BadInput("Result.joined(): results: none is not accepted; expected one or more results")
         whole["context"]["voxspring"]["study"]["name"] = name
         return cls(whole)
 
