@@ -168,8 +168,9 @@ public:
 
     /// Starts the backend some more times, each in a separate process, since a single start says nothing
     /// about how much starts vary.
-    void measure_starts() {
+    void measure_starts(StudyBench& bench) {
         if (finished() || !context_.batch.start_times || known("starts")) return;
+        bench.show("starting " + label() + " once more", 0, 1);
         attempt([&] {
             nlohmann::json samples = nlohmann::json::array();
             const auto begin = std::chrono::steady_clock::now();
@@ -795,7 +796,7 @@ void measure(StudyBench& bench, const Batch& batch) {
             if (batch.start_times) compile_together(bench, cases);
             warm_up_all(bench, cases, batch.start_times);
             for (TimedCase& one : cases) {
-                if (!interrupted()) one.measure_starts();
+                if (!interrupted()) one.measure_starts(bench);
             }
             const int total = repeat_interleaved(bench, cases);
             judge_states(bench, cases, total);
