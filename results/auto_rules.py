@@ -5,9 +5,10 @@ Usage: auto_rules.py [--check]
 
 A rule is for one API, formulations by increments or the others, bodies that fill less than half of their lattice or the others, and
 a range of particle counts around a body of the studies `fastest` and `figure8`. It lists the API's backends, the fastest on that
-body first, each with its fastest tuning. `auto` takes the first one that the device has and that takes the scene. If the scene has
-edits, `auto` passes over a backend that `edited` lists unless two edits are at least as many steps apart as it says there. --check
-writes nothing and exits with 1 if the file is not what the results say.
+body first, each with its fastest tuning; rows that their run marked as not to be trusted do not count. `auto` takes the first one
+that the device has and that takes the scene. If the scene has edits, `auto` passes over a backend that `edited` lists unless two
+edits are at least as many steps apart as it says there. --check writes nothing and exits with 1 if the file is not what the results
+say.
 """
 
 import itertools
@@ -58,8 +59,8 @@ def bodies(family, machines, increments, occupancy):
         {"particles": row["particles"], "machine": machine, "vote": f"{machine} {study} {row['formulation']}", "contender": contender(row),
          "backend": row["backend"], "time": row["real_time"]}
         for machine, study in files for row in rows.medians(study, machine)
-        if row["limits_of"] == family and row["scene"].split("@")[0] in DATASETS and row["precision"] == "float32"
-        and (row["formulation"] in BY_INCREMENTS) == increments
+        if not row.get("noisy") and row["limits_of"] == family and row["precision"] == "float32"
+        and row["scene"].split("@")[0] in DATASETS and (row["formulation"] in BY_INCREMENTS) == increments
         and low <= row["particles"] / row["voxels"] < (high or math.inf)])
     return [(particles, order_of(body)) for particles, body in times.groupby("particles")] if len(times) else []
 

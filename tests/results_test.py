@@ -68,6 +68,10 @@ class AutoRules(unittest.TestCase):
                   row("box@4", 100, "cuda_b", 2, formulation="paper"), row("box@9", 900, "cuda_b", 1), row("box@9", 900, "cuda_a", 2),
                   row("box@4", 100, "cuda_a", 3, formulation="increment"), row("box@4", 100, "cuda_b", 4, formulation="increment")],
                  [(full, [0, None], ["cuda_b", "cuda_a"]), (full, [0, None], ["cuda_a", "cuda_b"])]),
+                # A time that is not to be trusted makes no rule: its backend comes last, as on the body that is nearest in size.
+                ([row("box@4", 100, "cuda_a", 1) | {"noisy": ["drifts"]}, row("box@4", 100, "cuda_b", 2), row("box@9", 900, "cuda_b", 2),
+                  row("box@9", 900, "cuda_a", 1)],
+                 [(full, [0, 300], ["cuda_b", "cuda_a"]), (full, [300, None], ["cuda_a", "cuda_b"])]),
                 # Sparse bodies have separate rules, and scenes that lack springs none.
                 ([row("heart", 100, "cuda_a", 1, voxels=500), row("box@4", 100, "cuda_b", 1), row("incision@9", 729, "cuda_c", 1)],
                  [([0, 0.5], [0, None], ["cuda_a"]), (full, [0, None], ["cuda_b"])])):
