@@ -73,6 +73,7 @@ public:
         launches_in_hours,  ///< and by itself in half of the time, in a quarter after all else
         compiles,           ///< as CUDA does: once a process
         checked_late,       ///< fails where its state is checked after its second start
+        closes_its_files,   ///< in a step, and hangs
     };
 
     explicit Faulty(Fault fault, std::string uuid = "") : fault_(fault), uuid_(std::move(uuid)) {
@@ -114,6 +115,10 @@ protected:
     void integrate(int count) override {
         // The third upload is the second timed repetition.
         if (fault_ == Fault::device_error_in_step && uploads_ == 2) throw DeviceError("device lost");
+        if (fault_ == Fault::closes_its_files) {
+            for (int file = 3; file < 256; ++file) close(file);
+            std::this_thread::sleep_for(std::chrono::minutes(1));
+        }
         MonitoredBackend::integrate(count);
         steps_ += count;
     }
@@ -221,6 +226,7 @@ const Registered test_backends[] = {
     faulty("test_nan", Faulty::Fault::nan),
     faulty("departs", Faulty::Fault::departs),
     faulty("checked", Faulty::Fault::checked_late),
+    faulty("closing", Faulty::Fault::closes_its_files),
     on_card("card_a", "GPU-a"),
     on_card("card_b", "GPU-b"),
     on_card("card_c", "GPU-a"),
@@ -948,6 +954,13 @@ TEST(AStudy, GoesOnWhereALauncherIsKilled) {
                                              lost + "constructing launcher_killed_early")));
     ASSERT_EQ(result.at("verification").size(), 1u);
     EXPECT_EQ(result.at("verification")[0].at("scene"), "box@4");
+}
+
+// Catches a process that this program kills being said to have been killed for lack of memory.
+TEST(AStudy, SaysThatAProcessHangsOnceItsConnectionIsClosed) {
+    const nlohmann::json result = run_study(study_of({"closing"}), {});
+    EXPECT_EQ(row_of(result.at("failed"), "closing").at("reason"),
+              "closed its connection and did not end within 10 s while warming up");
 }
 
 std::size_t open_files() {

@@ -84,19 +84,22 @@ std::string describe_end(int status) {
     return "ended with exit code " + std::to_string(WEXITSTATUS(status));
 }
 
-/// Waits up to `patience` for a child to end by itself, then kills it. Returns its status as waitpid() does.
-int reap(pid_t process, Seconds patience) {
+/// Waits up to `patience` for a child to end by itself, then kills it. Returns how it ended.
+std::string reap(pid_t process, Seconds patience) {
     int status = 0;
     const auto until = Clock::now() + patience;
     while (waitpid(process, &status, WNOHANG) == 0) {
         if (Clock::now() > until) {
             signal_process(process, SIGKILL);
             waitpid(process, &status, 0);
+            // Without patience the child may have been about to end when its status was first asked for.
+            if (patience.count() > 0)
+                return fmt::format("closed its connection and did not end within {:g} s", patience.count());
             break;
         }
         std::this_thread::sleep_for(Seconds(1e-3));
     }
-    return status;
+    return describe_end(status);
 }
 
 }  // namespace
@@ -153,7 +156,7 @@ void Launcher::lose(Seconds patience) {
     // If another thread has forked this program, the child has a copy of the socket. close() would then not
     // tell the launcher that the study is done with it, but shutdown() does.
     shutdown(socket_, SHUT_RDWR);
-    lost_ = describe_end(reap(process_, patience));
+    lost_ = reap(process_, patience);
     close(socket_);
 }
 
@@ -191,9 +194,8 @@ Launcher::Child Launcher::start(const nlohmann::json& description) {
 
 std::string Launcher::end(pid_t process, Seconds patience) {
     try {
-        return describe_end(
-            call({{"do", "end"}, {"process", process}, {"patience", patience.count()}}, patience)
-                .at("status"));
+        return call({{"do", "end"}, {"process", process}, {"patience", patience.count()}}, patience)
+            .at("ended");
     } catch (const Closed&) {
         return "was terminated because its launcher " + lost_ + ",";
     }
@@ -288,8 +290,8 @@ void serve_as_launcher(int socket, const MakeAnswerer& make) {
             if (request.at("do") == "start") {
                 start_worker(socket, request.at("worker"), scene ? &*scene : nullptr, make);
             } else {
-                const int status = reap(request.at("process"), Seconds(request.at("patience").get<double>()));
-                send_message(socket, {{"status", status}});
+                const Seconds patience(request.at("patience").get<double>());
+                send_message(socket, {{"ended", reap(request.at("process"), patience)}});
             }
         }
     } catch (const Closed&) {
