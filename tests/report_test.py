@@ -708,7 +708,7 @@ class Page(unittest.TestCase):
                 self.assertEqual(lines, 1, title)
                 caption = self.script("return document.querySelector(`section[data-figure=${arguments[0]}] .caption`)"
                                       ".innerText", name)
-                card = r"NVIDIA H200(?: \(GPU-[0-9a-f]+\))?"  # results of two cards have their identities
+                card = r"NVIDIA H200(?: \([^)]*GPU-[0-9a-f]+\))?"  # results of two cards have their identities
                 machine = (f"AMD EPYC|{card}" if name == "latency" else r"NVIDIA H100 80GB HBM3(?: \([^)]*GPU-[0-9a-f]+\))?"
                            if name in ("scaling", "forecast") else card)
                 self.assertRegex(caption, rf"({machine}), driver \S+.*, commit [0-9a-f]{{7,}}, \d{{4}}-\d\d-\d\d")
@@ -1015,12 +1015,16 @@ class Parts(Reports):
         self.assertRegex(self.history(result, other), r"nothing can be told of figure7: .*: expected \"NVIDIA H200")
 
     def test_the_fastest_is_one_that_repetitions_tell_from_the_others(self):
-        times = {row["backend"]: row["real_time"] for row in medians("table1") if row["scene"] == "box@32"}
+        # OpenGL's rows are left out: a first repetition of five times the others would make few repetitions tell nothing.
+        times = {row["backend"]: row["real_time"] for row in medians("table1")
+                 if row["scene"] == "box@32" and not row["backend"].startswith("gl_")}
         def equals(factor, repetitions=9, **fields):
             """From which rows the page cannot tell box@32's fastest, with another row at a multiple of its time."""
             result, count = h200("table1"), collections.Counter()
             kept = []
             for row in result["benchmarks"]:
+                if row["backend"].startswith("gl_"):
+                    continue
                 count[row["run_name"]] += row["run_type"] == "iteration"
                 if row["run_type"] == "iteration" and count[row["run_name"]] > repetitions:
                     continue
