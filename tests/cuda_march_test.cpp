@@ -224,8 +224,7 @@ public:
     }
     /// Arrays as in Simulation of host_kernels.h.
     std::size_t split(const std::vector<std::uint32_t>& border) {
-        plan_ = plan_for(problem_, V::shape, 4, V::precision, V::formulation,
-                         interior_of(problem_, border));
+        plan_ = plan_for(problem_, V::shape, 4, V::precision, V::formulation, interior_of(problem_, border));
         step_.words = plan_.words.data();
         return plan_.items.size() - plan_.border_items;
     }
