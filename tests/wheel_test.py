@@ -337,10 +337,13 @@ class Studies(unittest.TestCase):
             pathlib.Path("broken.json").write_bytes(content)
             with self.assertRaisesRegex(voxspring.BadInput, f"broken.json: .*{reason}"):
                 voxspring.Result.load("broken.json")
-        with mock.patch("os.replace", side_effect=OSError("disk full")), self.assertRaisesRegex(OSError, "disk full"):
+        with mock.patch("pathlib.Path.replace", side_effect=OSError("disk full")), self.assertRaisesRegex(OSError, "disk full"):
             own.save("joined.json")
         self.assertEqual(voxspring.Result.load("joined.json").json, joined.json)
         self.assertEqual(list(pathlib.Path().glob(".joined*")), [])
+        self.addCleanup(os.umask, os.umask(0o077))
+        own.save("private.json")
+        self.assertEqual(os.stat("private.json").st_mode & 0o777, 0o600)
         with self.assertRaisesRegex(voxspring.BadInput, "none is not accepted"):
             voxspring.Result.joined([], "both")
         self.assertIn("cpu_parallel", str(joined))

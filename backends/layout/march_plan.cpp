@@ -438,24 +438,20 @@ private:
 MarchInterior interior_of(const Problem& problem, const std::vector<std::uint32_t>& border) {
     const Lattice& lattice = problem.lattice;
     const auto plane_of = [&](std::size_t i) { return lattice.coordinates(lattice.voxel[i]).z; };
-    std::vector<std::uint8_t> touched(std::size_t(lattice.dims.z)), stepped = touched;
+    std::vector<std::uint8_t> touched(std::size_t(lattice.dims.z));
     for (const std::uint32_t i : border) touched[std::size_t(plane_of(i))] = 1;
-    auto ghost = problem.ghosts.begin();
-    for (std::size_t i = 0; i < problem.particle_count(); ++i) {
-        if (ghost != problem.ghosts.end() && *ghost == i) {
-            ++ghost;
-        } else {
-            stepped[std::size_t(plane_of(i))] = 1;
-        }
-    }
+    std::vector<std::ptrdiff_t> stepped(touched.size());  // per plane: particles without ghosts
+    for (std::size_t i = 0; i < problem.particle_count(); ++i) ++stepped[std::size_t(plane_of(i))];
+    for (const std::uint32_t i : problem.ghosts) --stepped[std::size_t(plane_of(i))];
     MarchInterior longest{0, 0}, run{0, 0};
     for (int z = 0; z < lattice.dims.z; ++z) {
         if (touched[std::size_t(z)] != 0) run.begin = z + 1;
         run.end = z + 1;
         if (run.end - run.begin > longest.end - longest.begin) longest = run;
     }
-    const auto first = std::find(stepped.begin(), stepped.end(), 1);
-    const auto last = std::find(stepped.rbegin(), stepped.rend(), 1);
+    const auto some = [](std::ptrdiff_t count) { return count > 0; };
+    const auto first = std::find_if(stepped.begin(), stepped.end(), some);
+    const auto last = std::find_if(stepped.rbegin(), stepped.rend(), some);
     longest.own_begin = int(first - stepped.begin());
     longest.own_end = std::max(longest.own_begin, int(stepped.rend() - last));
     return longest;

@@ -279,10 +279,10 @@ private:
         std::size_t most = 1;
         for (const SharedParticles& elements : borders)
             most = std::max({most, elements.sent.size(), elements.received.size()});
-        const std::size_t room = blocks_at_once * std::size_t(std::max(1, device.multiprocessors)) /
-                                 std::max<std::size_t>(1, borders.size());
-        return unsigned(std::clamp<std::size_t>((most + exchange_threads - 1) / exchange_threads, 1,
-                                                std::max<std::size_t>(1, room)));
+        const std::size_t at_once = blocks_at_once * std::size_t(device.multiprocessors);
+        const std::size_t room = at_once / std::max<std::size_t>(1, borders.size());
+        return unsigned(
+            std::max<std::size_t>(1, std::min((most + exchange_threads - 1) / exchange_threads, room)));
     }
     void enqueue(bool stores, bool takes) {
         ExchangeLaunch launch = launch_;

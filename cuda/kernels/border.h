@@ -93,9 +93,9 @@ VOXSPRING_HOST_DEVICE void join_place(const BorderPlaces<Real>& places, std::siz
     }
 }
 
-/// Threads per block of the kernel `exchange_borders`, and how many of its blocks a multiprocessor has to
-/// have registers for: these limit a thread to 40 registers. A block of this size also fits beside the blocks
-/// of a march, which leave 4096 of 65536 registers.
+/// Threads per block of the kernel `exchange_borders`, and the number of its blocks for which a
+/// multiprocessor must have registers. That leaves 40 registers per thread, so that a block also fits beside
+/// the blocks of a march, which leave 4096 of 65536.
 inline constexpr unsigned exchange_threads = 96, exchange_blocks = 16;
 
 /// One border as the kernel `exchange_borders` sees it from one of the two parts. A message consists of words

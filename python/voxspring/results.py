@@ -8,7 +8,6 @@ import os
 import pathlib
 import shutil
 import sys
-import tempfile
 import zlib
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -49,15 +48,13 @@ class Result:
 
     def save(self, file: str | os.PathLike[str]) -> None:
         """Writes the result. A file of this name is replaced in one step. Raises OSError."""
-        file = pathlib.Path(file)
-        handle, name = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}.")
+        file = pathlib.Path(file).resolve()
+        part = file.with_name(f".{file.name}.{os.getpid()}")
         try:
-            with os.fdopen(handle, "w") as whole:
-                whole.write(json.dumps(self.json, indent=2) + "\n")
-            os.chmod(name, 0o644)  # mkstemp() lets only its owner read the file
-            os.replace(name, file)
+            part.write_text(json.dumps(self.json, indent=2) + "\n")
+            part.replace(file)
         except BaseException:
-            os.unlink(name)
+            part.unlink(missing_ok=True)
             raise
 
     @property
