@@ -349,7 +349,7 @@ class Progress(Overnight):
         lines = [line.removeprefix("\x1b[K") for line in shown.decode().split("\r")]
         self.assertEqual(lines[-1], "", "it is gone in the end")
         self.assertTrue(all(len(line) < columns for line in lines))
-        form = re.compile(r"\[(\d)/2\] (box@\d) (\d+)/(\d+), (\d)/3 rows?(?:, about \d+ (?:s|min) left)?: (?:judging )?(\S+?)(?:, \d+ s)?")
+        form = re.compile(r"\[(\d)/2\] (box@\d) (\d+)/(\d+), (\d)/3 rows?(?:, about \d+ (?:s|min) left)?: (?:judging |starting )?(\S+?)(?: once more)?(?:, \d+ s)?")
         found = [form.fullmatch(line) for line in lines if line]
         self.assertNotIn(None, found, lines)
         self.assertEqual({match[6] for match in found}, {"slow/increment/float64", "cpu_reference/increment/float64"})
