@@ -109,7 +109,7 @@ private:
 
 /// A device that holds its clock for as many batches as these studies repeat, and then takes a quarter
 /// longer.
-constexpr int held = 2;  // the first batch and at least one while clocks settle
+constexpr int held = 2;
 double throttled(int batch) { return batch < held ? 100 : 125; }
 
 /// Makes a step too few once it has made as many batches.
@@ -213,7 +213,7 @@ const std::vector<Registered> registered = [] {
 }();
 
 Result result_of(const std::vector<std::string>& backends, nlohmann::json settings = nlohmann::json::object(),
-                 int times = repetitions) {
+                 int times = repetitions, const StudyOptions& options = {}) {
     Study study;
     study.name = "truth";
     study.repetitions = times;
@@ -221,7 +221,7 @@ Result result_of(const std::vector<std::string>& backends, nlohmann::json settin
     study.settings = std::move(settings);
     study.backends = backends;
     study.scenes = {{"box@4", steps, {}}};
-    return run_study(study, {});
+    return run_study(study, options);
 }
 
 class TimingTruth : public ::testing::Test {
@@ -328,8 +328,9 @@ struct Measured {
     Result result;
     std::map<std::string, Row> medians;
 
-    Measured(const std::string& backends, const nlohmann::json& settings, int times = repetitions)
-        : result(result_of({backends}, settings, times)) {
+    Measured(const std::string& backends, const nlohmann::json& settings, int times = repetitions,
+             const StudyOptions& options = {})
+        : result(result_of({backends}, settings, times, options)) {
         for (const Row& row : result.rows("benchmarks")) {
             if (row.benchmark->is_median()) medians[row.identity.backend] = row;
         }
@@ -361,8 +362,21 @@ TEST(Sustained, IsThatOfTheHostWithoutADevice) {
                 rounding * 50e-6);
 }
 
+// Catches a sustained time of a row that is slower than one of an earlier group.
+TEST(Sustained, IsThatOfTheFastestOfAllGroups) {
+    StudyOptions options;
+    options.together = 1;
+    const Measured measured("sustain_*", sustaining, held, options);
+    ASSERT_EQ(measured.medians.size(), 3u) << nlohmann::json(measured.result).at("failed");
+    const auto sustained = [&](const std::string& backend) {
+        return measured.medians.at(backend).counters.find("sustained_seconds_per_step") != nullptr;
+    };
+    EXPECT_TRUE(sustained("sustain_hot"));
+    EXPECT_FALSE(sustained("sustain_slow"));
+}
+
 // Catches batches without a pause whose states nobody looks at.
-TEST(Sustained, BatchesLeaveTheStateOfTheFirst) {
+TEST(Sustained, BatchesLeaveTheStateOfTheRepetitions) {
     const Measured measured("hot_wrong", sustaining, held);
     EXPECT_TRUE(measured.medians.empty());
     const std::vector<Row>& failed = measured.result.rows("failed");

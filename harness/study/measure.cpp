@@ -245,15 +245,14 @@ public:
     /// The median time of a batch of a case that passed, in seconds.
     double seconds() const { return median(observed().seconds); }
     bool on_host() const { return capabilities_of(case_.capabilities()).steps_on_host(); }
-    /// Steps without a pause, in a separate process, while no other process uses the device.
+    /// Steps without a pause in the case's process, after everything else that is measured in it. The
+    /// processes of other cases do nothing meanwhile.
     void sustain() {
         if (known("sustained")) return;
         attempt([&] {
-            const std::vector<nlohmann::json> answers = case_.afresh(
-                {nlohmann::json{{"do", "warm up"}, {"batches", 1}},
-                 nlohmann::json{{"do", "sustain"}, {"seconds", context_.batch.sustained_seconds}}},
-                "stepping without a pause");
-            case_.scope().keep("sustained", answers.back());
+            const nlohmann::json question = {{"do", "sustain"},
+                                             {"seconds", context_.batch.sustained_seconds}};
+            case_.scope().keep("sustained", case_.ask(question, "stepping without a pause"));
         });
     }
 
@@ -723,29 +722,31 @@ struct TimedGroup {
     std::vector<TimedCase> cases;
 };
 
-/// Makes the fastest case of each formulation and precision step without a pause. A case on the host counts
-/// only if none on a device was measured in that formulation and precision: where a result has a device,
-/// nobody asks for the host's sustained speed. If the case fails meanwhile it gets no row, and the next one
-/// takes its place.
-void sustain_fastest(StudyBench& bench, std::deque<TimedGroup>& groups) {
-    std::map<std::pair<Formulation, Precision>, std::vector<TimedCase*>> contenders;
-    for (TimedGroup& group : groups) {
-        for (TimedCase& one : group.cases) {
-            const Options& options = one.spec().options;
-            if (one.passed()) contenders[{options.formulation, options.precision}].push_back(&one);
-        }
+/// What makes a case a better candidate for a sustained time than another: a device before the host, then the
+/// time of a batch.
+using Rank = std::pair<bool, double>;
+/// The best rank that has a sustained time so far, per formulation and precision.
+using SustainedRanks = std::map<std::pair<Formulation, Precision>, Rank>;
+
+/// Makes the fastest of `cases` in each formulation and precision step without a pause, unless a case of an
+/// earlier group was faster. A case on the host counts only if none on a device was measured in that
+/// formulation and precision: where a result has a device, nobody asks for the host's sustained speed. If the
+/// case fails meanwhile it gets no row, and the next one takes its place.
+void sustain_fastest(StudyBench& bench, std::vector<TimedCase>& cases, SustainedRanks& best) {
+    std::vector<std::pair<Rank, TimedCase*>> order;
+    for (TimedCase& one : cases) {
+        if (one.passed()) order.emplace_back(Rank{one.on_host(), one.seconds()}, &one);
     }
-    const auto rank = [](const TimedCase* of) { return std::pair(of->on_host(), of->seconds()); };
-    for (auto& [key, cases] : contenders) {
-        std::stable_sort(cases.begin(), cases.end(),
-                         [&](const auto* a, const auto* b) { return rank(a) < rank(b); });
-        for (TimedCase* one : cases) {
-            if (interrupted()) return;
-            bench.show(one->label() + " without a pause", int(bench.specs().size()),
-                       int(bench.specs().size()));
-            one->sustain();
-            if (one->passed()) break;
-        }
+    std::stable_sort(order.begin(), order.end(),
+                     [](const auto& a, const auto& b) { return a.first < b.first; });
+    for (const auto& [rank, one] : order) {
+        if (interrupted()) return;
+        const Options& options = one->spec().options;
+        const std::pair key(options.formulation, options.precision);
+        if (const auto found = best.find(key); found != best.end() && found->second <= rank) continue;
+        bench.show(one->label() + " without a pause", int(bench.specs().size()), int(bench.specs().size()));
+        one->sustain();
+        if (one->passed()) best.insert_or_assign(key, rank);
     }
 }
 
@@ -760,6 +761,7 @@ void measure(StudyBench& bench, const Batch& batch) {
     StrainedRun strained;
     State left;
     std::deque<TimedGroup> groups;
+    SustainedRanks sustained;
     // Rows are added after all groups, since a row is compared with the limits of its card, which
     // measurements of a later group may change.
     const auto add_rows = [&] {
@@ -806,12 +808,12 @@ void measure(StudyBench& bench, const Batch& batch) {
             }
             solve_strained_start(bench, *solution, batch, cases, strained);
             judge_strained_starts(bench, cases, total);
+            if (batch.sustained_seconds > 0) sustain_fastest(bench, cases, sustained);
             // All processes of this group end now, at the same time, so that none of them runs while a later
             // group is timed: for example backends on the host.
             for (Case& one : timed.entered) one.dismiss();
             for (Case& one : timed.entered) one.restart();
         }
-        if (batch.sustained_seconds > 0) sustain_fastest(bench, groups);
     } catch (const Interrupted&) {
         add_rows();
         throw;

@@ -218,23 +218,27 @@ private:
         return answer;
     }
 
-    /// Runs batches without a pause: for a third of `seconds` until clocks settle, and then for `seconds`.
-    /// Returns for those `seconds` the mean time of a step by the backend's clock, and what the device's
-    /// meter says, if it has one. If the backend is deterministic, the last batch must leave the same state
-    /// as the first one.
+    /// Uploads and runs batches without a pause: for a third of `seconds` until clocks settle, and then for
+    /// `seconds`. Returns for those `seconds` the mean time of a step by the backend's clock, and what the
+    /// device's meter says, if it has one. If the backend is deterministic, the last batch must leave the
+    /// same state as the repetitions.
     nlohmann::json sustain(Backend& backend, double seconds) {
         std::optional<PinnedThreads> pinned;
         if (backend.capabilities().steps_on_host()) pinned.emplace();
         const bool comparable = batch_.rewind && backend.capabilities().deterministic;
+        SceneRunner& runner = sustained_.emplace(scene_);
+        runner.rewind(backend);
+        if (batch_.rewind) runner.keep_start(backend);
         double stepped = 0;
         std::int64_t batches = 0;
         const auto batch = [&] {
-            if (batch_.rewind) runner_.rewind(backend);
-            stepped += backend.timed([&] { runner_.run(backend, batch_.steps); }).device_seconds;
+            if (batch_.rewind) runner.rewind(backend);
+            stepped += backend.timed([&] { runner.run(backend, batch_.steps); }).device_seconds;
             ++batches;
         };
         batch();
-        const std::string first = comparable ? fingerprint_of(backend) : "";
+        // The repetitions of a resumed study were made by another process, and batch_left_ is empty.
+        if (comparable && batch_left_.empty()) batch_left_ = fingerprint_of(backend);
         for (const auto begin = Clock::now(); seconds_since(begin) < seconds / 3;) batch();
         stepped = 0;
         batches = 0;
@@ -254,8 +258,8 @@ private:
             } while (seconds_since(begin) < seconds);
         }
         answer["seconds_per_step"] = stepped / (double(batches) * batch_.steps);
-        if (comparable && fingerprint_of(backend) != first)
-            throw std::runtime_error("batches without a pause left another state than the first batch");
+        if (comparable && fingerprint_of(backend) != batch_left_)
+            throw std::runtime_error("batches without a pause left another state than a batch by itself");
         return answer;
     }
 
@@ -296,8 +300,8 @@ private:
                 {"edit_seconds_max", *std::max_element(latency.begin(), latency.end())}};
     }
 
-    /// Runs a batch from a start in which every spring is strained. The case's process must not be asked for
-    /// a run from the scene's own start afterwards.
+    /// Runs a batch from a start in which every spring is strained. Afterwards the case's process must not be
+    /// asked for a run with runner_.
     nlohmann::json strained(Backend& backend) {
         const State start = strained_start(scene_.problem);
         backend.monitor({});
@@ -313,9 +317,9 @@ private:
     SharedState& shared_;
     const DivergenceMonitor monitor_;
     SceneRunner runner_;
-    std::optional<SceneRunner> strained_;  ///< keeps the problem that the backend reads
-    double compiled_seconds_ = 0;          ///< time of compile(), before the warm-up
-    std::string batch_left_;               ///< hash of the state that a batch left; empty: not known
+    std::optional<SceneRunner> strained_, sustained_;  ///< keep the problem that the backend reads
+    double compiled_seconds_ = 0;                      ///< time of compile(), before the warm-up
+    std::string batch_left_;  ///< hash of the state that a batch left; empty: not known
 };
 
 constexpr const char* runner_name = "timing";
