@@ -21,11 +21,14 @@ def compact(path):
     result_files.load(path)
     data, compressed = path.read_bytes(), path.with_name(path.name + ".gz")
     part = path.with_name(path.name + ".part")
-    # The gzip header has neither date nor file name, so that equal results give equal bytes.
-    part.write_bytes(gzip.compress(data, mtime=0))
-    if gzip.decompress(part.read_bytes()) != data:
-        raise result_files.BadInput(f"{part}: the compressed file does not read back as it was written; {path} is unchanged")
-    part.replace(compressed)
+    try:
+        # The gzip header has neither date nor file name, so that equal results give equal bytes.
+        part.write_bytes(gzip.compress(data, mtime=0))
+        if gzip.decompress(part.read_bytes()) != data:
+            raise result_files.BadInput(f"{part}: the compressed file does not read back as it was written; {path} is unchanged")
+        part.replace(compressed)
+    finally:
+        part.unlink(missing_ok=True)
     path.unlink()
     return compressed
 

@@ -175,18 +175,21 @@ def main():
     parser.add_argument("--program", default=HERE.parent / "build/release/voxspring", type=pathlib.Path,
                         help="the voxspring program")
     parser.add_argument("--check", action="store_true", help="say which results are stale, and measure nothing")
-    parser.add_argument("folder", nargs="?", type=pathlib.Path, metavar="FOLDER",
+    parser.add_argument("folder", nargs="?", metavar="FOLDER",
                         help="where results are kept (default: results/<machine>)")
     parser.add_argument("study", nargs="*", metavar="STUDY", help="only these studies")
     arguments = parser.parse_args()
     try:
         machine = Machine(arguments.program)
         known, others = machine.studies()
+        if arguments.folder in known + others:
+            raise result_files.BadInput(f"command line: FOLDER: {arguments.folder} is the name of a study; expected a folder before "
+                                        f"the studies, where ./{arguments.folder} names a folder")
         for study in arguments.study:
             if study not in known + others:
                 raise result_files.BadInput(f"command line: STUDY: {study} is not accepted; expected "
                                             f"{', '.join(known + others)}")
-        out = arguments.folder or machine.folder()
+        out = pathlib.Path(arguments.folder) if arguments.folder else machine.folder()
         if arguments.check:
             known += tuple(study for study in PYTHON_STUDIES if result_files.named(out, study).exists())
         print(f"{machine.device}, commit {machine.commit}, {out}")

@@ -154,6 +154,9 @@ class Remake(InTemporaryFolder):
         done, calls = self.remake(self.out, "figure8")
         self.assertEqual((done.returncode, calls), (2, []))
         self.assertIn("figure8 is not accepted; expected fastest, pareto", done.stderr)
+        done, calls = self.remake("pareto")
+        self.assertEqual((done.returncode, calls), (2, []))
+        self.assertIn("FOLDER: pareto is the name of a study", done.stderr)
         self.program.unlink()
         self.assertEqual(self.remake(self.out)[0].returncode, 2)
 

@@ -247,6 +247,13 @@ class Compact(InTemporaryFolder):
             self.assertIn(f"compact.py: {path}: ", said.stderr)
             self.assertEqual(path.read_text(), content)
 
+    def test_a_failed_compression_leaves_the_result_alone(self):
+        path = self.write("a.json", json.dumps(result_files.load(RESULTS / "amd-epyc/fastest.json.gz")))
+        for replaced in ({"return_value": b""}, {"side_effect": OSError(28, "No space left on device")}):
+            with mock.patch.object(compact.gzip, "decompress", **replaced), self.assertRaises((result_files.BadInput, OSError)):
+                compact.compact(path)
+            self.assertEqual(list(self.folder.iterdir()), [path])
+
 
 class Installed(InTemporaryFolder):
     """The scripts alone, in a read-only folder, started from elsewhere, as in a prefix or a package."""
