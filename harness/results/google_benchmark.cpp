@@ -2,7 +2,7 @@
 
 #include <benchmark/benchmark.h>
 #include <fmt/chrono.h>
-#include <sched.h>
+#include <omp.h>
 
 #include <array>
 #include <cmath>
@@ -49,12 +49,6 @@ BenchmarkPart part_of(const Repetition& repetition, const Workpiece& piece) {
     return part;
 }
 
-/// The number of processors that this process may use now. LLVM's OpenMP would say how many it had at first.
-int usable_processors() {
-    cpu_set_t usable;
-    return sched_getaffinity(0, sizeof usable, &usable) == 0 ? CPU_COUNT(&usable) : 1;
-}
-
 }  // namespace
 
 nlohmann::json google_benchmark_context() {
@@ -62,7 +56,7 @@ nlohmann::json google_benchmark_context() {
     nlohmann::json context = {{"date", fmt::format("{:%FT%T}+00:00", fmt::gmtime(std::time(nullptr)))},
                               {"executable", "voxspring"},
                               // Google Benchmark also counts processors that this process may not use.
-                              {"num_cpus", usable_processors()},
+                              {"num_cpus", omp_get_num_procs()},
                               {"mhz_per_cpu", std::llround(cpu.cycles_per_second / 1e6)},
                               {"caches", nlohmann::json::array()},
                               {"load_avg", cpu.load_avg},

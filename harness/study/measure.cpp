@@ -732,7 +732,7 @@ using SustainedRanks = std::map<std::pair<Formulation, Precision>, Rank>;
 /// earlier group was faster. A case on the host counts only if none on a device was measured in that
 /// formulation and precision: where a result has a device, nobody asks for the host's sustained speed. If the
 /// case fails meanwhile it gets no row, and the next one takes its place.
-void sustain_fastest(StudyBench& bench, std::vector<TimedCase>& cases, SustainedRanks& best) {
+void sustain_fastest(StudyBench& bench, std::vector<TimedCase>& cases, int total, SustainedRanks& best) {
     std::vector<std::pair<Rank, TimedCase*>> order;
     for (TimedCase& one : cases) {
         if (one.passed()) order.emplace_back(Rank{one.on_host(), one.seconds()}, &one);
@@ -744,7 +744,7 @@ void sustain_fastest(StudyBench& bench, std::vector<TimedCase>& cases, Sustained
         const Options& options = one->spec().options;
         const std::pair key(options.formulation, options.precision);
         if (const auto found = best.find(key); found != best.end() && found->second <= rank) continue;
-        bench.show(one->label() + " without a pause", int(bench.specs().size()), int(bench.specs().size()));
+        bench.show(one->label() + " without a pause", total, total);
         one->sustain();
         if (one->passed()) best.insert_or_assign(key, rank);
     }
@@ -808,7 +808,7 @@ void measure(StudyBench& bench, const Batch& batch) {
             }
             solve_strained_start(bench, *solution, batch, cases, strained);
             judge_strained_starts(bench, cases, total);
-            if (batch.sustained_seconds > 0) sustain_fastest(bench, cases, sustained);
+            if (batch.sustained_seconds > 0) sustain_fastest(bench, cases, total, sustained);
             // All processes of this group end now, at the same time, so that none of them runs while a later
             // group is timed: for example backends on the host.
             for (Case& one : timed.entered) one.dismiss();
