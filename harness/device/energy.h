@@ -66,8 +66,8 @@ EnergyUse measure_energy(EnergyMeter& meter, double lead_seconds, double seconds
                          const std::function<void()>& work);
 
 /// The largest accepted difference between EnergyUse::sampled_watts and EnergyUse::watts, as a fraction of
-/// the latter. Both come from one sensor. Over ten seconds of constant load they agree within this fraction:
-/// the counter is updated at least a hundred times, and each sample is the mean power of a second. If they
+/// the latter. Both come from one sensor. Over five seconds of constant load they agree within this fraction:
+/// the counter is updated at least fifty times, and each sample is the mean power of a second. If they
 /// differ by more, one of them is wrong.
 constexpr double max_power_disagreement = 0.05;
 /// Whether the powers from counter and samples agree; true if there are no samples.

@@ -193,8 +193,10 @@ public:
     }
 
 private:
-    // The energy counter is updated at least every tenth of a second, which is 1% of these ten seconds.
-    static constexpr double min_seconds = 10;
+    // The mean power is computed from one update of the energy counter to another (measure_energy()). Power
+    // is reported as the mean of a second, so in five seconds there are five independent samples to check it
+    // with.
+    static constexpr double min_seconds = 5;
     double seconds_ = min_seconds;  ///< how long each case is measured
 };
 
