@@ -20,6 +20,9 @@ struct Api {
     /// Returns the UUID of the graphics card that this process measures, or an empty string if there is none.
     /// Does not throw. Empty function: this API uses the card that another API names.
     std::function<std::string()> card = {};
+    /// Whether several backends of a study may live in one process, unless its rows report start times. For
+    /// an API that takes long to open its device in each process.
+    bool shares_process = false;
     /// Lists the devices in the API's order. ListedDevice::refusal says why a backend in float32 does not
     /// take a device. Throws Unavailable without a driver. Empty function: users cannot choose a device.
     std::function<std::vector<ListedDevice>()> devices = {};

@@ -119,6 +119,8 @@ TEST(BestLimits, TakeTheBetterOfEach) {
     EXPECT_EQ(best_so_far(device, one).launch_seconds, 2e-6);
     EXPECT_EQ(best_so_far(device, other).launch_seconds, 1e-6);
     EXPECT_EQ(best_so_far(device, one).launch_seconds, 1e-6);
+    EXPECT_EQ(best_so_far(device, one, 0).launch_seconds, 1e-6);
+    EXPECT_EQ(best_so_far(device).value().processes, 3) << "the last one did not measure all";
     const int threads = omp_get_max_threads();
     omp_set_num_threads(threads + 1);
     EXPECT_TRUE(best_so_far(device)) << "a study measures with all processors nevertheless";

@@ -32,6 +32,7 @@
 #include <system_error>
 #include <thread>
 
+#include "backends/api.h"
 #include "harness/base/bad_input.h"
 #include "harness/base/files.h"
 #include "harness/cli/commands.h"
@@ -83,8 +84,9 @@ public:
         Capabilities capabilities = cpu_capabilities("scalar", 1);
         capabilities.uuid = uuid_;
         if (fault_ == Fault::compiles) capabilities.kernel_compiler = "a compiler";
-        // Its limits are kept apart from the processor's.
+        // Their limits are kept apart from the processor's.
         if (fault_ == Fault::launches_in_hours) capabilities.driver = "waits";
+        if (fault_ == Fault::device_error_in_limits) capabilities.driver = "has no counters";
         return capabilities;
     }
     std::string unsupported(const Problem&) const override {
@@ -152,6 +154,8 @@ struct Device {
     bool lost = false;
     int downloads = 0, steps_after_one = 0;
     int constructing = 0, stepping = 0;
+    pid_t process = 0;           ///< in which a backend that may share one made the latest step
+    int changes_of_process = 0;  ///< one for the first step
     void call(const std::string& name) {
         if (name == "download") ++downloads;
         if (name == "step" && downloads > 0) ++steps_after_one;
@@ -310,7 +314,42 @@ public:
     }
 };
 
+const RegisteredApi sharing({.name = "sharing",
+                             .title = "An API whose backends share",
+                             .shares_process = true});
+
+/// A backend whose process may have others.
+class Sharing : public Faulty {
+public:
+    enum class Harm { none, ends_its_process, spoils_states };
+
+    explicit Sharing(Harm harm) : Faulty(Fault::none), harm_(harm) {}
+    State download() override {
+        State state = Faulty::download();
+        if (are_spoilt && harm_ == Harm::none) state.displacement.back().x += 0.1;
+        return state;
+    }
+
+private:
+    void integrate(int count) override {
+        if (std::exchange(device.process, getpid()) != getpid()) ++device.changes_of_process;
+        if (harm_ == Harm::ends_its_process) raise(SIGKILL);
+        if (harm_ == Harm::spoils_states) are_spoilt = true;
+        Faulty::integrate(count);
+    }
+    static inline bool are_spoilt = false;  ///< states of other backends in this process
+    const Harm harm_;
+};
+
+Registered sharing_backend(const std::string& name, Sharing::Harm harm) {
+    return fake(name, [harm] { return std::make_unique<Sharing>(harm); });
+}
+
 const Registered host_backends[] = {
+    sharing_backend("sharing_one", Sharing::Harm::none),
+    sharing_backend("sharing_two", Sharing::Harm::none),
+    sharing_backend("sharing_ends", Sharing::Harm::ends_its_process),
+    sharing_backend("sharing_spoils", Sharing::Harm::spoils_states),
     fake("alone", [] { return std::make_unique<Alone>(); }),
     fake("given_once", [] { return std::make_unique<GivenOnce>(); }),
     fake("together_one", [] { return std::make_unique<Together>(); }),
@@ -896,6 +935,62 @@ TEST(Study, WithoutStartTimesAFaultTakesDownItsOwnRowOnly) {
     EXPECT_EQ(verified.at("given_once"), 3);
 }
 
+TEST(Study, WithoutStartTimesHasSeveralBackendsOfAnApiInAProcess) {
+    for (const bool start_times : {false, true}) {
+        Study study = study_of({"sharing_one", "sharing_two"});
+        study.settings = {{"start_times", start_times}};
+        StudyOptions options;
+        options.side_by_side = 1;
+        device = {};
+        const nlohmann::json result = run_study(study, options);
+        EXPECT_EQ(result.at("verification").size(), 2u);
+        EXPECT_EQ(device.changes_of_process == 1, !start_times) << device.changes_of_process;
+    }
+    device = {};
+}
+
+// Catches a fault that costs other backends of the same process their rows, or counts against them.
+TEST(Study, MeasuresAgainAloneWhatFailedBesideOthers) {
+    for (const std::string harmful : {"sharing_ends", "sharing_spoils"}) {
+        Study study = study_of({"sharing_one", harmful, "sharing_two"});
+        study.settings = {{"start_times", false}};
+        StudyOptions options;
+        options.side_by_side = 1;
+        ::testing::internal::CaptureStderr();
+        const nlohmann::json result = run_study(study, options);
+        const std::string said = ::testing::internal::GetCapturedStderr();
+        std::set<std::string> failed, passed;
+        for (const auto& row : result.at("failed")) failed.insert(row.at("backend"));
+        for (const auto& row : result.at("verification")) {
+            EXPECT_TRUE(row.at("passed").get<bool>()) << row;
+            passed.insert(row.at("backend"));
+        }
+        EXPECT_EQ(result.at("verification").size(), passed.size());
+        if (harmful == "sharing_ends") {
+            EXPECT_THAT(failed, ElementsAre(harmful));
+            EXPECT_THAT(passed, ElementsAre("sharing_one", "sharing_two"));
+        } else {
+            EXPECT_THAT(failed, ElementsAre());
+            EXPECT_THAT(passed, ElementsAre("sharing_one", harmful, "sharing_two"));
+        }
+        EXPECT_THAT(said, HasSubstr("sharing_one/position/float64 failed beside other backends"));
+        EXPECT_THAT(said, HasSubstr("measured again alone"));
+    }
+}
+
+TEST(APareto, MeasuresAgainAloneWhatFailedBesideOthers) {
+    Study study = study_of({"sharing_one", "sharing_ends"});
+    study.kind = "pareto";
+    study.settings = {{"time_steps", {0.5}}};
+    StudyOptions options;
+    options.side_by_side = 1;
+    const nlohmann::json result = run_study(study, options);
+    ASSERT_EQ(result.at("failed").size(), 1u) << result.at("failed");
+    EXPECT_EQ(result.at("failed")[0].at("backend"), "sharing_ends");
+    ASSERT_EQ(result.at("pareto").size(), 1u);
+    EXPECT_EQ(result.at("pareto")[0].at("backend"), "sharing_one");
+}
+
 /// While a study runs, threads of the program hold locks, one of which every thread takes sooner or later.
 class AProgramWithThreads : public ::testing::Test {
 protected:
@@ -1072,7 +1167,7 @@ TEST_F(AWorkersProgram, WhoseAnswerComesHalfIsLost) {
     say({build_of_workers(), {{"ready", true}}, {{"process", 1}}});
     Launcher launcher(program_, nullptr, std::chrono::milliseconds(200));
     for (int n = 0; n < 2; ++n) {
-        EXPECT_THAT([&] { (void)launcher.start({}); },
+        EXPECT_THAT([&] { (void)launcher.start(); },
                     ::testing::ThrowsMessage<std::runtime_error>("the launcher did not answer within 0.2 s"));
         EXPECT_TRUE(launcher.is_lost());
     }

@@ -46,7 +46,8 @@ std::string first_card() {
     return {};
 }
 
-const RegisteredApi api({.name = "cuda", .title = "CUDA", .device_field = "gpu", .card = first_card});
+const RegisteredApi api(
+    {.name = "cuda", .title = "CUDA", .device_field = "gpu", .card = first_card, .shares_process = true});
 
 }  // namespace
 

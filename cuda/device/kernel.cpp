@@ -74,8 +74,9 @@ int Kernel::registers() const {
 }
 
 void Kernel::allow_shared(std::size_t bytes) const {
-    constexpr std::size_t without_asking = 48U << 10U;
-    if (bytes > without_asking)
+    cudaFuncAttributes attributes{};
+    check(cudaFuncGetAttributes(&attributes, kernel_));
+    if (int(bytes) > attributes.maxDynamicSharedSizeBytes)
         check(cudaFuncSetAttribute(kernel_, cudaFuncAttributeMaxDynamicSharedMemorySize, int(bytes)));
 }
 

@@ -30,8 +30,8 @@ public:
     unsigned blocks_at_once(const Device& device, unsigned block) const;
     /// Registers per thread when a launch begins.
     int registers() const;
-    /// Allows launches of this kernel with `bytes` bytes of dynamic shared memory per block. CUDA wants to be
-    /// asked only for more than 48 KiB, so up to that this function does nothing.
+    /// Allows launches of this kernel with up to `bytes` bytes of dynamic shared memory per block. Never
+    /// allows less than before, since backends of one process share a kernel.
     void allow_shared(std::size_t bytes) const;
     template <class... Arguments>
     void launch(const Stream& stream, dim3 grid, dim3 block, std::size_t shared_bytes,

@@ -102,22 +102,25 @@ bool is_on_a_part(const DeviceLimits& limits) {
 /// the sizes of the arrays that these threads move are multiples of that number. OMP_NUM_THREADS changes
 /// neither.
 std::string name_in_cache(const Capabilities& device) {
-    return "limits-" + hash_of(json_text({version_commit, device.api, device.device, device.driver,
-                                          device.uuid, device.limits_of, omp_get_num_procs()}));
+    return "best-limits-" + hash_of(json_text({version_commit, device.api, device.device, device.driver,
+                                               device.uuid, device.limits_of, omp_get_num_procs()}));
 }
 
 }  // namespace
 
-std::optional<DeviceLimits> best_so_far(const Capabilities& device) {
+std::optional<BestLimits> best_so_far(const Capabilities& device) {
     const std::optional<std::string> kept = DiskCache().find(name_in_cache(device));
     if (!kept) return std::nullopt;
-    return device_limits_of(parsed_json(*kept));
+    const nlohmann::json json = parsed_json(*kept);
+    return BestLimits{device_limits_of(json), json.at("processes")};
 }
 
-DeviceLimits best_so_far(const Capabilities& device, const DeviceLimits& measured) {
-    const std::optional<DeviceLimits> known = best_so_far(device);
-    DeviceLimits best = known ? best_of(*known, measured) : measured;
-    DiskCache().keep(name_in_cache(device), json_text(to_json(best)));
+DeviceLimits best_so_far(const Capabilities& device, const DeviceLimits& measured, int processes) {
+    const std::optional<BestLimits> known = best_so_far(device);
+    DeviceLimits best = known ? best_of(known->limits, measured) : measured;
+    nlohmann::json json = to_json(best);
+    json["processes"] = processes + (known ? known->processes : 0);
+    DiskCache().keep(name_in_cache(device), json_text(json));
     return best;
 }
 
@@ -169,7 +172,7 @@ void MeasuredLimits::improve_launch(const Capabilities& capabilities, double sec
     DeviceLimits& limits = *known->second.limits;
     if (seconds >= limits.launch_seconds) return;
     limits.launch_seconds = seconds;
-    (void)best_so_far(capabilities, limits);
+    (void)best_so_far(capabilities, limits, 0);
 }
 
 std::optional<DeviceLimits> MeasuredLimits::of(const Capabilities& capabilities,

@@ -22,12 +22,18 @@ DeviceLimits device_limits_of(const nlohmann::json& json);
 /// For each limit the better of the two values that two measurements of a device gave.
 DeviceLimits best_of(const DeviceLimits& one, const DeviceLimits& other);
 
-/// The best limits of a device that any process of this commit has measured with this number of processors.
-/// The first function adds `measured` to them; the second returns no value if nothing was measured yet. They
-/// are kept in the user's cache, since a processor's rates, and launch times that depend on the host, differ
-/// between processes by tens of percent.
-DeviceLimits best_so_far(const Capabilities& device, const DeviceLimits& measured);
-std::optional<DeviceLimits> best_so_far(const Capabilities& device);
+/// The best limits of a device that the processes of this commit have measured with this number of
+/// processors.
+struct BestLimits {
+    DeviceLimits limits;
+    int processes = 0;  ///< how many have measured all of them
+};
+/// The first function adds `measured` to the best limits; the second returns no value if nothing was measured
+/// yet. They are kept in the user's cache, since a processor's rates, and launch times that depend on the
+/// host, differ between processes by tens of percent. `processes` of them measured all of `measured`; 0 if
+/// only some of it was measured.
+DeviceLimits best_so_far(const Capabilities& device, const DeviceLimits& measured, int processes = 1);
+std::optional<BestLimits> best_so_far(const Capabilities& device);
 
 /// Bounds on the time of a step, from its shortest times for launches, exchanges between blocks, memory
 /// traffic and arithmetic. `longest` is the longest of these: no step is faster. `sum_seconds` is their sum:

@@ -3,6 +3,7 @@
 #include <omp.h>
 
 #include <cstdlib>
+#include <iostream>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <stdexcept>
@@ -100,12 +101,18 @@ RegisteredCaseRunner::RegisteredCaseRunner(const std::string& name, CaseRunnerFa
 }
 
 Case::Case(BackendSpec spec, Workers& workers, CaseProgram program, JournalScope scope,
-           std::chrono::duration<double> timeout)
+           std::chrono::duration<double> timeout, std::shared_ptr<SharedProcess> shared)
     : spec_(std::move(spec)),
       workers_(&workers),
       program_(std::move(program)),
       scope_(std::move(scope)),
-      timeout_(timeout) {}
+      timeout_(timeout),
+      shared_(std::move(shared)) {}
+
+void Case::say_measured_again(const std::string& reason) const {
+    std::cerr << "voxspring: " << spec_.label() << " failed beside other backends in a process: " << reason
+              << "; it is measured again alone\n";
+}
 
 void Case::start() {
     if (interrupted()) throw Interrupted();
@@ -117,7 +124,10 @@ void Case::start() {
 }
 
 void Case::make_process() {
-    process_ = std::make_unique<Worker>(*workers_, case_description(spec_, program_), timeout_);
+    std::shared_ptr<WorkerProcess> process = shared_ != nullptr ? shared_->process.lock() : nullptr;
+    process_ =
+        std::make_unique<Worker>(*workers_, case_description(spec_, program_), timeout_, std::move(process));
+    if (shared_ != nullptr) shared_->process = process_->shared_process();
 }
 
 void Case::begin_introduction() {
@@ -173,7 +183,13 @@ nlohmann::json Case::ask(const nlohmann::json& question, const std::string& doin
 const nlohmann::json* Case::kept(const std::string& name, const std::function<nlohmann::json()>& make,
                                  const std::string& at) {
     if (scope_.find(name) == nullptr && scope_.find("failed") == nullptr) {
-        const auto failure = failure_of([&] { scope_.keep(name, make()); });
+        const auto measure = [&] { scope_.keep(name, make()); };
+        auto failure = failure_of(measure);
+        if (failure && shares_process()) {
+            say_measured_again(*failure);
+            *this = alone();
+            failure = failure_of(measure);
+        }
         if (failure) scope_.keep("failed", at + *failure);
     }
     return scope_.find(name);
@@ -209,11 +225,17 @@ DeviceLimits Case::measure_limits(JournalScope scope) {
             const nlohmann::json question = {{"do", "limits"}};
             const std::string doing = "measuring the limits of its device";
             const Capabilities of = capabilities_of(capabilities());
-            const DeviceLimits once = device_limits_of(ask(question, doing));
-            const bool first = !best_so_far(of);
-            DeviceLimits best = best_so_far(of, once);
-            for (int more = 1; first && of.steps_on_host() && more < host_processes; ++more)
-                best = best_so_far(of, device_limits_of(afresh({question}, doing).back()));
+            const std::optional<BestLimits> known = best_so_far(of);
+            const int processes = known ? known->processes : 0;
+            // A study measures a card in one process, and the next studies in further ones.
+            const int wanted =
+                of.steps_on_host() ? limits_processes : std::min(processes + 1, limits_processes);
+            DeviceLimits best = known ? known->limits : DeviceLimits();
+            for (int n = processes; n < wanted; ++n) {
+                const nlohmann::json answer =
+                    n == processes ? ask(question, doing) : afresh({question}, doing).back();
+                best = best_so_far(of, device_limits_of(answer));
+            }
             measured = voxspring::to_json(best);
         });
         if (!failure && measured.is_null()) throw Interrupted();

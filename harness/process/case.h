@@ -1,4 +1,4 @@
-// A case of a study: one backend that is measured on one scene, in a separate process.
+// A case of a study: one backend that is measured on one scene, in another process.
 #pragma once
 
 #include <chrono>
@@ -28,13 +28,30 @@ public:
 /// processes, since it depends on where the system puts a process's memory and threads.
 constexpr int host_processes = 3;
 
+/// How many processes of a commit measure the limits of a device. Later ones take the best of these.
+constexpr int limits_processes = 3;
+
+/// A process that several cases share, once the first of them has started it. Opening a card takes some APIs
+/// a quarter of a second per process, far longer than most cases are timed.
+struct SharedProcess {
+    std::weak_ptr<WorkerProcess> process;
+};
+
 /// One backend, with its options, that is measured on one scene. The backend runs in a worker process, which
 /// is started only for a measurement that the journal (the file of finished measurements) does not have.
 class Case {
 public:
-    /// `workers` must have been given the scene, and must outlive the case.
+    /// `workers` must have been given the scene, and must outlive the case. The case has a process without
+    /// others if `shared` is null. In a shared process a case may fail by the fault of another one. So a case
+    /// that fails there has to be measured again in a process without others.
     Case(BackendSpec spec, Workers& workers, CaseProgram program, JournalScope scope,
-         std::chrono::duration<double> timeout);
+         std::chrono::duration<double> timeout, std::shared_ptr<SharedProcess> shared = nullptr);
+
+    bool shares_process() const { return shared_ != nullptr; }
+    /// Returns this case again, in a process without others.
+    Case alone() const { return Case(spec_, *workers_, program_, scope_, timeout_); }
+    /// Says on standard error that the case failed in a shared process, why, and that it is measured again.
+    void say_measured_again(const std::string& reason) const;
 
     const BackendSpec& spec() const { return spec_; }
     /// The part of the journal that has the finished measurements of this case.
@@ -58,19 +75,20 @@ public:
     nlohmann::json ask(const nlohmann::json& question, const std::string& doing,
                        const OnEvent& on_event = {});
     /// Returns the measurement `name` of the journal. If the journal has neither this measurement nor a
-    /// failure of the case, calls `make` and keeps its result in the journal. If `make` fails, keeps `at` +
-    /// the reason as the case's failure. Returns null if the case failed or was interrupted before this
-    /// measurement.
+    /// failure of the case, calls `make` and keeps its result in the journal. If `make` fails in a shared
+    /// process, calls it again in a process without other cases. If it fails there, keeps `at` + the reason
+    /// as the case's failure. Returns null if the case failed or was interrupted before this measurement.
     const nlohmann::json* kept(const std::string& name, const std::function<nlohmann::json()>& make,
                                const std::string& at = {});
     /// ask() in two parts: begin() sends the question, finish() waits for the answer. See Worker.
     void begin(const nlohmann::json& question);
     nlohmann::json finish(const std::string& doing, const OnEvent& on_event = {});
-    /// Measures the limits of the device on a separate backend, unless `scope` has them. Returns the best
-    /// limits that this commit has ever measured on the device (best_so_far() of limits.h). Throws
+    /// Measures the limits of the device on a separate backend, unless `scope` has them or limits_processes
+    /// have measured them. Returns the best that this commit has measured (best_so_far() of limits.h). Throws
     /// DeviceError if they cannot be measured. BadInput, Unwritten and Interrupted pass through.
     DeviceLimits measure_limits(JournalScope scope);
-    /// Ends the worker process, if there is one. The next question starts another process.
+    /// Ends the worker process, if there is one and no other case shares it. The next question starts another
+    /// process.
     void restart() { process_.reset(); }
     /// Starts a further worker process, asks it the questions in turn, and ends it. Returns the result of
     /// introduce() in that process and then the answers. With `cold` that process finds no compiled kernel on
@@ -78,7 +96,8 @@ public:
     std::vector<nlohmann::json> afresh(const std::vector<nlohmann::json>& questions, const std::string& doing,
                                        bool cold = false);
 
-    /// Makes the worker process end, if there is one, and does not wait for its end. No question may follow.
+    /// Makes the worker process end, if there is one, once all cases that share it are dismissed. Does not
+    /// wait for its end. No question may follow.
     void dismiss();
 
     /// The ID of the worker process, if there is one.
@@ -96,6 +115,7 @@ private:
     CaseProgram program_;
     JournalScope scope_;
     std::chrono::duration<double> timeout_;
+    std::shared_ptr<SharedProcess> shared_;
     std::unique_ptr<Worker> process_;
     bool introducing_ = false;      ///< whether an answer to begin_introduction() is still to come
     std::exception_ptr too_early_;  ///< an error of begin_introduction() or await_introduction()

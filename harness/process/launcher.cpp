@@ -175,9 +175,9 @@ nlohmann::json Launcher::call(const nlohmann::json& request, Seconds patience) {
     }
 }
 
-Launcher::Child Launcher::start(const nlohmann::json& description) {
+Launcher::Child Launcher::start() {
     try {
-        const nlohmann::json started = call({{"do", "start"}, {"worker", description}}, Seconds(0));
+        const nlohmann::json started = call({{"do", "start"}}, Seconds(0));
         if (started.contains("errno")) refuse_to_start(started.at("errno"));
         const pid_t process = started.at("process");
         return {process, receive_descriptor(socket_, after(own_patience_))};
@@ -224,8 +224,7 @@ std::shared_ptr<Launcher> Workers::launcher() {
 
 namespace {
 
-void start_worker(int socket, const nlohmann::json& description, const Scene* scene,
-                  const MakeAnswerer& make) {
+void start_worker(int socket, const Scene* scene, const MakeAnswerer& make) {
     int ends[2];
     if (socketpair(AF_UNIX, SOCK_STREAM | SOCK_CLOEXEC, 0, ends) != 0) {
         send_message(socket, {{"errno", errno}});
@@ -236,7 +235,7 @@ void start_worker(int socket, const nlohmann::json& description, const Scene* sc
     if (process == 0) {
         close(socket);
         close(ends[0]);
-        serve_as_worker(ends[1], launcher, description, scene, make);
+        serve_workers(ends[1], launcher, scene, make);
     }
     const int error = errno;
     close(ends[1]);
@@ -288,7 +287,7 @@ void serve_as_launcher(int socket, const MakeAnswerer& make) {
         for (;;) {
             const nlohmann::json request = receive_message(socket);
             if (request.at("do") == "start") {
-                start_worker(socket, request.at("worker"), scene ? &*scene : nullptr, make);
+                start_worker(socket, scene ? &*scene : nullptr, make);
             } else {
                 const Seconds patience(request.at("patience").get<double>());
                 send_message(socket, {{"ended", reap(request.at("process"), patience)}});

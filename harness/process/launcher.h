@@ -40,9 +40,9 @@ public:
         pid_t process;
         int socket;  ///< the connection to the worker, to be closed by the caller
     };
-    /// Starts a worker. Throws std::system_error if no process can be started, std::runtime_error if the
-    /// launcher is lost.
-    Child start(const nlohmann::json& description);
+    /// Starts a process for workers. Throws std::system_error if no process can be started,
+    /// std::runtime_error if the launcher is lost.
+    Child start();
     /// Waits up to `patience` for a worker to end by itself, then kills it. Returns how it ended, in words.
     std::string end(pid_t process, std::chrono::duration<double> patience);
 
@@ -85,22 +85,23 @@ private:
     std::filesystem::path program_;
     const Scene* scene_;
     std::shared_ptr<Launcher> launcher_;
-    Worker* last_asked_ = nullptr;  ///< the worker that Worker::ask() has asked last
+    Worker* last_asked_ =
+        nullptr;  ///< the worker that Worker::ask() has asked last; null: none that still exists
 };
 
 /// A function that an Answerer calls to report something to the study before the answer.
 using OnEvent = std::function<void(const nlohmann::json& event)>;
 /// A function in the worker's process that answers the questions of the study.
 using Answerer = std::function<nlohmann::json(const nlohmann::json& question, const OnEvent& on_event)>;
-/// A function that makes the Answerer in a worker that was started with `description`. `scene` is the scene
-/// of the launcher; null if the launcher has none.
+/// A function that makes the Answerer of a worker from the worker's `description`. `scene` is the scene of
+/// the launcher; null if the launcher has none.
 using MakeAnswerer = std::function<Answerer(const nlohmann::json& description, const Scene* scene)>;
 
 /// Turns this process into a launcher that answers requests on `socket`. Exits when the study ends.
 [[noreturn]] void serve_as_launcher(int socket, const MakeAnswerer& make);
 
-/// Turns this process, a child of the process `launcher`, into a worker that answers questions on `socket`.
-[[noreturn]] void serve_as_worker(int socket, pid_t launcher, const nlohmann::json& description,
-                                  const Scene* scene, const MakeAnswerer& make);
+/// Makes this process, a child of the process `launcher`, answer the questions of one or more workers on
+/// `socket`.
+[[noreturn]] void serve_workers(int socket, pid_t launcher, const Scene* scene, const MakeAnswerer& make);
 
 }  // namespace voxspring

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <cstdint>
 #include <deque>
+#include <functional>
 #include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -47,7 +48,7 @@ struct StrainedRun {
 struct MeasurementContext {
     const Scene& scene;
     const Batch& batch;
-    const ReferenceSolution& solution;
+    const std::optional<ReferenceSolution>& solution;  ///< empty until the first warm-ups have begun
     SharedState& state;
     State& left;  ///< receives the state that a case left
     int edits;    ///< number of edits within a batch
@@ -59,7 +60,7 @@ struct MeasurementContext {
         OwnProcesses own;
         for (const Case& one : cases) {
             const auto process = one.process();
-            if (!process) continue;
+            if (!process || std::find(own.all.begin(), own.all.end(), *process) != own.all.end()) continue;
             own.all.push_back(*process);
             if (!capabilities_of(one.capabilities()).uuid.empty()) ++own.on_card;
         }
@@ -79,9 +80,7 @@ std::string name_of_repetition(int number) { return "repetition " + std::to_stri
 class TimedCase {
 public:
     TimedCase(Case& benchmark_case, const MeasurementContext& context)
-        : case_(benchmark_case),
-          context_(context),
-          own_share_(strained_share(context.solution, benchmark_case.spec())) {
+        : case_(benchmark_case), context_(context) {
         if (const nlohmann::json* reason = case_.scope().find("failed")) failure_ = *reason;
         if (known("repetitions")) {
             for (const nlohmann::json& one : kept("repetitions")) count(one);
@@ -90,17 +89,24 @@ public:
 
     const BackendSpec& spec() const { return case_.spec(); }
     std::string label() const { return spec().label(); }
+    /// Whether the journal has nothing that this case left.
+    bool is_new() const { return !known("repetitions") && failure_.empty(); }
+    /// Whether the case failed in a process that it shares with others. Then another one may be at fault: it
+    /// may have ended the process, or written into this case's memory. The case has to be measured again,
+    /// alone.
+    bool failed_beside_others() const { return failed_beside_others_; }
     /// How many repetitions are missing; 0 if the case has failed.
     int missing() const {
         constexpr int least = 2;
         const Batch& batch = context_.batch;
         const bool took_long = done() >= least && seconds_ >= batch.most_seconds;
-        return failure_.empty() && !took_long ? batch.repetitions - done() : 0;
+        return has_failed() || took_long ? 0 : batch.repetitions - done();
     }
     /// Whether the case needs no further measurement.
     bool finished() const {
-        return !failure_.empty() || (missing() == 0 && !unjudged_ &&
-                                     (context_.edits == 0 || known("edits")) && !lacks_strained_start());
+        if (failed_beside_others_) return false;
+        return has_failed() || (missing() == 0 && !unjudged_ && (context_.edits == 0 || known("edits")) &&
+                                !lacks_strained_start());
     }
 
     /// Starts a compilation in the case's process, if that saves time, and returns whether it was started. It
@@ -123,7 +129,7 @@ public:
 
     /// Starts to count the work of a step in the case's process, before the first upload.
     void begin_counting() {
-        if (finished() || known("step work")) return;
+        if ((!is_new() && finished()) || known("step work")) return;
         attempt([&] {
             case_.begin({{"do", "step work"}});
             counting_ = true;
@@ -137,7 +143,7 @@ public:
     /// It is measured before and after the repetitions, and the shorter time counts: other activity of the
     /// processor may last for seconds, and must not raise the limit of a step.
     void measure_launch(const char* when) {
-        if (!failure_.empty() || !case_.process() || known(when)) return;
+        if (has_failed() || !case_.process() || known(when)) return;
         if (bound(launch_seconds(), {}).longest.limited_by != "launch") return;
         attempt([&] { case_.scope().keep(when, case_.ask({{"do", "launch"}}, "measuring a launch")); });
     }
@@ -150,13 +156,14 @@ public:
         }
         return least;
     }
-    /// Starts the warm-up in the case's process.
-    void begin_warming_up() {
-        if (finished()) return;
+    /// Starts the warm-up in the case's process, unless the case is finished. Returns whether it was started.
+    bool begin_warming_up() {
+        if (!is_new() && finished()) return false;
         attempt([&] {
             case_.begin({{"do", "warm up"}, {"batches", 1}});
             warming_up_ = true;
         });
+        return warming_up_;
     }
     void finish_warming_up() {
         if (!std::exchange(warming_up_, false)) return;
@@ -228,6 +235,7 @@ public:
                 verified.verdict->passed = false;
                 verified.reason = reason;
             }
+            refuse_beside_others(verified);
             verified.verdict->repetitions_judged = done();
             repetitions_.back()["verified"] = to_json(verified);
             case_.scope().keep("repetitions", repetitions_);
@@ -241,7 +249,7 @@ public:
     }
 
     /// Whether the case is finished, has not failed, and left states that agree with the reference.
-    bool passed() const { return failure_.empty() && finished() && verified().verdict->passed; }
+    bool passed() const { return !has_failed() && finished() && verified().verdict->passed; }
     /// The median time of a batch of a case that passed, in seconds.
     double seconds() const { return median(observed().seconds); }
     bool on_host() const { return capabilities_of(case_.capabilities()).steps_on_host(); }
@@ -257,9 +265,9 @@ public:
     }
 
     /// Whether the scene's own start strains too few springs to verify the case.
-    bool needs_strained_start() const { return own_share_ < min_strained_share; }
+    bool needs_strained_start() const { return own_share() < min_strained_share; }
     bool lacks_strained_start() const {
-        return failure_.empty() && needs_strained_start() && !known("strained");
+        return !has_failed() && needs_strained_start() && !known("strained");
     }
     /// Starts a batch from the strained start in the case's process, after everything that is timed.
     void begin_strained_start() {
@@ -285,12 +293,25 @@ private:
     const nlohmann::json& kept(const std::string& name) const { return *case_.scope().find(name); }
     int done() const { return int(repetitions_.size()); }
 
+    bool has_failed() const { return failed_beside_others_ || !failure_.empty(); }
+
     void attempt(const std::function<void()>& action) {
-        if (!failure_.empty()) return;
-        if (const auto failure = failure_of(action)) {
-            failure_ = *failure;
-            case_.scope().keep("failed", *failure);
+        if (has_failed()) return;
+        const auto failure = failure_of(action);
+        if (!failure) return;
+        if (case_.shares_process()) {
+            case_.say_measured_again(*failure);
+            failed_beside_others_ = true;
+            return;
         }
+        failure_ = *failure;
+        case_.scope().keep("failed", *failure);
+    }
+
+    /// Throws if a state that was left in a shared process does not agree with the reference.
+    void refuse_beside_others(const Row& verified) const {
+        if (case_.shares_process() && !verified.verdict->passed)
+            throw std::runtime_error(verified.reason.value_or(""));
     }
 
     void count(nlohmann::json repetition) {
@@ -304,7 +325,9 @@ private:
         return repetition * processes / std::max(processes, context_.batch.repetitions);
     }
     nlohmann::json timed();
-    Row judged() const { return judged_row(context_.solution, context_.left, case_.spec(), own_share_); }
+    /// The share of the springs that the scene's own start strains.
+    double own_share() const { return strained_share(*context_.solution, spec()); }
+    Row judged() const { return judged_row(*context_.solution, context_.left, case_.spec(), own_share()); }
     /// Errors and verdict of a case that is finished and has not failed.
     Row verified() const {
         Row row = row_from_json(repetitions_.back().at("verified"));
@@ -326,8 +349,8 @@ private:
 
     Case& case_;
     const MeasurementContext& context_;
-    const double own_share_;  ///< share of the springs that the scene's own start strains
-    std::string failure_;     ///< empty: no failure so far
+    std::string failure_;  ///< empty: no failure so far
+    bool failed_beside_others_ = false;
     std::vector<nlohmann::json> repetitions_;
     double seconds_ = 0;  ///< time of all repetitions together
     bool compiling_ = false, counting_ = false, warming_up_ = false, reading_ = false, read_ = false;
@@ -348,7 +371,9 @@ void TimedCase::judge_strained_start() {
     if (!std::exchange(read_, false)) return;
     attempt([&] {
         const ReferenceSolution& solution = *context_.strained.solution;
-        case_.scope().keep("strained", to_json(judged_strained_row(solution, context_.left, case_.spec())));
+        const Row verified = judged_strained_row(solution, context_.left, case_.spec());
+        refuse_beside_others(verified);
+        case_.scope().keep("strained", to_json(verified));
     });
 }
 
@@ -499,9 +524,10 @@ Row TimedCase::common_row(const StudyBench& bench) const {
     const Scene& scene = context_.scene;
     Row row;
     bench.identify(row, case_.spec(), context_.batch.steps);
-    row.reference = ReferencePart{.voxels = std::uint64_t(scene.problem.lattice.voxel_count()),
-                                  .error_steps = context_.solution.steps,
-                                  .reference = References::name_of_backend(scene, context_.solution.steps)};
+    row.reference =
+        ReferencePart{.voxels = std::uint64_t(scene.problem.lattice.voxel_count()),
+                      .error_steps = steps_in_all(context_.batch),
+                      .reference = References::name_of_backend(scene, steps_in_all(context_.batch))};
     return row;
 }
 
@@ -569,8 +595,10 @@ void compile_together(StudyBench& bench, std::vector<TimedCase>& cases) {
         [&](std::size_t n) { cases[n].finish_compiling(); });
 }
 
-/// Makes every case warm up: one by one if the rows report start times, otherwise several at once.
-void warm_up_all(StudyBench& bench, std::vector<TimedCase>& cases, bool start_times) {
+/// Makes every case warm up: one by one if the rows report start times, otherwise several at once. Calls
+/// `meanwhile` once the first warm-ups have begun.
+void warm_up_all(StudyBench& bench, std::vector<TimedCase>& cases, bool start_times,
+                 const std::function<void()>& meanwhile) {
     at_once(
         cases.size(), bench.side_by_side(),
         [&](std::size_t n) {
@@ -587,10 +615,12 @@ void warm_up_all(StudyBench& bench, std::vector<TimedCase>& cases, bool start_ti
         cases.size(), most,
         [&](std::size_t n) {
             if (interrupted()) return;
-            if (!cases[n].finished()) bench.show(cases[n].label(), 0, missing);
-            cases[n].begin_warming_up();
+            if (cases[n].begin_warming_up()) bench.show(cases[n].label(), 0, missing);
         },
-        [&](std::size_t n) { cases[n].finish_warming_up(); });
+        [&](std::size_t n) {
+            if (n == 0) meanwhile();
+            cases[n].finish_warming_up();
+        });
 }
 
 /// Makes the repetitions of all cases, interleaved in random order, so that changes of the machine over time
@@ -776,43 +806,61 @@ void measure(StudyBench& bench, const Batch& batch) {
             }
         }
     };
+    // Measures the cases of `specs` in turns. Returns those that failed in a process that they shared.
+    const auto measure_group = [&](const std::vector<BackendSpec>& specs, bool alone) {
+        std::vector<BackendSpec> again;
+        std::vector<Case> entered =
+            bench.enter_all(specs, timing_program(batch, state),
+                            {.limits = true, .at_once = !batch.start_times, .alone = alone});
+        if (entered.empty()) return again;
+        const auto solve = [&, run = specs_of(entered)] {
+            if (!solution) {
+                solution.emplace(solution_of(bench, edited ? *edited : scene.problem, batch, run));
+            } else {
+                add_spreads(bench, scene, run, *solution);
+            }
+        };
+        TimedGroup& timed = groups.emplace_back();
+        timed.entered = std::move(entered);
+        timed.context.emplace(MeasurementContext{scene, batch, solution, state, left,
+                                                 SceneRunner(scene).edits_within(batch.steps), strained,
+                                                 bench.card(), timed.entered});
+        std::vector<TimedCase>& cases = timed.cases;
+        cases.reserve(timed.entered.size());
+        for (Case& one : timed.entered) cases.emplace_back(one, *timed.context);
+        // The reference is computed while kernels are compiled, unless these are timed, the scene needs much
+        // memory, or a resumed study has to know first what is finished.
+        const bool side_by_side =
+            !batch.start_times && !is_heavy(scene) &&
+            std::all_of(cases.begin(), cases.end(), [](const auto& one) { return one.is_new(); });
+        if (!side_by_side) solve();
+        if (batch.start_times) compile_together(bench, cases);
+        warm_up_all(bench, cases, batch.start_times, side_by_side ? solve : std::function<void()>([] {}));
+        for (TimedCase& one : cases) {
+            if (!interrupted()) one.measure_starts(bench);
+        }
+        const int total = repeat_interleaved(bench, cases);
+        judge_states(bench, cases, total);
+        for (TimedCase& one : cases) {
+            if (!interrupted()) one.measure_edits();
+            if (!interrupted()) one.measure_launch(launch_after);
+        }
+        solve_strained_start(bench, *solution, batch, cases, strained);
+        judge_strained_starts(bench, cases, total);
+        if (batch.sustained_seconds > 0) sustain_fastest(bench, cases, total, sustained);
+        for (const TimedCase& one : cases) {
+            if (one.failed_beside_others()) again.push_back(one.spec());
+        }
+        // All processes of this group end now, at the same time, so that none of them runs while a later
+        // group is timed: for example backends on the host.
+        for (Case& one : timed.entered) one.dismiss();
+        for (Case& one : timed.entered) one.restart();
+        return again;
+    };
     try {
         for (const std::vector<BackendSpec>& group : bench.groups()) {
-            std::vector<Case> entered = bench.enter_all(group, timing_program(batch, state),
-                                                        {.limits = true, .at_once = !batch.start_times});
-            if (entered.empty()) continue;
-            const std::vector<BackendSpec> specs = specs_of(entered);
-            if (!solution) {
-                solution.emplace(solution_of(bench, edited ? *edited : scene.problem, batch, specs));
-            } else {
-                add_spreads(bench, scene, specs, *solution);
-            }
-            TimedGroup& timed = groups.emplace_back();
-            timed.entered = std::move(entered);
-            timed.context.emplace(MeasurementContext{scene, batch, *solution, state, left,
-                                                     SceneRunner(scene).edits_within(batch.steps), strained,
-                                                     bench.card(), timed.entered});
-            std::vector<TimedCase>& cases = timed.cases;
-            cases.reserve(timed.entered.size());
-            for (Case& one : timed.entered) cases.emplace_back(one, *timed.context);
-            if (batch.start_times) compile_together(bench, cases);
-            warm_up_all(bench, cases, batch.start_times);
-            for (TimedCase& one : cases) {
-                if (!interrupted()) one.measure_starts(bench);
-            }
-            const int total = repeat_interleaved(bench, cases);
-            judge_states(bench, cases, total);
-            for (TimedCase& one : cases) {
-                if (!interrupted()) one.measure_edits();
-                if (!interrupted()) one.measure_launch(launch_after);
-            }
-            solve_strained_start(bench, *solution, batch, cases, strained);
-            judge_strained_starts(bench, cases, total);
-            if (batch.sustained_seconds > 0) sustain_fastest(bench, cases, total, sustained);
-            // All processes of this group end now, at the same time, so that none of them runs while a later
-            // group is timed: for example backends on the host.
-            for (Case& one : timed.entered) one.dismiss();
-            for (Case& one : timed.entered) one.restart();
+            const std::vector<BackendSpec> again = measure_group(group, false);
+            if (!again.empty() && !interrupted()) (void)measure_group(again, true);
         }
     } catch (const Interrupted&) {
         add_rows();

@@ -27,6 +27,16 @@ namespace {
 
 bool has_driver(const BackendSpec& spec) { return spec.entry->api != host_api; }
 
+bool shares_process(const BackendSpec& spec) {
+    const auto api = apis().find(spec.entry->api);
+    return api != apis().end() && api->second.shares_process;
+}
+
+/// How many processes the cases of a group share. On a server with an H200, opening the card takes 0.18 s of
+/// each process and closing it 0.07 s, one process after the other. Kernels are compiled in as many threads
+/// as there are processes, so one process would be too few.
+constexpr std::size_t max_shared_processes = 4;
+
 /// The time-out of look_for_devices(): longer than a driver takes to report whether there is a device. A
 /// backend that hangs there hangs again when its case begins, and its row then says so.
 constexpr std::chrono::seconds patience_for_devices{20};
@@ -119,9 +129,11 @@ std::vector<std::vector<BackendSpec>> StudyBench::groups() const {
     return groups;
 }
 
-Case StudyBench::case_of(const BackendSpec& spec, const CaseProgram& program) {
+Case StudyBench::case_of(const BackendSpec& spec, const CaseProgram& program,
+                         std::shared_ptr<SharedProcess> shared) {
     return Case(spec, workers_, program,
-                JournalScope(journal_, std::to_string(number_) + " " + spec.label() + " "), options_.timeout);
+                JournalScope(journal_, std::to_string(number_) + " " + spec.label() + " "), options_.timeout,
+                std::move(shared));
 }
 
 std::optional<Case> StudyBench::enter(const BackendSpec& spec, const CaseProgram& program, EnterOptions how) {
@@ -144,6 +156,10 @@ std::optional<Case> StudyBench::entered(Case one, bool limits) {
             unavailable = absent.what();
         }
     });
+    if ((failure || !unavailable.empty()) && one.shares_process()) {
+        if (failure) one.say_measured_again(*failure);
+        return entered(one.alone(), limits);
+    }
     // A backend that has been described found its device earlier in this study, so the device has been lost
     // since.
     const bool lost = context()["backends"].contains(spec.entry->name);
@@ -183,9 +199,15 @@ std::vector<Case> StudyBench::enter_all(std::span<const BackendSpec> specs, cons
     // omp_get_num_procs() counts only the processors that this process may use, for example under taskset or
     // in a container.
     with_its_share.threads = std::max(1, omp_get_num_procs() / int(uploads_side_by_side()));
+    std::vector<std::shared_ptr<SharedProcess>> processes(std::min(side_by_side(), max_shared_processes));
+    for (auto& process : processes) process = std::make_shared<SharedProcess>();
     std::vector<Case> made, cases;
-    for (const BackendSpec& spec : specs)
-        made.push_back(case_of(spec, how.at_once && has_driver(spec) ? with_its_share : program));
+    std::size_t sharing = 0;
+    for (const BackendSpec& spec : specs) {
+        const bool shares = how.at_once && !how.alone && shares_process(spec);
+        made.push_back(case_of(spec, how.at_once && has_driver(spec) ? with_its_share : program,
+                               shares ? processes[sharing++ % processes.size()] : nullptr));
+    }
     if (how.at_once) {
         show("constructing " + counted(made.size(), "backend"), 0, 1);
         introduce_at_once(made);

@@ -44,9 +44,11 @@ void at_once(std::size_t count, std::size_t most, Begin begin, Finish finish) {
 /// How a case, one backend on one scene, is made ready to be measured.
 struct EnterOptions {
     bool limits = false;  ///< also measure the limits of the case's device, once per device
-    /// Construct several cases at once, side_by_side() of them. For studies that do not report the time of
-    /// construction.
+    /// Construct several cases at once, side_by_side() of them, and let those of an API that takes long to
+    /// open its device share a few processes (Api::shares_process). For studies that do not report the time
+    /// of construction. A case that fails in a shared process has to be measured again, with Case::alone().
     bool at_once = false;
+    bool alone = false;  ///< no case shares a process
 };
 
 /// What a StudyKind measures with. It serves one study, scene after scene.
@@ -80,8 +82,8 @@ public:
     /// The case of a backend, ready to be asked. Empty if the backend cannot run the scene or fails, in which
     /// case the result has the reason, or if the study is interrupted.
     std::optional<Case> enter(const BackendSpec& spec, const CaseProgram& program, EnterOptions how = {});
-    /// The cases of `specs` that can run the scene. If they are constructed at once, the process of each uses
-    /// an equal share of the processors from then on; a backend that steps on the processor uses all of them.
+    /// The cases of `specs` that can run the scene. If they are constructed at once, each process uses an
+    /// equal share of the processors from then on; a backend that steps on the processor uses all of them.
     std::vector<Case> enter_all(std::span<const BackendSpec> specs, const CaseProgram& program,
                                 EnterOptions how);
     /// How many cases do untimed work at the same time.
@@ -130,7 +132,8 @@ public:
     void describe_devices();
 
 private:
-    Case case_of(const BackendSpec& spec, const CaseProgram& program);
+    Case case_of(const BackendSpec& spec, const CaseProgram& program,
+                 std::shared_ptr<SharedProcess> shared = nullptr);
     /// Returns the case, or nothing if it cannot run the scene, if it failed, or if the study is interrupted.
     /// `limits`: also measures the limits of the case's device.
     std::optional<Case> entered(Case one, bool limits);

@@ -31,6 +31,10 @@ const std::string reference = reference_backend + ":formulation=increment";
 constexpr std::size_t max_listed_particles = std::size_t(1) << 22;
 /// Particles times steps that cpu_reference computes in about a second.
 constexpr double max_plain_updates = 1e7;
+/// Particles times steps of a check against cpu_reference: a wrong force shows in the first step, a wrong
+/// velocity in the second.
+constexpr double max_checked_updates = 2e6;
+constexpr int min_checked_steps = 2;
 /// Limit of particles times steps of all refined runs together: about a minute on two cores. Beyond it no
 /// total error is computed.
 constexpr double max_refined_updates = 5e9;
@@ -300,8 +304,8 @@ State References::computed(const Scene& scene, int steps, Backend& backend) cons
 
 void References::check_first_steps(const Scene& scene, int steps) const {
     if (is_large(scene)) return;
-    const double affordable = max_plain_updates / double(scene.problem.particle_count());
-    const int first = std::clamp(int(affordable), 1, std::min(steps, max_checked_steps));
+    const double affordable = max_checked_updates / double(scene.problem.particle_count());
+    const int first = std::min(std::clamp(int(affordable), min_checked_steps, max_checked_steps), steps);
     const auto plain = BackendSpec::parse(reference).make();
     const auto parallel = make_perturbed_reference({});
     const State one = computed(scene, first, *plain), other = computed(scene, first, *parallel);
