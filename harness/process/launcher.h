@@ -85,8 +85,8 @@ private:
     std::filesystem::path program_;
     const Scene* scene_;
     std::shared_ptr<Launcher> launcher_;
-    Worker* last_asked_ =
-        nullptr;  ///< the worker that Worker::ask() has asked last; null: none that still exists
+    /// The worker that Worker::ask() has asked last; null if that does not exist any more.
+    Worker* last_asked_ = nullptr;
 };
 
 /// A function that an Answerer calls to report something to the study before the answer.

@@ -203,8 +203,8 @@ private:
     pid_t id_ = -1;
     int workers_ = 0, undismissed_ = 0, unanswered_ = 0;
     Seconds patience_{0};  ///< how long the process may take to end by itself
-    std::map<int, std::deque<nlohmann::json>>
-        early_;  ///< messages that came while another worker's was awaited
+    /// Messages to each worker that came while another worker's message was awaited.
+    std::map<int, std::deque<nlohmann::json>> early_;
     std::string lost_;
 };
 
