@@ -102,8 +102,8 @@ bool is_on_a_part(const DeviceLimits& limits) {
 /// the sizes of the arrays that these threads move are multiples of that number. OMP_NUM_THREADS changes
 /// neither.
 std::string name_in_cache(const Capabilities& device) {
-    return "best-limits-" + hash_of(json_text({version_commit, device.api, device.device, device.driver,
-                                               device.uuid, device.limits_of, omp_get_num_procs()}));
+    return "limits-" + hash_of(json_text({version_commit, device.api, device.device, device.driver,
+                                          device.uuid, device.limits_of, omp_get_num_procs()}));
 }
 
 }  // namespace
@@ -112,7 +112,7 @@ std::optional<BestLimits> best_so_far(const Capabilities& device) {
     const std::optional<std::string> kept = DiskCache().find(name_in_cache(device));
     if (!kept) return std::nullopt;
     const nlohmann::json json = parsed_json(*kept);
-    return BestLimits{device_limits_of(json), json.at("processes")};
+    return BestLimits{device_limits_of(json), json.value("processes", 0)};
 }
 
 DeviceLimits best_so_far(const Capabilities& device, const DeviceLimits& measured, int processes) {
