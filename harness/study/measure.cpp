@@ -780,93 +780,118 @@ void sustain_fastest(StudyBench& bench, std::vector<TimedCase>& cases, int total
     }
 }
 
-}  // namespace
+/// The measurement of all cases of one scene.
+class SceneMeasurement {
+public:
+    SceneMeasurement(StudyBench& bench, const Batch& batch)
+        : bench_(bench), batch_(batch), scene_(bench.scene()), state_(scene_.problem.particle_count()) {
+        if (!scene_.edits.empty()) edited_ = problem_after(scene_, steps_in_all(batch));
+    }
 
-void measure(StudyBench& bench, const Batch& batch) {
-    const Scene& scene = bench.scene();
-    SharedState state(scene.problem.particle_count());
-    std::optional<Problem> edited;
-    if (!scene.edits.empty()) edited = problem_after(scene, steps_in_all(batch));
-    std::optional<ReferenceSolution> solution;
-    StrainedRun strained;
-    State left;
-    std::deque<TimedGroup> groups;
-    SustainedRanks sustained;
-    // Rows are added after all groups, since a row is compared with the limits of its card, which
-    // measurements of a later group may change.
-    const auto add_rows = [&] {
+    /// Measures the cases of `specs` in turns. Returns those that failed in a process that they shared.
+    std::vector<BackendSpec> measure(const std::vector<BackendSpec>& specs, bool alone);
+
+    /// Adds the rows of the cases that are finished. This is done after all groups, since a row is compared
+    /// with the limits of its card, which measurements of a later group may change.
+    void add_rows() {
         int number = 0;
-        for (TimedGroup& group : groups) {
-            for (TimedCase& one : group.cases) one.tell_launch(bench);
+        for (TimedGroup& group : groups_) {
+            for (TimedCase& one : group.cases) one.tell_launch(bench_);
         }
-        for (TimedGroup& group : groups) {
+        for (TimedGroup& group : groups_) {
             for (TimedCase& one : group.cases) {
-                if (one.finished()) one.add_rows(bench, number);
+                if (one.finished()) one.add_rows(bench_, number);
                 ++number;
             }
         }
-    };
-    // Measures the cases of `specs` in turns. Returns those that failed in a process that they shared.
-    const auto measure_group = [&](const std::vector<BackendSpec>& specs, bool alone) {
-        std::vector<BackendSpec> again;
-        std::vector<Case> entered =
-            bench.enter_all(specs, timing_program(batch, state),
-                            {.limits = true, .at_once = !batch.start_times, .alone = alone});
-        if (entered.empty()) return again;
-        const auto solve = [&, run = specs_of(entered)] {
-            if (!solution) {
-                solution.emplace(solution_of(bench, edited ? *edited : scene.problem, batch, run));
-            } else {
-                add_spreads(bench, scene, run, *solution);
-            }
-        };
-        TimedGroup& timed = groups.emplace_back();
-        timed.entered = std::move(entered);
-        timed.context.emplace(MeasurementContext{scene, batch, solution, state, left,
-                                                 SceneRunner(scene).edits_within(batch.steps), strained,
-                                                 bench.card(), timed.entered});
-        std::vector<TimedCase>& cases = timed.cases;
-        cases.reserve(timed.entered.size());
-        for (Case& one : timed.entered) cases.emplace_back(one, *timed.context);
-        // The reference is computed while kernels are compiled, unless these are timed, the scene needs much
-        // memory, or a resumed study has to know first what is finished.
-        const bool side_by_side =
-            !batch.start_times && !is_heavy(scene) &&
-            std::all_of(cases.begin(), cases.end(), [](const auto& one) { return one.is_new(); });
-        if (!side_by_side) solve();
-        if (batch.start_times) compile_together(bench, cases);
-        warm_up_all(bench, cases, batch.start_times, side_by_side ? solve : std::function<void()>([] {}));
-        for (TimedCase& one : cases) {
-            if (!interrupted()) one.measure_starts(bench);
+    }
+
+private:
+    /// Computes what is missing of the reference and of the spreads for `specs`.
+    void solve(const std::vector<BackendSpec>& specs) {
+        if (!solution_) {
+            solution_.emplace(solution_of(bench_, edited_ ? *edited_ : scene_.problem, batch_, specs));
+        } else {
+            add_spreads(bench_, scene_, specs, *solution_);
         }
-        const int total = repeat_interleaved(bench, cases);
-        judge_states(bench, cases, total);
-        for (TimedCase& one : cases) {
-            if (!interrupted()) one.measure_edits();
-            if (!interrupted()) one.measure_launch(launch_after);
-        }
-        solve_strained_start(bench, *solution, batch, cases, strained);
-        judge_strained_starts(bench, cases, total);
-        if (batch.sustained_seconds > 0) sustain_fastest(bench, cases, total, sustained);
-        for (const TimedCase& one : cases) {
-            if (one.failed_beside_others()) again.push_back(one.spec());
-        }
-        // All processes of this group end now, at the same time, so that none of them runs while a later
-        // group is timed: for example backends on the host.
-        for (Case& one : timed.entered) one.dismiss();
-        for (Case& one : timed.entered) one.restart();
-        return again;
-    };
+    }
+    TimedGroup& new_group(std::vector<Case> entered) {
+        TimedGroup& group = groups_.emplace_back();
+        group.entered = std::move(entered);
+        group.context.emplace(MeasurementContext{scene_, batch_, solution_, state_, left_,
+                                                 SceneRunner(scene_).edits_within(batch_.steps), strained_,
+                                                 bench_.card(), group.entered});
+        group.cases.reserve(group.entered.size());
+        for (Case& one : group.entered) group.cases.emplace_back(one, *group.context);
+        return group;
+    }
+
+    StudyBench& bench_;
+    const Batch& batch_;
+    const Scene& scene_;
+    SharedState state_;
+    std::optional<Problem> edited_;  ///< the problem after the batches; empty if the scene has no edits
+    std::optional<ReferenceSolution> solution_;
+    StrainedRun strained_;
+    State left_;
+    std::deque<TimedGroup> groups_;
+    SustainedRanks sustained_;
+};
+
+std::vector<BackendSpec> SceneMeasurement::measure(const std::vector<BackendSpec>& specs, bool alone) {
+    std::vector<BackendSpec> again;
+    std::vector<Case> entered =
+        bench_.enter_all(specs, timing_program(batch_, state_),
+                         {.limits = true, .at_once = !batch_.start_times, .alone = alone});
+    if (entered.empty()) return again;
+    TimedGroup& group = new_group(std::move(entered));
+    std::vector<TimedCase>& cases = group.cases;
+    // The reference is computed while kernels are compiled, unless these are timed, the scene needs much
+    // memory, or a resumed study has to know first what is finished.
+    const bool while_compiling =
+        !batch_.start_times && !is_heavy(scene_) &&
+        std::all_of(cases.begin(), cases.end(), [](const auto& one) { return one.is_new(); });
+    const auto solve_for_group = [&] { solve(specs_of(group.entered)); };
+    if (!while_compiling) solve_for_group();
+    if (batch_.start_times) compile_together(bench_, cases);
+    warm_up_all(
+        bench_, cases, batch_.start_times, while_compiling ? std::function<void()>(solve_for_group) : [] {});
+    for (TimedCase& one : cases) {
+        if (!interrupted()) one.measure_starts(bench_);
+    }
+    const int total = repeat_interleaved(bench_, cases);
+    judge_states(bench_, cases, total);
+    for (TimedCase& one : cases) {
+        if (!interrupted()) one.measure_edits();
+        if (!interrupted()) one.measure_launch(launch_after);
+    }
+    solve_strained_start(bench_, *solution_, batch_, cases, strained_);
+    judge_strained_starts(bench_, cases, total);
+    if (batch_.sustained_seconds > 0) sustain_fastest(bench_, cases, total, sustained_);
+    for (const TimedCase& one : cases) {
+        if (one.failed_beside_others()) again.push_back(one.spec());
+    }
+    // All processes of this group end now, at the same time, so that none of them runs while a later group is
+    // timed: for example backends on the host.
+    for (Case& one : group.entered) one.dismiss();
+    for (Case& one : group.entered) one.restart();
+    return again;
+}
+
+}  // namespace
+
+void measure(StudyBench& bench, const Batch& batch) {
+    SceneMeasurement scene(bench, batch);
     try {
         for (const std::vector<BackendSpec>& group : bench.groups()) {
-            const std::vector<BackendSpec> again = measure_group(group, false);
-            if (!again.empty() && !interrupted()) (void)measure_group(again, true);
+            const std::vector<BackendSpec> again = scene.measure(group, false);
+            if (!again.empty() && !interrupted()) (void)scene.measure(again, true);
         }
     } catch (const Interrupted&) {
-        add_rows();
+        scene.add_rows();
         throw;
     }
-    add_rows();
+    scene.add_rows();
 }
 
 }  // namespace voxspring
