@@ -55,7 +55,7 @@ class Case:
 
     def spread(self):
         low, _, high = statistics.quantiles(self.times, n=4, method="inclusive")
-        return 100 * (high - low) / 2 / self.us
+        return 100 * max((high - low) / 2 / self.us, self.row.get("process_spread") or 0)
 
 
 @functools.lru_cache(None)

@@ -71,6 +71,9 @@ class Target:
         self.title = f"{path.parent.name}/{result_files.study_of(path)}"
         self.measured = [(name, row) for name in TIMES for row in self.json.get(name, []) if row.get("run_type", "iteration") == "iteration"]
         self.verdicts = self.json["verification"]
+        # The rows of energy and overhead hold their verdicts themselves.
+        self.judged = [(name, row) for name in ("verification", "energy", "overhead") for row in self.json.get(name, [])
+                       if name == "verification" or row.get("passed") is not None]
 
     def gate(self, change):
         """What the comparison says of a copy that `change` edits, or how it is refused."""
@@ -251,23 +254,23 @@ def unverified(target):
     return target.failed(target.gate(lambda result: result["verification"].pop()), "its states were not verified")
 
 
-@attack("no springs: every particle off by its motion", "verdicts")
+@attack("no springs: every particle off by its motion", "judged")
 def springless(target):
     """A row passes with such an error only where tables print that it is not verified."""
     unjudged, through = collections.Counter(), []
-    for index, verdict in enumerate(target.verdicts):
+    for name, verdict in target.judged:
         wrong = copy.deepcopy(verdict)
         for run in (wrong, wrong.get("strained_start", {})):
             for error, motion in (("error_max", "motion_max"), ("error_rms", "motion_rms")):
                 if motion in run:
                     run[error] = run[motion]
-        if not next(result_files.contradictions({"verification": [wrong]}), None):
+        if not next(result_files.contradictions({name: [wrong]}), None):
             unjudged[shown := result_files.threshold_of(verdict)] += 1
             through += [verdict["name"]] * (shown not in ("chaotic", "not verified"))
     if through:
         raise GotThrough(f"{len(through)} rows as {through[0]}")
     said = "; ".join(f"{count} printed as {name}" for name, count in unjudged.items()) or "none unjudged"
-    return f"error beyond its bound, refused in {len(target.verdicts) - sum(unjudged.values())} of {len(target.verdicts)} rows, {said}"
+    return f"error beyond its bound, refused in {len(target.judged) - sum(unjudged.values())} of {len(target.judged)} rows, {said}"
 
 
 @attack("no springs: rows whose springs nothing strains")

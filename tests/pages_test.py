@@ -376,9 +376,14 @@ class Tables(unittest.TestCase):
                     paper_s = rows.fastest_of(papers) if len(papers) > 1 else rows.held_out(*papers)
                     self.assertAlmostEqual(block["paper"]["ratio"] * best["real_time"] / paper_s["real_time"], 1, 6)
 
+    def test_the_wider_of_the_spreads_of_a_row(self):
+        self.assertEqual([rows.widest(0.1, None), rows.widest(0.1, 0.2), rows.widest(None, None)], [0.1, 0.2, None])
+
     def test_cold_and_warm_starts_of_every_strategy(self):
         self.assertEqual(rows.starts_of({"ready_seconds": 0.3, "compile_seconds": 0.1, "warm_ready_seconds": 0.2}), ["300 (100)", "200"])
         self.assertEqual(rows.starts_of({}), ["-", "-"])
+        self.assertEqual(rows.starts_of({"ready_seconds": 0.3, "warm_ready_seconds": 0.2, "ready_spread": 2.5, "warm_ready_spread": 0.01}),
+                         ["300 ± 250 %", "200"])
         lines = cells_of(paper.Tables().starts())[2:]
         self.assertEqual({line[0].strip("`") for line in lines}, {row["backend"] for row in rows.medians("table1")})
         self.assertNotIn("-", sum(lines, []), "all are measured")

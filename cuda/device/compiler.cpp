@@ -11,6 +11,7 @@
 #include <cstddef>
 #include <cstring>
 #include <filesystem>
+#include <memory>
 #include <source_location>
 #include <string_view>
 #include <vector>
@@ -229,13 +230,25 @@ CompiledKernel compile(const KernelSource& source, int architecture) {
 
     using Clock = std::chrono::steady_clock;
     const auto begin = Clock::now();
-    const Program program(std::string(embedded_kernels.at(name)), name, all_headers);
     std::vector<const char*> arguments;
     for (const std::string& option : options) arguments.push_back(option.c_str());
-    if (nvrtc().CompileProgram(program.get(), int(arguments.size()), arguments.data()) != NVRTC_SUCCESS)
-        throw DeviceError("NVRTC: " + program.take(nvrtc().GetProgramLogSize, nvrtc().GetProgramLog));
-    compiled.code = exact ? program.take(nvrtc().GetCUBINSize, nvrtc().GetCUBIN)
-                          : program.take(nvrtc().GetPTXSize, nvrtc().GetPTX);
+    // Recent versions of NVRTC also cache what they compiled, in ~/.nv. A start without this program's cache
+    // would then find its kernels compiled, and be timed as a cold one.
+    arguments.push_back("--no-cache");
+    std::unique_ptr<Program> program;
+    const auto result_of_compiling = [&] {
+        program = std::make_unique<Program>(std::string(embedded_kernels.at(name)), name, all_headers);
+        return nvrtc().CompileProgram(program->get(), int(arguments.size()), arguments.data());
+    };
+    nvrtcResult result = result_of_compiling();
+    if (result == NVRTC_ERROR_INVALID_OPTION) {  // an older version, which has no cache
+        arguments.pop_back();
+        result = result_of_compiling();
+    }
+    if (result != NVRTC_SUCCESS)
+        throw DeviceError("NVRTC: " + program->take(nvrtc().GetProgramLogSize, nvrtc().GetProgramLog));
+    compiled.code = exact ? program->take(nvrtc().GetCUBINSize, nvrtc().GetCUBIN)
+                          : program->take(nvrtc().GetPTXSize, nvrtc().GetPTX);
     compiled.seconds = std::chrono::duration<double>(Clock::now() - begin).count();
     std::string kept(head, '\0');
     std::memcpy(kept.data(), &compiled.seconds, head);

@@ -67,9 +67,15 @@ def about_backend(one, row):
             "addressing": result_files.addressing(row["backend"], about), "on_card": bool(about.get("uuid"))}
 
 
+def widest(*spreads):
+    """The largest of the spreads that are known; None if none is."""
+    return max((spread for spread in spreads if spread is not None), default=None)
+
+
 def medians_of(one):
-    """The median row of each case of a result, with the relative spread of its times and what the result says of its backend."""
-    return [row | {"spread": result_files.spread_of(row["times"])} | about_backend(one, row)
+    """The median row of each case of a result, with the relative spread of its times and what the result says of its backend.
+    A backend on the host is timed in several processes, whose medians may differ by more than the repetitions of one."""
+    return [row | {"spread": widest(result_files.spread_of(row["times"]), row.get("process_spread"))} | about_backend(one, row)
             for row in result_files.medians(one["benchmarks"], one.get("verification", []))]
 
 
@@ -338,11 +344,12 @@ def milliseconds(row, key):
 
 
 def starts_of(row):
-    """Milliseconds from the start to the first step, as two texts: with no kernel in the disk cache (and in
-    parentheses the time of compiling), and with all kernels there. A dash stands for a start that was not measured.
+    """Milliseconds from the start to the first step, with their spread, as two texts: with no kernel in the disk cache
+    (and in parentheses the time of compiling), and with all kernels there. A dash stands for a start that was not measured.
     """
     compiling = f" ({milliseconds(row, 'compile_seconds')})" if row.get("compile_seconds") else ""
-    return [milliseconds(row, "ready_seconds") + compiling, milliseconds(row, "warm_ready_seconds")]
+    return [milliseconds(row, "ready_seconds") + spread_text({"spread": row.get("ready_spread")}) + compiling,
+            milliseconds(row, "warm_ready_seconds") + spread_text({"spread": row.get("warm_ready_spread")})]
 
 
 def resting_cases():
