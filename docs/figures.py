@@ -45,6 +45,14 @@ def best_on_heart():
     return sorted(((results.fastest_of(own), len(own)) for own in on_heart()), key=lambda best: best[0]["real_time"])
 
 
+def left_out():
+    """A sentence on the backends that the study table1 has on the heart and the study fastest leaves out; empty if there is none."""
+    measured = distinct((row for row in results.medians("table1") if row["scene"] == "heart"), "backend")
+    shown = {row["backend"] for row, _ in best_on_heart()}
+    absent = [f"`{name}`" for name in measured if name not in shown]
+    return f"The study leaves out {listed(absent)}, which [Table 1](results/README.md#table-1) has. " if absent else ""
+
+
 def architecture():
     """The rooms (folders of sources, includes_test.ROOMS) as a Mermaid graph. An arrow is an include; arrows that others imply are
     left out."""

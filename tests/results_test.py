@@ -100,6 +100,14 @@ class Written(unittest.TestCase):
         self.assertIn("bursts", rows.without_sustained([old]))
         self.assertEqual(rows.without_sustained([old, row(2, sustained_seconds_per_step=1e-6)]), "")
 
+    def test_slow_downs_over_times_that_differ_are_marked(self):
+        def row(backend, seconds, **fields):
+            return {"name": f"scalpel/{backend}/increment/float32", "seconds_per_step_without_edits": seconds} | fields
+
+        edited = auto_rules.rows.edited([row("steady", 1.0, noisy=["drifts"]), row("steady", 1.09),
+                                         row("disturbed", 1.0), row("disturbed", 1.2)])
+        self.assertEqual([len(one["noisy"]) for one in edited], [1, 0, 1, 1])
+
     def test_no_limit_binds_a_row_that_is_far_from_it(self):
         for fraction, said in ((0.6, "launch"), (0.59, None), (None, None)):
             self.assertEqual(result_files.binder({"limited_by": "launch", "fraction_of_limit": fraction}), said)

@@ -185,7 +185,7 @@ def share_of_sum(row):
 
 
 def sustained(row):
-    """The time of a step in us while steps run for seconds without a pause; a dash if that was not measured."""
+    """The time of a step in us while batches follow each other without a pause; a dash if that was not measured."""
     seconds = row.get("sustained_seconds_per_step")
     return microseconds(seconds * 1e6 if seconds else None)
 
@@ -274,6 +274,21 @@ def copy_rate(one):
 
 def slow_down(row):
     return row["real_time"] * 1e-6 / row["seconds_per_step_without_edits"] - 1
+
+
+# Without edits a backend steps the same body in every scene of the study edits. If these times are further apart than this share,
+# not all of them are right, and slow-downs over them are not to be trusted.
+MAX_APART = 0.1
+
+
+def edited(rows):
+    """Rows of the study edits, those with times without edits that are too far apart marked as noisy."""
+    found = []
+    for own in groups(rows, contender).values():
+        times = [row["seconds_per_step_without_edits"] for row in own]
+        apart = ["times without edits differ"] * (max(times) > (1 + MAX_APART) * min(times))
+        found += [row | {"noisy": (row.get("noisy") or []) + apart} for row in own]
+    return found
 
 
 def tunings():
