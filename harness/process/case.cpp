@@ -227,9 +227,10 @@ DeviceLimits Case::measure_limits(JournalScope scope) {
             const Capabilities of = capabilities_of(capabilities());
             const std::optional<BestLimits> known = best_so_far(of);
             const int processes = known ? known->processes : 0;
-            // A study measures a card in one process, and the next studies in further ones.
-            const int wanted =
-                of.steps_on_host() ? limits_processes : std::min(processes + 1, limits_processes);
+            // A study measures a card in one process, and the next studies in further ones. The rates of a
+            // host depend on what else runs on it, so every study measures them.
+            const int wanted = of.steps_on_host() ? std::max(limits_processes, processes + 1)
+                                                  : std::min(processes + 1, limits_processes);
             DeviceLimits best = known ? known->limits : DeviceLimits();
             for (int n = processes; n < wanted; ++n) {
                 const nlohmann::json answer =

@@ -28,7 +28,8 @@ public:
 /// processes, since it depends on where the system puts a process's memory and threads.
 constexpr int host_processes = 3;
 
-/// How many processes of a commit measure the limits of a device. Later ones take the best of these.
+/// How many processes of a commit measure the limits of a card. Later ones take the best of these. The first
+/// study measures a host's limits in as many processes, and each later one in one.
 constexpr int limits_processes = 3;
 
 /// A process that several cases share, once the first of them has started it. Opening a card takes some APIs
@@ -84,8 +85,9 @@ public:
     void begin(const nlohmann::json& question);
     nlohmann::json finish(const std::string& doing, const OnEvent& on_event = {});
     /// Measures the limits of the device on a separate backend, unless `scope` has them or limits_processes
-    /// have measured them. Returns the best that this commit has measured (best_so_far() of limits.h). Throws
-    /// DeviceError if they cannot be measured. BadInput, Unwritten and Interrupted pass through.
+    /// have measured those of a card. Returns the best that this commit has measured (best_so_far() of
+    /// limits.h). Throws DeviceError if they cannot be measured. BadInput, Unwritten and Interrupted pass
+    /// through.
     DeviceLimits measure_limits(JournalScope scope);
     /// Ends the worker process, if there is one and no other case shares it. The next question starts another
     /// process.
