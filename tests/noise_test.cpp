@@ -334,7 +334,7 @@ TEST_F(CardInAStudy, TellsItsEnergy) {
     // The counter is read up to 10 ms after a leap of 20 ms, at either end of five seconds.
     EXPECT_NEAR(row.at("watts").get<double>(), 500, 500 * 0.01);
     EXPECT_EQ(row.at("sampled_watts"), 500);
-    EXPECT_NEAR(row.at("seconds").get<double>(), 5, 1);
+    EXPECT_NEAR(row.at("seconds").get<double>(), 5, 0.5);
     EXPECT_DOUBLE_EQ(row.at("joules_per_step"),
                      row.at("watts").get<double>() * row.at("seconds_per_step").get<double>());
     EXPECT_EQ(row.at("throttled"), nlohmann::json::array({"power limit"}));
@@ -359,7 +359,10 @@ TEST_F(CardInAStudy, HasNoEnergyOfAWrongBackend) {
 TEST_F(CardInAStudy, WhoseCounterAndSamplesDisagreeHasNoEnergy) {
     setenv("FAKE_SAMPLED_WATTS", "400", 1);
     const nlohmann::json row = row_of("energy", result_of_study("energy", {"on_card"}));
-    EXPECT_THAT(row.value("reason", ""), HasSubstr("its energy is not known: the counter says 50"));
+    const std::string reason = row.value("reason", ""), said = "its energy is not known: the counter says ";
+    ASSERT_THAT(reason, HasSubstr(said));
+    // As far from 500 W as in the test above, so that 499 W may be said as well.
+    EXPECT_NEAR(std::stod(reason.substr(reason.find(said) + said.size())), 500, 500 * 0.01);
 }
 
 const nlohmann::json sustaining = {{"start_times", false}, {"sustained_seconds", counted_seconds}};

@@ -949,6 +949,20 @@ TEST(Study, WithoutStartTimesHasSeveralBackendsOfAnApiInAProcess) {
     device = {};
 }
 
+// Catches a case that is timed, or waited for, twice although nobody was beside it.
+TEST(Study, MeasuresNothingAgainThatWasAlone) {
+    Study study = study_of({"sharing_ends", "sharing_one"});
+    study.settings = {{"start_times", false}};
+    StudyOptions options;
+    options.side_by_side = 2;
+    ::testing::internal::CaptureStderr();
+    const nlohmann::json result = run_study(study, options);
+    EXPECT_EQ(::testing::internal::GetCapturedStderr().find("again"), std::string::npos);
+    ASSERT_EQ(result.at("failed").size(), 1u);
+    EXPECT_EQ(result.at("failed")[0].at("backend"), "sharing_ends");
+    EXPECT_EQ(result.at("verification").size(), 1u);
+}
+
 // Catches a fault that costs other backends of the same process their rows, or counts against them.
 TEST(Study, MeasuresAgainAloneWhatFailedBesideOthers) {
     for (const std::string harmful : {"sharing_ends", "sharing_spoils"}) {

@@ -102,7 +102,7 @@ public:
         const bool took_long = done() >= least && seconds_ >= batch.most_seconds;
         return has_failed() || took_long ? 0 : batch.repetitions - done();
     }
-    /// Whether the case needs no further measurement.
+    /// Whether the case needs no further measurement. Needs the reference only if no repetition is missing.
     bool finished() const {
         if (failed_beside_others_) return false;
         return has_failed() || (missing() == 0 && !unjudged_ && (context_.edits == 0 || known("edits")) &&
@@ -129,7 +129,7 @@ public:
 
     /// Starts to count the work of a step in the case's process, before the first upload.
     void begin_counting() {
-        if ((!is_new() && finished()) || known("step work")) return;
+        if (finished() || known("step work")) return;
         attempt([&] {
             case_.begin({{"do", "step work"}});
             counting_ = true;
@@ -158,7 +158,7 @@ public:
     }
     /// Starts the warm-up in the case's process, unless the case is finished. Returns whether it was started.
     bool begin_warming_up() {
-        if (!is_new() && finished()) return false;
+        if (finished()) return false;
         attempt([&] {
             case_.begin({{"do", "warm up"}, {"batches", 1}});
             warming_up_ = true;

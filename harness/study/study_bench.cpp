@@ -202,9 +202,12 @@ std::vector<Case> StudyBench::enter_all(std::span<const BackendSpec> specs, cons
     std::vector<std::shared_ptr<SharedProcess>> processes(std::min(side_by_side(), max_shared_processes));
     for (auto& process : processes) process = std::make_shared<SharedProcess>();
     std::vector<Case> made, cases;
+    // With a process for each case none is shared, and a case that fails fails by its own fault.
+    const auto sharers = std::size_t(std::count_if(specs.begin(), specs.end(), shares_process));
+    const bool share = how.at_once && !how.alone && sharers > processes.size();
     std::size_t sharing = 0;
     for (const BackendSpec& spec : specs) {
-        const bool shares = how.at_once && !how.alone && shares_process(spec);
+        const bool shares = share && shares_process(spec);
         made.push_back(case_of(spec, how.at_once && has_driver(spec) ? with_its_share : program,
                                shares ? processes[sharing++ % processes.size()] : nullptr));
     }
