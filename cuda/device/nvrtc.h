@@ -22,7 +22,7 @@ public:
         return nvrtc;
     }
 
-#define VOXSPRING_NVRTC(name) decltype(&nvrtc##name) name = find<decltype(&nvrtc##name)>("nvrtc" #name)
+#define VOXSPRING_NVRTC(name) decltype(&nvrtc##name) const name = find<decltype(&nvrtc##name)>("nvrtc" #name)
 private:
     void* const library_ = open();
 
