@@ -46,8 +46,8 @@ struct DeviceLimits {
     /// exchange each block sends a point to its neighbours and waits for the points that they send. Points go
     /// through the cache that the blocks share, without a barrier. Empty if the device cannot do this.
     std::optional<double> exchange_seconds;
-    /// Independent multiply-adds per second, each counted as one operation. The rate in float64 is empty if
-    /// it was not measured.
+    /// Independent multiply-adds per second, each counted as one operation; on the CPU also multiply-adds and
+    /// additions in turn, if that is faster. The rate in float64 is empty if it was not measured.
     double float32_operations_per_second = 0;
     std::optional<double> float64_operations_per_second;
     /// The rate of a compute shader, if float32_operations_per_second is that of a fragment shader. Some

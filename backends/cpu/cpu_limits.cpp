@@ -27,15 +27,16 @@ namespace {
 
 namespace hn = hwy::HWY_NAMESPACE;
 
-/// How many sums run side by side: enough to keep two multiply-add units with a latency of five cycles busy.
-/// With `factor` and `term` they fit into the 16 registers of AVX2.
-constexpr std::size_t sums = 10;
+/// How many sums run side by side: enough for two multiply-adds per cycle with a latency of five cycles, and
+/// for two multiply-adds and two additions per cycle if a sum waits seven cycles for both. With `factor` and
+/// `term` they fit into the 16 registers of AVX2.
+constexpr std::size_t sums = 14;
 
-/// Runs `sums` multiply-adds of a register, `count` times, with result[0] as factor and result[1] as term.
-/// Returns the number of scalar multiply-adds. Puts a sum into result[1], so that the compiler does not leave
-/// out the work.
-template <class T>
-HWY_INLINE std::size_t multiply_add(std::size_t count, T* result) {
+/// Runs `sums` multiply-adds of a register, `count` times, with result[0] as factor and result[1] as term; if
+/// `with_additions`, each is followed by an addition. Returns the number of scalar operations. Puts a sum
+/// into result[1], so that the compiler does not leave out the work.
+template <bool with_additions, class T>
+HWY_INLINE std::size_t operate(std::size_t count, T* result) {
     const hn::ScalableTag<T> tag;
     const auto factor = hn::Set(tag, result[0]);
     const auto term = hn::Set(tag, result[1]);
@@ -43,14 +44,24 @@ HWY_INLINE std::size_t multiply_add(std::size_t count, T* result) {
     for (std::size_t s = 0; s < sums; ++s) sum[s] = hn::Set(tag, T(s));
     for (std::size_t n = 0; n < count; ++n) {
         for (std::size_t s = 0; s < sums; ++s) sum[s] = hn::MulAdd(sum[s], factor, term);
+        if constexpr (with_additions) {
+            for (std::size_t s = 0; s < sums; ++s) sum[s] = hn::Add(sum[s], term);
+        }
     }
     for (std::size_t s = 1; s < sums; ++s) sum[0] = hn::Add(sum[0], sum[s]);
     result[1] = hn::GetLane(sum[0]);
-    return count * sums * hn::Lanes(tag);
+    return count * sums * (with_additions ? 2 : 1) * hn::Lanes(tag);
 }
 
-std::size_t multiply_add_float32(std::size_t count, float* result) { return multiply_add(count, result); }
-std::size_t multiply_add_float64(std::size_t count, double* result) { return multiply_add(count, result); }
+template <class T>
+using Operate = std::size_t (*)(std::size_t, T*);
+
+/// Multiply-adds alone, and multiply-adds and additions in turn: some processors have units for additions
+/// beside those for multiplications.
+std::array<Operate<float>, 2> float32_operations() { return {operate<false, float>, operate<true, float>}; }
+std::array<Operate<double>, 2> float64_operations() {
+    return {operate<false, double>, operate<true, double>};
+}
 
 // Passes over arrays that start on a cache line. `count` is a multiple of the elements of `group` registers.
 // A pass that overwrites an array in place has read it, so its lines are in a cache. Stream stores to another
@@ -107,16 +118,9 @@ HWY_AFTER_NAMESPACE();
 namespace voxspring {
 namespace {
 
-HWY_EXPORT(multiply_add_float32);
-HWY_EXPORT(multiply_add_float64);
+HWY_EXPORT(float32_operations);
+HWY_EXPORT(float64_operations);
 HWY_EXPORT(passes);
-
-std::size_t multiply_add_on_best_target(std::size_t count, float* result) {
-    return HWY_DYNAMIC_DISPATCH(multiply_add_float32)(count, result);
-}
-std::size_t multiply_add_on_best_target(std::size_t count, double* result) {
-    return HWY_DYNAMIC_DISPATCH(multiply_add_float64)(count, result);
-}
 
 /// The number of threads that a parallel region gets. It may be less than omp_get_max_threads(), for example
 /// if OMP_THREAD_LIMIT is.
@@ -145,20 +149,21 @@ double parallel_seconds(Work work, int threads = omp_get_max_threads()) {
     return slowest;
 }
 
+/// The scalar operations per second of all threads. `operate` is an Operate of the best SIMD target.
 template <class T>
-double operations_per_second() {
+double operations_per_second(std::size_t (*operate)(std::size_t, T*)) {
     constexpr std::size_t repetition = 10000;
     std::atomic<std::size_t> operations = 0;  // by all threads in one repetition
     const double seconds = min_seconds([&](int count) {
         operations = 0;
         return parallel_seconds([&](std::size_t, std::size_t) {
-            // A factor that the compiler does not know. With this factor the sums converge to 2.
+            // A factor that the compiler does not know. With this factor the sums converge to a small number.
             volatile T half = T(0.5);
             T result[] = {half, T(1)};
             std::size_t done = 0;
             for (int n = 0; n < count; ++n) {
                 result[1] = T(1);
-                done = multiply_add_on_best_target(repetition, result);
+                done = operate(repetition, result);
             }
             operations += done;
             half = result[1];
@@ -271,16 +276,19 @@ void measure_bandwidth(DeviceLimits& limits) {
 
 DeviceLimits CpuBackend::measure_limits() {
     DeviceLimits limits;
-    const auto measure_operations = [&limits] {
-        limits.float32_operations_per_second =
-            std::max(limits.float32_operations_per_second, operations_per_second<float>());
-        limits.float64_operations_per_second =
-            std::max(limits.float64_operations_per_second.value_or(0), operations_per_second<double>());
+    const auto raise = [](double& best, const auto& kinds) {
+        for (const auto operate : kinds) best = std::max(best, operations_per_second(operate));
+    };
+    double float64 = 0;
+    const auto measure_operations = [&] {
+        raise(limits.float32_operations_per_second, HWY_DYNAMIC_DISPATCH(float32_operations)());
+        raise(float64, HWY_DYNAMIC_DISPATCH(float64_operations)());
     };
     // Measured twice, seconds apart: one measurement is so short that another process may disturb all of it.
     measure_operations();
     measure_bandwidth(limits);
     measure_operations();
+    limits.float64_operations_per_second = float64;
     return limits;
 }
 
