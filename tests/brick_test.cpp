@@ -353,6 +353,43 @@ TYPED_TEST(BrickBody, EveryParticleIsInOneTile) {
     }
 }
 
+/// The brick that a card takes for a box. The brick's shape is known when its kernel is compiled, so it
+/// stands here too. `number`: of testing::card_profiles().
+template <std::size_t number, int nx, int ny, int nz, class V>
+struct OnCard {
+    static const testing::CardProfile& card() {
+        static const std::vector<testing::CardProfile> cards = testing::card_profiles();
+        return cards.at(number);
+    }
+    static Problem box() { return lattice(solid({nx, ny, nz})); }
+    using Body = V;
+};
+template <class V>
+class BrickCard : public ::testing::Test {};
+// The paper's box, and on the smallest card, which does not hold it, a quarter of it.
+using Cards =
+    ::testing::Types<OnCard<0, 32, 16, 16, Variant<Formulation::increment, 2, 1, 2, 8, 8, 2, false, 7, 0>>,
+                     OnCard<1, 32, 32, 32, Variant<Formulation::position, 3, 1, 1, 2, 8, 8, true, 0, 0>>,
+                     OnCard<2, 32, 32, 32, Variant<Formulation::increment, 2, 1, 2, 16, 6, 4, false, 0, 8>>,
+                     OnCard<3, 32, 32, 32, Variant<Formulation::position, 3, 1, 1, 2, 7, 8, true, 0, 2>>,
+                     OnCard<4, 32, 32, 32, Variant<Formulation::increment, 3, 1, 1, 2, 5, 8, true, 0, 6>>>;
+TYPED_TEST_SUITE(BrickCard, Cards);
+
+TYPED_TEST(BrickCard, StepsABoxByTheBrickThatItPlans) {
+    using V = typename TypeParam::Body;
+    const testing::CardProfile& card = TypeParam::card();
+    SCOPED_TRACE(card.name);
+    const Problem box = TypeParam::box();
+    const std::optional<BrickPlan> plan =
+        plan_bricks(box, V::formulation, card.device, card.architecture >= 90);
+    ASSERT_TRUE(plan);
+    const BrickShape& s = plan->shape;
+    EXPECT_EQ(s, V::shape) << "planned: " << s.tx << " " << s.ty << " " << s.tz << " " << s.wx << " " << s.wy
+                           << " " << s.wz << " " << s.both << " " << s.row_pad << " " << s.plane_pad;
+    EXPECT_FALSE(plan->increments_in_memory);
+    testing::expect_agreement<Simulation<V>>({{"box", box}}, Precision::float32, V::formulation);
+}
+
 // A thread that requests registers which no other thread releases waits for ever.
 TEST(BrickPlan, AsksForNoMoreRegistersThanTheCompilerGave) {
     BrickPlan plan;

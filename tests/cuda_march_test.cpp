@@ -408,6 +408,37 @@ TYPED_TEST(MarchBody, SlabsGiveTheBitsOfTheWhole) {
     });
 }
 
+/// The tiles of march_tiles(), for which kernels are compiled. A card's plan takes one of them.
+template <class V>
+class MarchTiles : public ::testing::Test {};
+using Tiles = ::testing::Types<Variant<float, Formulation::position, 2, 32, 2, 10, 4, 2>,
+                               Variant<float, Formulation::increment, 2, 32, 1, 8, 4, 3>,
+                               Variant<float, Formulation::position, 2, 32, 1, 4, 3, 2>,
+                               Variant<float, Formulation::increment, 2, 16, 1, 5, 3, 2>,
+                               Variant<float, Formulation::position, 2, 32, 1, 10, 4, 2>,
+                               Variant<float, Formulation::increment, 2, 32, 2, 8, 4, 3>,
+                               Variant<double, Formulation::position, 1, 32, 1, 8, 4, 3>,
+                               Variant<double, Formulation::increment, 1, 32, 1, 4, 3, 2>,
+                               Variant<double, Formulation::position, 1, 32, 2, 8, 4, 3>>;
+TYPED_TEST_SUITE(MarchTiles, Tiles);
+
+TYPED_TEST(MarchTiles, StepAsTheReferenceDoes) {
+    std::map<std::string, Problem> bodies = lattices();
+    std::erase_if(bodies, [](const auto& body) { return body.first != "wide_box" && body.first != "cut"; });
+    testing::expect_agreement<Simulation<TypeParam>>(bodies, TypeParam::precision, TypeParam::formulation);
+}
+
+template <class... V>
+bool steps_by(::testing::Types<V...> /*of*/, Precision precision, const MarchShape& shape) {
+    return ((V::precision == precision && V::shape == shape) || ...);
+}
+TEST(MarchTile, OfEachCardIsRunHere) {
+    for (const Precision precision : {Precision::float32, Precision::float64}) {
+        for (const MarchTile& tile : march_tiles(precision))
+            EXPECT_TRUE(steps_by(Tiles{}, precision, tile.shape)) << tile.name << " " << to_string(precision);
+    }
+}
+
 template <class V>
 class MarchCopies : public ::testing::Test {};
 /// Rings of every depth.
