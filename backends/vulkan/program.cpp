@@ -123,7 +123,7 @@ Program::Program(const Device& device, const std::string& module, const glsl::Co
     if (!found) disk.keep(name, to_keep(compile_time_.cold, cache.getData()));
 }
 
-Pass::Pass(Queue& queue, std::shared_ptr<const Program> program, const glsl::Uniforms& uniforms,
+Pass::Pass(Queue& queue, const std::shared_ptr<const Program>& program, const glsl::Uniforms& uniforms,
            const Buffers& buffers, const Buffer& dummy)
     : Pass(queue.device(), program,
            std::make_shared<Buffer>(queue.device(), program->module().uniform_bytes(), Place::device),

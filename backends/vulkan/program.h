@@ -44,7 +44,7 @@ class Pass {
 public:
     /// Also enqueues the values of the uniforms. `dummy` is bound to each binding for which there is no
     /// buffer.
-    Pass(Queue& queue, std::shared_ptr<const Program> program, const glsl::Uniforms& uniforms,
+    Pass(Queue& queue, const std::shared_ptr<const Program>& program, const glsl::Uniforms& uniforms,
          const Buffers& buffers, const Buffer& dummy);
     /// A pass whose uniforms are in a buffer already.
     Pass(const Device& device, std::shared_ptr<const Program> program, std::shared_ptr<const Buffer> uniforms,

@@ -1,6 +1,7 @@
 #include "harness/drawing/body_painter.h"
 
 #include <algorithm>
+#include <cstddef>
 #include <cstdint>
 #include <glm/common.hpp>
 #include <glm/mat4x4.hpp>
@@ -55,7 +56,8 @@ Image read_pixels(glm::ivec2 size) {
     glReadPixels(0, 0, size.x, size.y, GL_RGBA, GL_UNSIGNED_BYTE, image.pixels.data());
     // OpenGL's first row is the lowest.
     for (int y = 0; y < size.y / 2; ++y)
-        std::swap_ranges(image.at(0, y), image.at(0, y) + 4 * size.x, image.at(0, size.y - 1 - y));
+        std::swap_ranges(image.at(0, y), image.at(0, y) + std::ptrdiff_t(4) * size.x,
+                         image.at(0, size.y - 1 - y));
     return image;
 }
 
