@@ -73,7 +73,7 @@ class Sweeps {
 public:
     /// Every footprint, the bytes of all arrays of a pass, is a multiple of this number. So whole blocks
     /// cover each of one, two or three arrays, even if a thread has two words.
-    static constexpr std::size_t unit = 6 * 2 * block * sizeof(float4);
+    static constexpr std::size_t unit = std::size_t(6) * 2 * block * sizeof(float4);
 
     Sweeps(std::size_t max_footprint, const LimitKernels& kernels, const Stream& stream, Stopwatch& stopwatch)
         : kernels_(kernels), stream_(stream), stopwatch_(stopwatch) {
@@ -123,7 +123,7 @@ private:
             },
             patience);
         constexpr int max_rows = 65535;
-        const auto columns = unsigned(moved.count / (block * words));
+        const auto columns = unsigned(moved.count / (std::size_t(block) * words));
         const double fresh = min_seconds(
             [&](int count) {
                 return stopwatch_.seconds([&] {

@@ -688,7 +688,7 @@ void check(const VolumeOptions& options, const std::string& file) {
 
 /// Replaces what `scene` says by the options of the command line.
 void apply(const VolumeOptions& volume, SceneFile& scene) {
-    static_cast<BodyChoice&>(scene.dataset) = volume;
+    static_cast<BodyChoice&>(scene.dataset) = static_cast<const BodyChoice&>(volume);
     if (volume.spacing) scene.spacing = volume.spacing;
     scene.gravity_in_voxels = !volume.gravity;
     if (volume.gravity) scene.gravity = *volume.gravity;
