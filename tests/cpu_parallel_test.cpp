@@ -407,6 +407,18 @@ TEST(CpuName, IsTheFirstThatTheSystemGives) {
     EXPECT_EQ(cpu_name(folder.path() / "none"), "unknown CPU");
 }
 
+// A virtual machine had processors of two generations under one name, one 1.7 times as fast as the other.
+TEST(CpuModel, IsWhatTellsProcessorsOfOneNameApart) {
+    const TemporaryFolder folder;
+    const auto model = [&](const std::string& lines) { return cpu_model(folder.write("cpuinfo", lines)); };
+    EXPECT_EQ(model("cpu family\t: 25\nmodel\t\t: 17\nmodel name\t: A CPU\nstepping\t: 1\n\nmodel\t\t: 18\n"),
+              "family 25, model 17, stepping 1");
+    EXPECT_EQ(model("CPU implementer\t: 0x41\nCPU architecture: 8\nCPU part\t: 0xd40\nCPU revision\t: 1\n"),
+              "implementer 0x41, part 0xd40, revision 1");
+    EXPECT_EQ(model("model name\t: A CPU\nmodel\t\t:\n:\n: 3\n"), "");
+    EXPECT_EQ(cpu_model(folder.path() / "none"), "");
+}
+
 TEST(CpuParallelOptions, RefuseARawRootInFloat64) {
     EXPECT_THROW(BackendSpec::parse("cpu_parallel:precision=float64,root=raw").make(), BadSpecification);
 }

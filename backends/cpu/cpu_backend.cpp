@@ -36,16 +36,42 @@ const RegisteredApi api({.name = host_api, .title = "CPU"});
 
 }  // namespace
 
-std::string cpu_name(const std::filesystem::path& cpuinfo) {
-    std::ifstream stream(cpuinfo);
+namespace {
+
+/// The first value that is not empty of `key` in lines "key : value"; empty if there is none.
+std::string first_value(const std::filesystem::path& file, const std::string& key) {
+    std::ifstream stream(file);
     for (std::string line; std::getline(stream, line);) {
         const auto colon = line.find(':');
-        if (!line.starts_with("model name") || colon == std::string::npos) continue;
-        // There may be no name after the colon.
-        const auto name = line.find_first_not_of(" \t", colon + 1);
-        if (name != std::string::npos) return line.substr(name);
+        if (colon == std::string::npos || line.find_last_not_of(" \t", colon - 1) + 1 != key.size() ||
+            !line.starts_with(key))
+            continue;
+        const auto value = line.find_first_not_of(" \t", colon + 1);
+        if (value != std::string::npos) return line.substr(value);
     }
-    return "unknown CPU";
+    return {};
+}
+
+}  // namespace
+
+std::string cpu_name(const std::filesystem::path& cpuinfo) {
+    const std::string name = first_value(cpuinfo, "model name");
+    return name.empty() ? "unknown CPU" : name;
+}
+
+std::string cpu_model(const std::filesystem::path& cpuinfo) {
+    std::string model;
+    // The keys are those of x86 processors, then those of ARM processors.
+    for (const auto& [key, name] : {std::pair{"cpu family", "family"},
+                                    {"model", "model"},
+                                    {"stepping", "stepping"},
+                                    {"CPU implementer", "implementer"},
+                                    {"CPU part", "part"},
+                                    {"CPU revision", "revision"}}) {
+        const std::string value = first_value(cpuinfo, key);
+        if (!value.empty()) model += (model.empty() ? "" : ", ") + std::string(name) + " " + value;
+    }
+    return model;
 }
 
 Capabilities cpu_capabilities(const std::string& target, int threads) {

@@ -98,5 +98,8 @@ Capabilities cpu_capabilities(const std::string& target, int threads);
 
 /// The first model name that a file like /proc/cpuinfo gives, or "unknown CPU" if it gives none.
 std::string cpu_name(const std::filesystem::path& cpuinfo = "/proc/cpuinfo");
+/// The numbers by which processors of one name differ, such as "family 25, model 17, stepping 1": a virtual
+/// machine may hide which processor it has behind a general name. Empty if the file gives none.
+std::string cpu_model(const std::filesystem::path& cpuinfo = "/proc/cpuinfo");
 
 }  // namespace voxspring

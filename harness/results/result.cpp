@@ -72,6 +72,7 @@ nlohmann::json build_context() {
             {"study_flags", version_study_flags},
             {"cuda_compiler", or_null(version_cuda_compiler)},
             {"cpu", cpu_name()},
+            {"cpu_model", or_null(cpu_model())},
             {"os", os_name()}};
 }
 
