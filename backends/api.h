@@ -18,7 +18,7 @@ struct Api {
     /// field.
     std::string device_field = {};
     /// Returns the UUID of the graphics card that this process measures, or an empty string if there is none.
-    /// Does not throw. Empty function: this API uses the card that another API names.
+    /// Does not throw. Empty function: this API uses no card, or the card that another API names.
     std::function<std::string()> card = {};
     /// Whether several backends of a study may live in one process, unless its rows report start times. For
     /// an API that takes long to open its device in each process.

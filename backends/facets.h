@@ -23,8 +23,8 @@ namespace voxspring {
 struct DivergenceMonitor {
     /// The farthest that a particle may move in one step: |x(t) - x(t - dt)|, in units of length.
     double largest_increment = 0;
-    /// A check is due whenever the number of steps is a multiple of this. The backend makes it then, or as
-    /// soon afterwards as it can without slowing down. 0: never.
+    /// A check is due whenever the number of steps is a multiple of this; 0: never. Where a check at that
+    /// step would cost time, a backend makes it later and counts this number of steps from there on.
     int every = 0;
 };
 

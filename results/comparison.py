@@ -87,9 +87,9 @@ TIMED_UNITS = ("s", "J", "1/J")
 UNTELLABLE = 20
 # A change counts as having reached a threshold if its logarithm falls short by no more than this rounding error.
 ROUNDING = 1e-9
-# The least shift of a run, the logarithm of a ratio, that the notes mention.
+# The least shift of a whole run that the notes mention, as the logarithm of a ratio of times.
 SAID_SHIFT = 0.002
-# The size of a few roundings of float64, by which the same sums in another order differ.
+# The size of a few roundings of float64. Sums of the same numbers in another order differ by as much.
 FLOAT64_NOISE = 1e-15
 
 CLOCKS = ("min_card_mhz", "min_mhz")

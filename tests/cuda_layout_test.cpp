@@ -554,7 +554,8 @@ TYPED_TEST(KernelBodies, EditedListsAreThoseOfTheEditedProblem) {
                 }
                 const NeighbourLists<Real> built = list(edited);
                 EXPECT_EQ(lists.bits, built.bits);
-                // Slots beyond the built ones hold the particle itself; so do slots of cut springs.
+                // A particle's springs are in its first slots, or in the first slots of their group. The
+                // slots that are left hold the particle itself.
                 for (std::uint32_t i = 0; i < problem.particle_count(); ++i) {
                     const std::uint32_t unused =
                         on_positions(TypeParam::formulation) ? i : i | NO_DIRECTION << LISTED_INDEX_BITS;

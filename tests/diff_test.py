@@ -170,7 +170,7 @@ class Diff(InTemporaryFolder):
             self.assertAlmostEqual(numpy.mean([comparison.scale_of(sample) for sample in samples]), 0.01, delta=0.0005)
         changed_half = samples + 0.3 * (numpy.arange(300) < 130)
         self.assertLess(numpy.mean([comparison.scale_of(sample) for sample in changed_half]), 0.03)
-        # What the errors of medians explain is no noise between runs.
+        # Differences that the errors of the medians explain are not counted as noise between runs.
         errors = generator.uniform(0.001, 0.03, 300)
         for between in (0, 0.01):
             values = generator.normal(0, 1, 300) * numpy.hypot(between, errors)

@@ -147,9 +147,10 @@ State play(const std::string& strategy, Formulation formulation, const Body& bod
     return play(*backend, body, steps);
 }
 
-// --- What is written -------------------------------------------------------------------------------------
+// --- What `mutants write` writes --------------------------------------------------------------------------
 
-/// The expected states and the spread of a body in a formulation.
+/// The expected states of a body, by increments in float64, and how far rounding to float32 moves runs of one
+/// formulation away from them.
 struct Expected {
     State after_brief, after_full;
     Spread spread;

@@ -283,8 +283,8 @@ TEST_F(Pixels, HaveTheColourOfTheirPlace) {
     EXPECT_GT(yellow[0], 2 * yellow[2]);
     EXPECT_GT(yellow[1], 2 * yellow[2]);
     EXPECT_GT(yellow[1], 100 + purple[1]);
-    // Between two knots the components lie between those of the knots: for the mean of the 13th and 14th red
-    // is 0.84 of green, for the knots themselves 0.75 and 0.93. A trace of gloss is white.
+    // Between two knots of the colour scale the components lie between those of the knots: red is 0.75 of
+    // green at knot 13 of 0 to 15, 0.93 at knot 14, and 0.84 halfway. Gloss adds a little white.
     const Image between = paint(problem, [](glm::dvec3) { return 13.5 / 15; });
     const std::uint8_t* lime = between.at(high.x, high.y);
     EXPECT_NEAR(double(lime[0]) / lime[1], 0.84, 0.03);

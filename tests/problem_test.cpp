@@ -139,7 +139,7 @@ TEST(Stiffness, IsTheGroupsWithOneMaterialAndInSeriesWithSeveral) {
     for (const Spring& spring : list_springs(problem)) {
         const double a = problem.material_of(spring.first).stiffness;
         const double b = problem.material_of(spring.second).stiffness;
-        // Half of each spring: twice the stiffness each, in series.
+        // Half a spring of each material lies in series, and half a spring has twice the stiffness.
         EXPECT_DOUBLE_EQ(spring.stiffness, 1 / (1 / (2 * a) + 1 / (2 * b)));
     }
     problem = make_lattice_problem(solid({2, 2, 2}), NEIGHBOUR_BITS);

@@ -266,7 +266,7 @@ class Resume(InTemporaryFolder):
                 pulled = sum(0.3 * (at[axis] - before[3 * i + axis]) for i in held)
                 self.assertAlmostEqual(line[f"force_{name}"], -pulled, delta=1e-11)
         self.assertGreater(max(abs(line["force_x"]) for line in each_move), 0.1)
-        # With --every; and for a resumed run, only its steps.
+        # --every sets the steps at which a force is written. A resumed run writes only its own steps.
         self.assertEqual(voxspring(*run, "--tool-force", force, "--every", 10).returncode, 0)
         self.assertEqual([line["step"] for line in lines()], [10, 20, 30, 40, 42])
         self.assertEqual(voxspring(*run, "--tool-force", force, "--resume", self.folder / "body_000022.npz").returncode, 0)

@@ -278,7 +278,8 @@ TEST(ExtremeCases, AreAsDocumented) {
     };
     for (const char* name : {"coincident", "swapped"})
         EXPECT_LT(differences(after(name, 5000).second, {}).max, 1e-12);
-    // If a layer is mirrored about its neighbours its springs have their rest lengths, so it stays.
+    // The mirror image of a layer, with the layer next to it as the mirror, has springs of rest length. So a
+    // layer that lies there stays there.
     const auto [inverted, state] = after("inverted_top_layer", 5000);
     EXPECT_LT(glm::length(state.displacement[55] - inverted.start.displacement[55]), 1e-9);
     // A particle without springs falls freely.

@@ -31,7 +31,7 @@ struct Block {
     std::uint8_t active_quarters;  ///< one bit per quarter of the block: whether it has a particle
 };
 
-/// What a step does with a tile. The values can be combined.
+/// What a step does with a tile. The last two can be combined.
 enum TileAction : std::uint8_t {
     tile_steps = 1,
     tile_leaves_densities = 2,  ///< the tile rests, but stores force densities for tiles beside it

@@ -22,7 +22,8 @@ inline void prefer_huge_pages(void* memory, std::size_t bytes) {
     (void)madvise(std::bit_cast<void*>(begin), end - begin, MADV_HUGEPAGE);
 }
 
-/// Resizes a list. Old values may be lost; new elements are `value`. A large list gets huge pages.
+/// Resizes a list. Old values may be lost; new elements are `value`. If a large list has to grow, the system
+/// is asked for huge pages.
 template <class T>
 void resize_in_huge_pages(std::vector<T>& list, std::size_t size, const T& value = T()) {
     if (list.capacity() < size) {

@@ -148,7 +148,7 @@ DeviceKind kind_of(const vk::PhysicalDeviceProperties& properties) {
     }
 }
 
-/// An empty string, or why a device cannot be used. `asked_for`: whether the user has named the device.
+/// An empty string, or why a device cannot be used. `asked_for`: whether the user has chosen the device.
 std::string refusal(const vk::raii::PhysicalDevice& physical, bool asked_for) {
     const auto properties = physical.getProperties();
     if (properties.apiVersion < needed_version) return "does not support Vulkan 1.2";

@@ -148,8 +148,8 @@ private:
     virtual bool replays_steps() const { return true; }
     /// Whether the next step can be split.
     virtual bool splits_next_step() const { return true; }
-    /// Makes all steps until rewind() or the next upload the same work, so that a graph with exchanges can
-    /// replay them. Returns false if the backend's options forbid that.
+    /// From here to rewind() or to the next upload every step does the same work, so that a graph with
+    /// exchanges can replay them. Returns false if the backend's options forbid that.
     virtual bool make_steps_alike() { return true; }
     void enqueue_split_step();
     /// Calls enqueue(steps) for `count` steps in all. If divergence checks are frequent, each call reaches to

@@ -1,9 +1,13 @@
-// Macros: SHAPE is a BrickShape. EQUAL_EDGES: true if equal_edges() holds. POLLERS: additional threads
-// without tiles, each of which waits for ROUNDS points of other blocks. LANE_REGISTERS, POLLER_REGISTERS:
-// registers per thread with a tile and per poller, if registers are moved from pollers to the other threads;
-// otherwise both are 0. PLAIN_BLOCKS: 1 if there is separate code for blocks all of whose threads are plain
-// (TileSides), which tests sides instead of springs. INCREMENTS_IN_MEMORY: true if increments are not in
-// registers.
+// Macros:
+// - SHAPE: a BrickShape.
+// - EQUAL_EDGES: true if equal_edges() holds.
+// - POLLERS: the number of additional threads, which have no tile. Each waits for the positions of ROUNDS
+//   particles that other blocks send.
+// - LANE_REGISTERS, POLLER_REGISTERS: registers per thread that has a tile, and per poller, if pollers hand
+//   registers to the other threads. Otherwise both are 0.
+// - PLAIN_BLOCKS: 1 if blocks whose threads are all plain (TileSides) have separate code. That code tests
+//   one bit for all springs across the same sides of a tile, and no bits of single springs.
+// - INCREMENTS_IN_MEMORY: true if increments are not in registers.
 #include "cuda/kernels/brick.h"
 #include "cuda/kernels/entry.h"
 #include "cuda/kernels/wait.h"

@@ -14,8 +14,8 @@ __device__ BlockOrigin block_origin(const ImplicitStep<Real>& step) {
     return {int(blockIdx.x * blockDim.x), int(blockIdx.y * blockDim.y), int(blockIdx.z * blockDim.z), 0};
 }
 
-/// Calls step_block(origin) for each block that this block of threads steps. step_block() returns whether the
-/// thread's particle changed.
+/// Calls step_block(origin) for each block of voxels that this block of threads steps. step_block() returns
+/// whether the thread's particle changed.
 template <class Terms, class Real, class StepBlock>
 __device__ void for_each_block(const ImplicitStep<Real>& step, StepBlock step_block) {
     if constexpr (Terms::compiled(term_resting)) {

@@ -49,12 +49,12 @@ public:
 
     /// The buffer to pass to FeedFacet::feed() with mesh().particles. Valid until the next set_mesh().
     GLuint displacements() const { return displacements_.get(); }
-    /// Sets displacements from the host, one per particle of the problem.
+    /// Sets displacements from the host: one per particle of the problem, or one per vertex if mesh() is a
+    /// mesh that the body carries. It is the same for values.
     void put_displacements(std::span<const glm::dvec3> displacement);
     /// Sets displacements of mesh().particles only, in their order: x, y, z and 0.
     void put_displacements(std::span<const glm::vec4> followed);
-    /// Sets the values that colours show, one per particle of the problem. If `value` is empty, colours show
-    /// the length of the displacement.
+    /// Sets the values that colours show. If `value` is empty, colours show the length of the displacement.
     void put_values(std::span<const double> value);
 
     /// Draws the body into a picture, with the present contents of displacements().

@@ -73,7 +73,8 @@ std::string Sample::refusal(const Scene& scene, int layers) {
     if (!scene.problem.springs.empty() ||
         std::any_of(scene.edits.begin(), scene.edits.end(),
                     [](const ScheduledEdit& scheduled) { return scheduled.edit.leaves_lattice(); }))
-        return "springs beyond the lattice reach farther than the layers beside a sample";
+        return "the scene has springs that are not those of its lattice, and they may leave the layers of a "
+               "sample";
     const int axis = longest_axis(scene.problem);
     const std::vector<Brick> all = bricks(scene, layers);
     // Each brick needs a layer of ghosts on every side that faces another brick: four layers in all.

@@ -181,7 +181,8 @@ std::array<double, 3> value_per_group(const Parameter& parameter, const std::vec
     }
     for (const SpringGroup group : groups) {
         if (parameter.by_group.count(group) == 0)
-            parameter.source->refuse("a value for each group of spring_groups, " + to_string(group) + " too");
+            parameter.source->refuse("a value for each group of spring_groups: there is none for " +
+                                     to_string(group));
     }
     return values;
 }

@@ -88,7 +88,8 @@ struct BodyChoice {
     std::optional<PartsToKeep> parts;   ///< for a box or a heart as well; absent: all parts
     /// Edge length of the voxels to make. Absent: a volume keeps its voxels, and a mesh gets default_pitch().
     std::optional<double> pitch;
-    /// A voxel is active if at least this fraction of it is filled. For a volume only together with `pitch`.
+    /// A voxel is active if at least this fraction of it is filled. A volume may have this only together with
+    /// `pitch`.
     std::optional<double> fill;
 };
 

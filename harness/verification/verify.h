@@ -84,8 +84,8 @@ double rounding_tolerance(const Problem& problem, const State& reference, Precis
 
 /// A hash that is the same for states with the same bits.
 std::string fingerprint_of(const State& state);
-/// A hash of a backend's state, computed by the backend itself if it can do so. Only hashes made in one
-/// process can be compared.
+/// A hash of a backend's state, computed by the backend itself if it can do so. It can be compared only with
+/// hashes of the same backend object.
 std::string fingerprint_of(Backend& backend);
 
 /// Compares displacements without a tolerance. Comparison::reason is set, and the errors are infinite, if a

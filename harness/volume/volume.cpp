@@ -68,7 +68,7 @@ Volume read_pair(const std::filesystem::path& file, bool is_image, const VolumeC
     const VolumeClaims claims = read_nifti(stream, header, is_image ? file : partner);
     if (is_image && claims.place.files.empty()) {
         throw BadInput(header, "magic", "the mark of a file that holds its voxels itself",
-                       "that of a pair, of which " + file.string() + " is the image");
+                       "the mark of a header whose voxels are in another file: in " + file.string());
     }
     return read_voxels(stream, claims, choice, limits);
 }

@@ -30,9 +30,10 @@ VOXSPRING_HOST_DEVICE constexpr std::uint32_t tile_row(int dy, int dz) {
     const int row = 3 * (dz + 1) + dy + 1;
     return std::uint32_t(row < 4 ? row : row - 1);
 }
-/// What a tile T knows of one row of tiles beside it: the number of the first active tile (one with a
-/// particle) that is not to the left of T, and whether that tile is at the same x as T (dx = 0). The active
-/// tiles of a row have consecutive numbers, so this gives the numbers of the neighbours at dx = -1, 0 and 1.
+/// What a tile T knows of one row of tiles beside it. A tile is active if it has a particle. The record holds
+/// the number of the first active tile that comes at the place beside T (dx = 0) or after it in the order of
+/// the list, and whether it is at that place. The active tiles of a row have consecutive numbers, so this
+/// gives the numbers of the neighbours at dx = -1, 0 and 1.
 struct TileRow {
     std::uint32_t entry;
 

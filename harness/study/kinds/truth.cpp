@@ -351,7 +351,8 @@ public:
         }
         return StudyKind::read_scene(item);
     }
-    /// The runner makes the lattices. The study needs some scene: this one every backend takes.
+    /// The runner makes the lattices. A study needs some scene all the same, so it gets one that every
+    /// backend accepts.
     std::shared_ptr<const Scene> own_scene(const StudyScene& item) const override {
         Scene scene = load_scene("box@2");
         scene.name = truth_case(item.scene, "study").name;
@@ -362,11 +363,9 @@ public:
         const double height = truth_case(scene.name, "study").height;
         for (const int across : across_of(item)) {
             if (height * across != std::floor(height * across))
-                throw BadInput("study " + study.name, "voxels_across of " + scene.name,
-                               std::to_string(across),
-                               fmt::format("a number of voxels with which the height of {:g} widths is a "
-                                           "whole number of voxels",
-                                           height));
+                throw BadInput(
+                    "study " + study.name, "voxels_across of " + scene.name, std::to_string(across),
+                    fmt::format("numbers whose product with the height, {:g} widths, is whole", height));
         }
     }
     int rows_of_case(const Study&, const StudyScene& item) const override {
