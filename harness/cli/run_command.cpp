@@ -32,25 +32,6 @@
 namespace voxspring {
 namespace {
 
-/// The options of `voxspring run` that make the same body from a volume or mesh, quoted for a shell.
-std::string text_of(const VolumeOptions& volume) {
-    const auto vector = [](const glm::dvec3& v) { return fmt::format("{},{},{}", v.x, v.y, v.z); };
-    std::string text;
-    if (volume.labels) text += " --labels " + shell_word(fmt::format("{}", fmt::join(*volume.labels, ",")));
-    if (volume.threshold) text += fmt::format(" --threshold {}", *volume.threshold);
-    if (volume.frame) text += fmt::format(" --frame {}", *volume.frame);
-    if (volume.spacing) text += " --spacing " + vector(*volume.spacing);
-    if (volume.pitch) text += fmt::format(" --pitch {}", *volume.pitch);
-    if (volume.fill) text += fmt::format(" --fill {}", *volume.fill);
-    if (volume.gravity) text += " --gravity " + vector(*volume.gravity);
-    if (volume.parts) text += " --parts " + volume.parts->text();
-    if (volume.young) text += fmt::format(" --young {} --density {}", *volume.young, *volume.density);
-    if (volume.unit) text += " --unit " + shell_word(*volume.unit);
-    if (volume.damping) text += fmt::format(" --damping {}", *volume.damping);
-    if (volume.corners) text += " --corners";
-    return text;
-}
-
 /// The options that choose the devices which the command line or an environment variable asks for: of the API
 /// of `backend`, or of each API if the backend is `auto` or of another build.
 std::string device_options_for(const std::string& backend) {
@@ -366,7 +347,7 @@ private:
             if (path.extension() == ".npz") resumable = path.string();
         }
         out_ << "; its state is in " << states << "\n";
-        if (!resumable.empty())
+        if (!resumable.empty() && reached_ < steps_)
             out_ << "the same command with --resume " << shell_word(resumable) << " goes on\n";
         return interrupted_exit_code;
     }
@@ -395,7 +376,7 @@ private:
 
 std::string run_command_of(const std::string& scene, const VolumeOptions& volume,
                            const std::string& backend) {
-    return fmt::format("voxspring run {}{} --backend {}{}", shell_word(scene), text_of(volume),
+    return fmt::format("voxspring run {}{} --backend {}{}", shell_word(scene), volume.text(),
                        shell_word(backend), device_options_for(backend));
 }
 

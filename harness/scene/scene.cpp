@@ -705,6 +705,24 @@ void apply(const VolumeOptions& volume, SceneFile& scene) {
 
 }  // namespace
 
+std::string VolumeOptions::text() const {
+    const auto vector = [](const glm::dvec3& v) { return fmt::format("{},{},{}", v.x, v.y, v.z); };
+    std::string text;
+    if (labels) text += " --labels " + shell_word(fmt::format("{}", fmt::join(*labels, ",")));
+    if (threshold) text += fmt::format(" --threshold {}", *threshold);
+    if (frame) text += fmt::format(" --frame {}", *frame);
+    if (spacing) text += " --spacing " + vector(*spacing);
+    if (pitch) text += fmt::format(" --pitch {}", *pitch);
+    if (fill) text += fmt::format(" --fill {}", *fill);
+    if (gravity) text += " --gravity " + vector(*gravity);
+    if (parts) text += " --parts " + parts->text();
+    if (young) text += fmt::format(" --young {} --density {}", *young, *density);
+    if (unit) text += " --unit " + shell_word(*unit);
+    if (damping) text += fmt::format(" --damping {}", *damping);
+    if (corners) text += " --corners";
+    return text;
+}
+
 bool is_body_file(const std::string& name) { return is_volume_name(name) || is_mesh_name(name); }
 
 void say_notes(const Scene& scene) {
@@ -728,10 +746,9 @@ Scene load_scene(const std::string& argument, const VolumeOptions& volume, const
         return scene;
     }
     if (volume.any())
-        throw BadInput(argument, "scene", argument,
-                       "a volume file or a mesh with these options: for another scene, labels, threshold, "
-                       "frame, parts, pitch, fill, spacing, gravity, units, damping and particles are set "
-                       "in its scene file");
+        throw BadInput(
+            argument, "scene", argument,
+            "a volume file or a mesh with" + volume.text() + ": another scene has its own file for that");
     const Resize resize = split_resize(argument);
     const std::string_view* builtin = builtin_text(resize.base);
     if (builtin == nullptr && !resize.base.ends_with(".json")) {

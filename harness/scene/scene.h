@@ -107,10 +107,10 @@ struct VolumeOptions : BodyChoice {
     std::optional<double> damping;    ///< per second
     bool corners = false;             ///< particles are at the corners of voxels
 
-    bool any() const {
-        return labels || threshold || frame || spacing || gravity || parts || pitch || fill || young ||
-               density || unit || damping || corners;
-    }
+    /// The options that are given, as `voxspring run` takes them, quoted for a shell: " --pitch 2 --fill
+    /// 0.3".
+    std::string text() const;
+    bool any() const { return !text().empty(); }
 };
 
 /// Loads a scene with options for a volume file or mesh. Throws BadInput if an option is given that

@@ -214,11 +214,9 @@ StudyRun::StudyRun(Study study, const StudyOptions& options)
                        "no --scene: a study of this kind has its own scenes");
     const auto is_body = [](const StudyScene& item) { return is_body_file(item.scene); };
     if (options.volume.any() && std::none_of(study_.scenes.begin(), study_.scenes.end(), is_body))
-        throw BadInput(
-            "command line",
-            "--labels, --threshold, --frame, --parts, --pitch, --fill, --spacing, --gravity, --young, "
-            "--density, --unit, --damping or --corners",
-            study_.name, "a study with a volume file or a mesh among its scenes: --scene FILE adds one");
+        throw BadInput("command line", "study", study_.name,
+                       "a study that has a volume file or a mesh, with" + options.volume.text() +
+                           ": --scene FILE adds one");
     const auto only_scaling = [&](bool given, const char* name, const std::string& value) {
         if (given && study_.kind != "scaling")
             throw BadInput("command line", name, value,
