@@ -115,7 +115,7 @@ def tables(page):
 
 
 # --- Tables. An audit takes the cells of a row, the header and the machine. It returns {name or number of a column: value}. If a
-# cell has several figures, its value is a list of (words after the name of the column, part of the cell, value).
+# cell has several figures, its value is a list of (words that follow the column's name in the claim, part of the cell, value).
 
 def each(value_of, first=2):
     """Makes an audit that calls value_of(first cell of the row, column, cell) for each cell from column `first` on, except

@@ -47,7 +47,8 @@ struct Kind {
     const char* file;
     std::map<std::string, std::string> macros;
     std::vector<const char*> fetches;
-    /// Set for kinds that differ from another kind in nothing that depends on the formulation.
+    /// The one formulation to compile the kind for; all, if there is none. One is enough for a kind that
+    /// differs from another kind in the same way in every formulation.
     std::optional<Formulation> only = {};
     std::uint32_t terms = 0;  ///< besides those of a scene
 };

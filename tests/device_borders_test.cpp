@@ -451,8 +451,8 @@ private:
 
 using Parts = std::vector<std::unique_ptr<Part>>;
 
-/// Parts in a row, with the numbers `numbers`. If `before` is given they take over the borders of that
-/// upload.
+/// Parts in a row, with the numbers `numbers`. `before`: parts of an earlier upload, if any, whose borders
+/// they take over.
 Parts parts_on(const std::vector<int>& devices, const std::string& way, const std::vector<int>& numbers,
                const Parts* before = nullptr) {
     Parts parts;

@@ -266,8 +266,8 @@ TEST(Auto, AsksWhetherSpringsAreEdited) {
     }
 }
 
-// A backend that takes thousands of steps per launch can take only few per launch while a tool moves. It says
-// so itself, which only a machine with a card can show.
+// A backend that takes thousands of steps per launch can take only few per launch while a tool moves. That
+// backend itself says that another is then faster. Without a card, `auto` never gets to that backend.
 TEST(Auto, GoesOnFromABackendThatAToolSlowsDown) {
     const Scene scene = load_scene("grasp");
     SceneRunner runner(scene);

@@ -775,7 +775,7 @@ TEST(Scene, AVolumeByItselfSagsByAsManyVoxelsInAnyUnit) {
         for (std::size_t i = 0; i < sag.size(); ++i)
             EXPECT_LT(glm::distance(sag[i], expected[i]), 1e-9) << side;
     }
-    // If voxels are no cubes, gravity in voxels of its axis stays the same.
+    // If voxels are no cubes, each component of gravity stays the same number of voxels of its axis.
     EXPECT_EQ(bar({0.5F, 0.5F, 2}).problem.gravity, unit.problem.gravity * glm::dvec3(0.5, 0.5, 2));
     VolumeOptions upwards;
     upwards.gravity = glm::dvec3(0, 1, 0);

@@ -138,9 +138,9 @@ TEST(Split, SumsKeepTwiceTheBits) {
             split_low(glm::vec3(high), glm::vec3(low), glm::vec3(added), glm::vec3(added_low));
         const long double exact = static_cast<long double>(high) + low + added + added_low;
         const long double scale = std::max(std::abs(high), std::abs(added));
-        // Two sums are rounded: that of the low parts, which is under 2^-24 of the scale, and its sum with
-        // the error of the high parts' sum, which is under 2^-23 more. The errors are 2^-24 of 2^-24 and of 3
-        // x 2^-24.
+        // In units of the scale, two sums are rounded: that of the low parts, which is below 2^-24; and that
+        // of the result and the error of the high parts' sum, which is below 3 x 2^-24. A sum is rounded by
+        // at most 2^-24 of itself: together by less than 2^-46.
         EXPECT_LE(std::abs(static_cast<long double>(h.x) + l.x - exact), 0x1p-46L * scale);
         EXPECT_EQ(h.x + l.x, h.x) << "the high part is the nearest to the sum";
     }

@@ -284,7 +284,8 @@ DeviceLimits CpuBackend::measure_limits() {
         raise(limits.float32_operations_per_second, HWY_DYNAMIC_DISPATCH(float32_operations)());
         raise(float64, HWY_DYNAMIC_DISPATCH(float64_operations)());
     };
-    // Measured twice, seconds apart: one measurement is so short that another process may disturb all of it.
+    // Operations are measured before and after the bandwidth, seconds apart: one measurement is so short that
+    // another process may disturb all of it.
     measure_operations();
     measure_bandwidth(limits);
     measure_operations();

@@ -210,8 +210,8 @@ bool assign_threads_and_registers(BrickPlan& plan, std::size_t polls, int needed
     return false;
 }
 
-/// Calls the function above. If that returns false, calls it again for a plan that keeps the increments in
-/// memory instead of registers.
+/// Calls the function of the same name above. If that returns false and the formulation has increments, calls
+/// it again for a plan that keeps them in memory instead of registers.
 bool assign_threads_and_registers(BrickPlan& plan, std::size_t polls, Formulation formulation,
                                   bool moves_registers) {
     if (assign_threads_and_registers(plan, polls, registers_of(plan.shape, by_increments(formulation)),

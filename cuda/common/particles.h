@@ -210,8 +210,9 @@ protected:
             PackedState<Real> packed = pack<Real>(problem, state, placement, bits, family_.formulation);
             const bool increments = by_increments(family_.formulation);
             moved = upload_words(words_, 0, packed.current) || moved;
-            // By increments there is no previous state, and what is uploaded here is not read: the first step
-            // writes every particle's word to this buffer.
+            // In formulations by increments there is no previous state. The other buffer starts as a copy of
+            // the current one: the first step may leave out blocks at rest (kernels/resting.h), whose words
+            // the next step reads there.
             moved = upload_words(words_, 1, increments ? packed.current : packed.previous) || moved;
             moved = upload_words(low_, 0, packed.current_low) || moved;
             moved = upload_words(low_, 1, packed.current_low) || moved;

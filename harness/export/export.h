@@ -49,16 +49,17 @@ struct ExportOptions {
     std::optional<std::filesystem::path> tool_force;
 };
 
-/// Writes the files that a run was asked for. Each is replaced atomically (write_atomically).
+/// Writes the states and pictures that a run was asked for. Each file is replaced atomically
+/// (write_atomically), unless it is a pipe or a device.
 ///
 /// Without `every` each path of `out` is written once, after the last step. With it a path body.vtu stands
 /// for a series body_000100.vtu, body_000200.vtu, ...: a file after every `every` steps and one after the
-/// last step. If the format is collected, body.pvd lists the files written so far, with their times, at any
-/// moment. `frames` stands for the series FRAMES/frame.png. Without `every` that series has at most
-/// max_frames files.
+/// last step. For ParaView's formats there is also a file body.pvd, which at any moment lists the files
+/// written so far and their times. `frames` is always a series, FRAMES/frame_000100.png and so on; without
+/// `every` it has at most max_frames files.
 ///
-/// The pictures of a series share a camera and a scale. If there are several pictures, pass to look_at()
-/// every snapshot that write() will get, before the first write().
+/// The pictures of a series share a camera and a scale. If looks_ahead(), pass to look_at() every snapshot
+/// that write() will get, before the first write().
 class Exports {
 public:
     /// Throws BadInput if an ending is not in writers(), a folder is not writable, `every` is given without

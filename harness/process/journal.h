@@ -29,7 +29,8 @@ struct Difference {
 };
 /// The first difference of two JSON values, which must differ.
 Difference first_difference(const nlohmann::json& there, const nlohmann::json& here);
-/// The error that the journal `file` has `other.there`, or no value, at `key` where `accepted` was expected.
+/// The error that `accepted` was expected at `key` of the journal `file`, but `other.there` is there. If that
+/// is "nothing", the error says that there is no value.
 BadInput refusal(const std::string& file, const std::string& key, const Difference& other,
                  const std::string& accepted);
 

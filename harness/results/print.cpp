@@ -155,7 +155,7 @@ double spread_of_case(const std::string& case_name, const StepTimes& repetitions
 }
 
 std::string ratio_text(double ratio, double spread, int decimals) {
-    constexpr double least_spread = 0.01;  // the ratios of two runs of one program differ by as much
+    constexpr double least_spread = 0.01;  // a ratio differs by as much between two runs of one program
     const double uncertain = 2 * std::max(spread, least_spread) * std::abs(ratio);
     if (!(uncertain > 0)) return fixed_text(ratio, decimals);
     const int place = std::max(int(std::floor(std::log10(uncertain))), -decimals);

@@ -88,8 +88,8 @@ struct BrickBlock {
 };
 
 /// Where a thread's tile lies. A tile is mirrored along y or z if that puts the surface of the brick at the
-/// tile's far end (j = ty - 1, k = tz - 1). So points of other blocks are always needed beyond the far end,
-/// and the springs to these points are added late in a step.
+/// tile's far end (j = ty - 1, k = tz - 1). So along y and z points of other blocks are needed only beyond
+/// the far end, and the springs to these points are added late in a step.
 struct TilePlace {
     int slot;                 ///< slot of the tile's particle (0, 0, 0) (BrickShape::slot())
     int sy, sz;               ///< slots from one j to the next, and from one k to the next

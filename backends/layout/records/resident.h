@@ -51,7 +51,8 @@ VOXSPRING_HOST_DEVICE constexpr std::size_t slot_index(int bit, std::size_t at, 
 /// particles.
 inline constexpr std::uint16_t pinned_slot = 1U << 15;
 
-/// Marks a lane without a particle, or a poll (a wait for one point of another block) that waits for nothing.
+/// Stands for "none" in every table of indices: for example in that of a lane without a particle, or of a
+/// poll (a wait for one point of another block) that waits for nothing.
 inline constexpr std::uint32_t resident_none = 0xFFFFFFFFu;
 
 /// The bit of an element of ResidentStep::polled_word that makes a thread store a ghost in memory at the end

@@ -247,7 +247,7 @@ private:
     int begun_ = 0;
 };
 
-/// The study's largest number of ranks that is not above `limit`.
+/// The study's largest number of ranks that is not above `limit`; 1 if there is none.
 int ScalingStudy::most_ranks(const Study& study, int limit) const {
     int most = 1;
     for (const StudyScene& item : study.scenes) {
