@@ -1,7 +1,7 @@
 // The contract between the harness and everything that can step a mass-spring-damper model: what every
 // backend must do. facets.h has the abilities that only some backends have. To add a backend, write one file
-// that implements Backend and registers it (registry.h), and add one line to the CMakeLists.txt of its
-// folder.
+// that implements Backend and registers it (registry.h), and add one line to the CMakeLists.txt of
+// backends/ or cuda/.
 #pragma once
 
 #include <cstdint>
@@ -25,8 +25,7 @@ std::string to_string(Precision precision);
 /// The name (Api::name) of the API whose backends step on threads of the host's processor.
 inline constexpr const char* host_api = "cpu";
 
-/// How a backend is to be built. Whatever changes the numbers or the speed is here and is recorded in the
-/// result.
+/// How a backend is to be built, apart from its device (device_choice.h). The result records all of this.
 struct Options {
     Precision precision = Precision::float32;
     Formulation formulation = Formulation::position;
@@ -53,9 +52,9 @@ class DeviceError : public std::runtime_error {
 /// What a backend runs on, and what it can do.
 struct Capabilities {
     std::string api;     ///< "CPU", "OpenGL 4.5 core", "CUDA 13.0"
-    std::string device;  ///< as its driver names it
-    std::string driver;  ///< the driver's version, or a CPU backend's SIMD target
-    std::string uuid;    ///< UUID of the physical device; empty if it has none
+    std::string device;  ///< as its driver or /proc/cpuinfo names it, with ", software" if is_software
+    std::string driver;  ///< the driver's version, or how a CPU backend computes: "AVX3, 16 threads"
+    std::string uuid;    ///< UUID of the physical device; empty if none is known
     /// The clock that gives the time stamps of timed(): "steady_clock", "GL_TIMESTAMP", "CUDA event".
     std::string clock;
     bool deterministic = true;  ///< two runs give the same bits
@@ -69,15 +68,15 @@ struct Capabilities {
     std::string family = host_api;
     bool is_software = false;  ///< the CPU does the work of a graphics API
     /// The name that results give to what measure_limits() measures: "CPU", "CUDA", "OpenGL" (draws), "OpenGL
-    /// compute". Backends with the same name share one measurement. Empty: only backends with the same `api`
-    /// share it.
+    /// compute", "Vulkan". Backends with the same name share one measurement. Empty: only backends with the
+    /// same `api` share it.
     std::string limits_of = {};
     bool has_borders = false;  ///< the backend can step one part of a divided body (BorderFacet::border())
     /// The ways in which parts of a divided body can exchange the places of particles at their borders from
     /// device to device (BorderFacet::device_borders()). Empty: only through the host's memory. If
     /// has_borders is not set, only in these ways.
     std::vector<std::string> border_ways = {};
-    int devices = 1;  ///< how many devices the API shows here; each can step one part of a divided body
+    int devices = 1;  ///< how many devices CUDA shows, each for one part of a body; other APIs: 1
 
     bool steps_on_host() const { return family == host_api; }
 };
@@ -117,7 +116,8 @@ public:
     /// that they would give if `edited` had been uploaded with the present state.
     ///
     /// Only what `edit` touched travels to the device. A backend may rebuild all its data about springs if
-    /// its arrays have no room for the edit, or if its kernel cannot handle the new springs.
+    /// its arrays have no room for the edit, or if its kernel cannot handle the new springs. cpu_reference
+    /// always does so.
     virtual void edit(const Problem& edited, const SpringEdit& edit) = 0;
 
     /// Enqueues `count` steps. May return before they have run.
@@ -130,8 +130,8 @@ public:
     /// lists.
     virtual State download() = 0;
 
-    /// Times `run`. All timings of steps come from here, by this sequence: synchronize, read the host's
-    /// clock, mark, call `run`, mark, synchronize, read the host's clock.
+    /// Times `run` by this sequence: synchronize, read the host's clock, mark, call `run`, mark, synchronize,
+    /// read the host's clock.
     Timing timed(const std::function<void()>& run);
 
 protected:

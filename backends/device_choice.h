@@ -44,8 +44,8 @@ struct DeviceNumber {
     int parts_among(int count) const;
 };
 
-/// While an object of this type exists, backends that its thread makes take the object's device, if their API
-/// has several devices. Without such an object they take the first device.
+/// While an object of this type exists, CUDA backends that its thread makes take the object's device. Without
+/// such an object they take the first device. Backends of other APIs do not heed it.
 class DeviceOfThread {
 public:
     explicit DeviceOfThread(DeviceNumber device);

@@ -29,14 +29,16 @@ struct DivergenceMonitor {
 };
 
 /// When a run left the limits of its DivergenceMonitor: after step `last_good` and no later than step
-/// `found`, where a check first found a particle not finite or too fast. Steps count from upload().
+/// `found`, where a check first found a particle not finite or too fast. Steps count from upload() or
+/// rewind().
 struct Divergence {
     std::int64_t last_good = 0;
     std::int64_t found = 0;
 };
 
-/// Counts of what one step did, by name: values of hardware counters ("samples_passed"), or how many of a
-/// lattice's tiles were stepped. They show whether skipped work is really skipped.
+/// Counts of what one step did, by name: values of hardware counters ("samples_passed"), how many work groups
+/// were dispatched, or how many of a lattice's tiles were stepped. They show whether skipped work is really
+/// skipped.
 using WorkCount = std::map<std::string, std::uint64_t>;
 
 /// Values of tuning parameters that a backend chose for a problem.
@@ -47,7 +49,7 @@ struct Choice {
 
 /// Seconds that compiling code for a problem takes.
 struct CompileTime {
-    double spent = 0;  ///< in this upload; 0 for code that this process has compiled before
+    double spent = 0;  ///< in this upload and later edits; 0 for code that is still loaded
     /// Without a disk cache: code that was found in the cache counts with the time that compiling it took.
     double cold = 0;
     CompileTime& operator+=(const CompileTime& other) {
@@ -102,9 +104,9 @@ public:
 
     /// Bytes that this part sends per step.
     virtual std::size_t bytes() const = 0;
-    /// Connects the parts. To be called once before all else, in the thread of every part. `parts` has the
-    /// borders of all parts of the body, by number; `parts[part]` is this object. All backends have the same
-    /// options. Throws Unavailable, with the reason, if the devices cannot reach each other in this way.
+    /// Connects the parts. To be called once before any exchange, in the thread of every part. `parts` has
+    /// the borders of all parts of the body, by number; `parts[part]` is this object. All backends have the
+    /// same options. Throws Unavailable, with the reason, if the devices cannot reach each other in this way.
     virtual void connect(const std::vector<std::shared_ptr<DeviceBorders>>& parts, std::size_t part) = 0;
     /// Takes over those connections of `before` that are slow to make. `before` is this part's object from
     /// before the latest upload. To be called before connect(), for all parts or for none.
@@ -289,9 +291,10 @@ public:
     /// Synchronizes.
     virtual std::optional<Divergence> divergence() { return std::nullopt; }
 
-    /// Makes one step and counts what it did. Empty if the backend counts nothing.
+    /// Makes one step and counts what it did. If the backend counts nothing, it makes no step, and the result
+    /// is empty.
     virtual WorkCount count_work() { return {}; }
-    /// The time to compile code for the problem of the last upload().
+    /// The time to compile code for the problem of the last upload(); 0 if the backend does not measure it.
     virtual CompileTime compile_time() const { return {}; }
     /// The values that the last upload() chose for all tuning parameters whose value is "auto". Empty if
     /// there are none.

@@ -13,8 +13,9 @@ namespace voxspring {
 
 enum class Precision : std::uint8_t;
 
-/// The rate of a pass over arrays that together have `footprint_bytes`: the highest rate of several programs,
-/// which differ in the width of their accesses, the number of threads, and whether they write in place.
+/// The rate of a pass over arrays that together have `footprint_bytes`: the highest rate of one or several
+/// programs, which may differ in the width of their accesses, the number of threads, and whether they write
+/// in place.
 struct Bandwidth {
     double footprint_bytes = 0;
     double written_share = 0;     ///< share of the moved bytes that the pass writes
@@ -24,27 +25,28 @@ struct Bandwidth {
 };
 
 /// The rates and times that simple programs reach on a device. Each program does only one thing, and is of
-/// the kind that the backends run: CUDA kernels, fragment shaders, SIMD code on all cores.
+/// the kind that the backends run: CUDA kernels, compute shaders, fragment shaders, SIMD code on all cores.
 struct DeviceLimits {
     /// The bandwidth at footprints from arrays that fit into the cache to arrays far larger than it. At each
     /// footprint there are several values, which differ in `written_share`. Empty if only the two rates below
     /// are known.
     std::vector<Bandwidth> bandwidth = {};
-    /// Bytes read and written per second by a pass that reads two arrays and overwrites one, as a step does.
-    /// Each array is far larger than any cache.
+    /// Bytes read and written per second by a pass that reads two arrays and writes one, as a step does, at
+    /// the largest footprint that was measured.
     double copy_bytes_per_second = 0;
     /// copy_bytes_per_second for arrays that lie in the last-level cache; 0 if the cache's size is unknown.
     double cached_copy_bytes_per_second = 0;
     double cache_bytes = 0;  ///< size of the last-level cache; 0: unknown
     /// The time from the start of one empty step to the start of the next, which waits for it: a kernel in a
-    /// CUDA graph, or a draw of one fragment. 0 on the CPU, where a step is a function call.
+    /// CUDA graph, a dispatch of one work group, or a draw of one fragment. 0 on the CPU, where a step is a
+    /// function call.
     double launch_seconds = 0;
     /// The time of a barrier across the grid of a cooperative launch with one block per SM; empty if the
     /// device has no such launches.
     std::optional<double> grid_barrier_seconds;
     /// The time of one exchange between the blocks of a cooperative launch with one block per SM. In an
-    /// exchange each block sends a point to its neighbours and waits for the points that they send. Points go
-    /// through the cache that the blocks share, without a barrier. Empty if the device cannot do this.
+    /// exchange each thread sends a point to two other blocks and waits for the points that they send. Points
+    /// go through the cache that the blocks share, without a barrier. Empty if the device cannot do this.
     std::optional<double> exchange_seconds;
     /// Independent multiply-adds per second, each counted as one operation; on the CPU also multiply-adds and
     /// additions in turn, if that is faster. The rate in float64 is empty if it was not measured.

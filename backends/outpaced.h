@@ -8,7 +8,7 @@
 
 namespace voxspring {
 
-/// A backend that knows on which devices another one is faster. Only --backend auto asks it.
+/// A backend that knows on which devices another one is faster. Only --backend auto heeds it.
 class Outpaced {
 public:
     /// Why another backend is predicted to step `problem` faster on the same device. Empty: none is. If there

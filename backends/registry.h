@@ -34,8 +34,8 @@ std::string to_string(Addressing addressing);
 
 /// What the harness knows of a backend before any device is touched.
 struct BackendEntry {
-    /// The backend's name, which is also that of its file and of its test, and the `backend` field of a
-    /// result.
+    /// The backend's name, which is also that of its file and of its test (cpu_reference has none), and the
+    /// `backend` field of a result.
     std::string name;
     /// The API that it is written in (Api::name). Backends of one API share a driver.
     std::string api = host_api;
@@ -46,13 +46,14 @@ struct BackendEntry {
     std::vector<Formulation> formulations{Formulation::position};  ///< the default first
     std::map<std::string, TuningValues> tuning;
     std::function<std::unique_ptr<Backend>(const Options&)> make;
-    /// Bytes of memory that upload() would take. It is the device's memory if the device has its own.
+    /// About how many bytes of memory upload() would take. It is the device's memory if the device has its
+    /// own.
     std::function<std::uint64_t(const Problem&, const Options&)> bytes;
     /// The most by which a particle's movement per step may fall short, in lattice spacings, because of an
     /// option such as a sleep threshold. Empty function: 0.
     std::function<double(const Options&)> admitted_spacings_per_step = {};
     /// The relative error of the backend's roots and divisions, if options ask for approximations. Empty
-    /// function: no more than the rounding error of its precision.
+    /// function: about the rounding error of its precision.
     std::function<double(const Options&)> root_error = {};
     /// Returns an empty string, or why these values do not go together ("rest=flush requires
     /// formulation=increment or formulation=compensated"). Empty function: all values go together.
@@ -101,8 +102,9 @@ struct BackendSpec {
     /// The whole specification, which parse() accepts: "NAME:formulation=...,precision=...[,key=value...]".
     std::string text() const;
     /// NAME/formulation/precision[/tuning], with the tuning parameters that are not at their default. The
-    /// name of a result row is its scene followed by this label. Two backends at their defaults differ only
-    /// in NAME, so Google Benchmark's compare.py pairs them.
+    /// name of a result row is its scene followed by this label. Two backends with the same formulation,
+    /// precision and tuning parameters at their defaults differ only in NAME, so Google Benchmark's
+    /// compare.py pairs them.
     std::string label() const;
 };
 

@@ -12,12 +12,15 @@
 
 namespace voxspring {
 
-/// What `rest` does with a tile whose state did not change in the latest step.
+/// What `rest` does with a tile at rest: in the latest step neither its state nor that of a tile beside it
+/// changed.
 enum class Rest : std::uint8_t {
     step,    ///< the tile is stepped like all others
-    choose,  ///< rest=auto: like `step` or like `skip`, whichever takes less time
+    choose,  ///< rest=auto: like `step` or like `skip`, whichever should take less time
     skip,    ///< the tile is left out, which changes no bit
-    flush,   ///< like `skip`, and displacements and increments below flushed_below become zero
+    /// Like `skip`, and displacements and increments below flushed_below become zero. cpu_parallel takes that
+    /// number in lattice spacings.
+    flush,
 };
 
 /// The value of the tuning parameter `rest`. rest=auto means `step` with terms=all, otherwise `choose`.

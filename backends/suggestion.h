@@ -7,8 +7,8 @@
 namespace voxspring {
 
 /// The word of `known` that is most like `word`, or an empty string if none is close. A close word has up to
-/// a third of the letters of `word` (or one, if that is more) left out, added, changed or swapped with the
-/// next.
+/// a third of the letters of `word` (or one, if that is more), but fewer than its own number, left out,
+/// added, changed or swapped with the next.
 std::string closest(const std::string& word, const std::vector<std::string>& known);
 
 /// "; did you mean heart?", to be put after a message. Empty if no word is close.

@@ -5,7 +5,7 @@ set(programs voxspring)
 if(TARGET voxspring-view)
     list(APPEND programs voxspring-view)
 endif()
-# The scripts of `voxspring report` and `voxspring diff`.
+# Schemas, and the scripts of results, among them those of `voxspring report` and `voxspring diff`.
 file(GLOB schemas CONFIGURE_DEPENDS results/*schema.json)
 file(GLOB result_scripts CONFIGURE_DEPENDS results/*.py)
 list(FILTER result_scripts EXCLUDE REGEX "/(paper|auto_rules|continuum)\\.py$")

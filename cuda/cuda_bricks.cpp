@@ -1,6 +1,6 @@
 // One cooperative launch for thousands of steps. Every block keeps a brick of the lattice in shared memory,
-// and every thread owns a tile of particles in it. The positions of particles at the border of a brick go to
-// the other blocks through L2.
+// and threads own tiles of particles in it. The positions of particles at the border of a brick go to the
+// other blocks through L2.
 #include <algorithm>
 #include <memory>
 #include <optional>
@@ -37,9 +37,9 @@ std::uint64_t exchange_bytes(const Lattice& lattice) {
     return 2 * march_strides(lattice, sizeof(float)).axis * sizeof(TaggedPoint);
 }
 
-/// An upper bound of the device memory: state, exchange, masks, polls and increments. It assumes that all
-/// tiles are half empty, that there are as many polls as particles, and that increments are in memory. The
-/// masks of a tile have at most 20 bits per particle, 18 of them for springs, and one more word.
+/// An estimate of the device memory: state, exchange, masks, polls and increments. It assumes that all tiles
+/// are half empty, that there are as many polls as particles, and that increments are in memory. The masks of
+/// a tile have at most 20 bits per particle, 18 of them for springs, and one more word.
 std::uint64_t bricks_bytes(const Problem& problem, const Options& options) {
     constexpr std::uint64_t tables = 16 + sizeof(BrickPoll);
     const std::uint64_t increments = by_increments(options.formulation) ? 2 * sizeof(Vector<float>) : 0;

@@ -1,5 +1,5 @@
-// Neighbour lists and positions are read from global memory past L1 or, with fetch=l1, through L1. Stiffness
-// and rest length are stored per spring only where a scene needs them.
+// Neighbour lists and positions are read from global memory past L1 or, with fetch=l1, through L1. By default
+// stiffness and rest length are stored per spring only where a scene needs them.
 #include "cuda/common/explicit.h"
 
 namespace voxspring::cuda {

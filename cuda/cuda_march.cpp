@@ -32,7 +32,7 @@ std::vector<MarchTile> tiles_of(const std::string& tuned, Precision precision) {
     return tiles;
 }
 
-/// The bytes of device memory of the largest plan with any of `tiles`.
+/// An upper bound of the bytes of a plan with any of `tiles` for a body that is not cut into parts.
 std::uint64_t max_plan_bytes(const Lattice& lattice, const std::vector<MarchTile>& tiles) {
     std::uint64_t most = 0;
     for (const MarchTile& tile : tiles) most = std::max(most, max_plan_bytes(lattice, tile.shape));
@@ -171,7 +171,7 @@ private:
     bool gives_borders() const override { return true; }
     /// Throws Unavailable unless the particles lie in one plane of constant z and the lattice has several
     /// such planes. A thread sums forces by pairs of columns and of rows. In parts that are cut across x or y
-    /// these pairs, and so the bits of the sums, would differ from those of the whole body.
+    /// these pairs, and so the bits of the sums, could differ from those of the whole body.
     void check_border(const std::vector<std::uint32_t>& particles) const {
         const Lattice& lattice = this->problem().lattice;
         const auto plane = [&](std::uint32_t i) { return lattice.coordinates(lattice.voxel[i]).z; };
@@ -288,7 +288,7 @@ private:
     Launch launch_;
 };
 
-/// An upper bound of the device memory.
+/// An upper bound of the device memory for a body that is not cut into parts.
 std::uint64_t march_bytes(const Problem& problem, const Options& options) {
     return by_precision(options.precision,
                         [&]<class Real>(Real) {

@@ -1,6 +1,6 @@
-// One cooperative launch for thousands of steps. A block's particles stay in registers and shared memory. The
-// positions of particles at a block's border go to other blocks through L2, or by NVLink to the part of the
-// body that another device steps.
+// One cooperative launch for thousands of steps. The positions of a block's particles stay in registers and
+// shared memory. Those of particles at a block's border go to other blocks through L2, or by NVLink to the
+// part of the body that another device steps.
 #include <algorithm>
 #include <memory>
 #include <optional>
@@ -142,8 +142,8 @@ private:
     ResidentLinks links_{};
 };
 
-/// An upper bound of the device memory in bytes. It assumes that every particle is published (stored for
-/// other blocks) and that every lane has a particle.
+/// An estimate of the device memory in bytes. It assumes that every particle is published (stored for other
+/// blocks) and that every lane has a particle, and leaves out the tables of polls.
 std::uint64_t resident_bytes(const Problem& problem, const Options& options) {
     return particle_bytes<float>(problem, place_compact(problem), options.formulation) +
            problem.particle_count() * (2 * sizeof(TaggedPoint) + 2 * sizeof(std::uint32_t) +
@@ -464,7 +464,7 @@ const Registered entry({
     .tuning = tuning({{"partition", {"auto", "rows", "bisection"}},
                       {"overlap", {"on", "off"}},
                       {"pollers", {"256", "128", "512"}},
-                      // With a tool: one launch for each call of step(), or one launch for all calls.
+                      // With a tool: each call of step() makes launches, or a launch goes on between calls.
                       {"ticks", {"launch", "resident"}}}),
     .make = [](const Options& options) { return std::make_unique<ResidentBackend>(options); },
     .bytes = resident_bytes,

@@ -40,7 +40,8 @@ using namespace voxspring;
 
 namespace {
 
-/// Thrown if the simulation refuses an edit, a hold or a change of the backend. Nothing has changed then.
+/// Thrown if the simulation refuses an edit, a hold, a change of the backend, or to save a state that is not
+/// finite. The simulation has not changed then.
 class Refused : public std::runtime_error {
     using std::runtime_error::runtime_error;
 };
@@ -281,7 +282,7 @@ public:
     Simulation& simulation() { return *made_; }
     const Body& body() const { return body_; }
 
-    /// Makes `count` steps in several calls, and lets Python handle signals between them.
+    /// Makes `count` steps. Makes many steps in several calls, and lets Python handle signals between them.
     void step(int count) {
         if (count < 0) throw BadInput("step()", "count", std::to_string(count), "0 or more");
         const nb::gil_scoped_release free;
@@ -503,9 +504,11 @@ NB_MODULE(_core, m) {
     });
 
     nb::class_<Body>(m, "Body",
-                     "A body: particles at the centres of active voxels, and springs between neighbours.\n\n"
-                     "Lengths, times and masses are in one consistent set of units, the body's own. Arrays "
-                     "have one row per particle, in the order of voxels with x fastest; each is a new copy.")
+                     "A body: particles at the centres of active voxels, or at the corners if its scene says "
+                     "so, and springs between neighbours.\n\n"
+                     "Lengths, times and masses are in one consistent set of units, the body's own. Unless "
+                     "they say otherwise, arrays have one row per particle, in the order of voxels with x "
+                     "fastest; each is a new copy.")
         .def(
             "__init__",
             [](Body* self, nb::handle labels, nb::handle spacing, nb::handle stiffness, nb::handle mass,
@@ -691,7 +694,8 @@ NB_MODULE(_core, m) {
         "Displacements in the card's memory, float32, shape (n, 3), strides (16, 4) bytes. For "
         "torch.from_dlpack(), cupy.asarray() and the like. JAX takes compact arrays alone: give it a copy. "
         "Do not write to it. Reading Simulation.displacement_on_card again overwrites this memory; after "
-        "take_hold(), let_go(), reset() or switch_to() it frees this memory. Copy what you keep.")
+        "take_hold(), let_go() or reset() it frees this memory, and switch_to() frees it at once. Copy what "
+        "you keep.")
         .def(
             "__init__",
             [](CardArray* self, nb::object owner, std::uintptr_t address, std::size_t count, int device) {
@@ -759,7 +763,8 @@ NB_MODULE(_core, m) {
                 require_done(self.simulation().take_hold(vec3(place), radius, stiffness));
             },
             "place"_a, "radius"_a, "stiffness"_a,
-            "Takes hold of the particles within `radius` of `place`, at least of the nearest one. "
+            "Takes hold of the particles within `radius` of `place`, at least of the nearest one and at most "
+            "of the nearest 4096. "
             "`stiffness`, a "
             "force per length, is the sum over all springs of the hand, reduced if the time step would "
             "become "
@@ -852,7 +857,7 @@ NB_MODULE(_core, m) {
                 kernel.capabilities.device = device;
                 kernel.capabilities.clock = clock;
                 kernel.capabilities.family = family;
-                kernel.capabilities.deterministic = false;  // so that every state is judged
+                kernel.capabilities.deterministic = false;  // its bits may differ from run to run
                 if (lines) kernel.counters.add("lines_of_code", double(*lines), Unit::number, Better::less);
                 new (self) Trial(body, steps, repetitions, std::move(kernel));
             },

@@ -3,9 +3,9 @@
 
 Usage: audit.py [--seed N] [--claims N] [--all]
 
-A claim is a number in a table or in a sentence of README.md, docs/ or results/README.md. This script reads the JSON of the results
-itself, and shares no code with the pages' templates. It prints each claim with the value that it computed, then the tables that it
-does not check.
+A claim is a number in a table of README.md, results/README.md or a page of docs/ with figures (PAGES), or in one of some sentences
+of results/README.md (SENTENCES). This script reads the JSON of the results itself, and shares no code with the pages' templates. It
+prints each claim with the value that it computed, then the tables that it does not check and the sentences that it does not find.
 
 Exit code: 0 all claims drawn are right; 1 at least one is wrong; 2 bad input.
 """
@@ -38,7 +38,7 @@ def raw(study, machine=CARD):
 
 class Case:
     """A case of a study with all its repetitions. Every other repetition, from the first on, takes part in choosing the fastest
-    case: `chosen_by` is the median of these, and `held_out` that of the remaining ones."""
+    case: `chosen_by` is the median of these, and `held_out` that of the remaining ones. All of fewer than four do both."""
 
     def __init__(self, rows):
         self.times = [row["real_time"] for row in rows if row["run_type"] == "iteration"]

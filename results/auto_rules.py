@@ -6,9 +6,9 @@ Usage: auto_rules.py [--check]
 A rule is for one API, formulations by increments or the others, bodies that fill less than half of their lattice or the others, and
 a range of particle counts around a body of the studies `fastest` and `figure8`. It lists the API's backends, the fastest on that
 body first, each with its fastest tuning; rows that their run marked as not to be trusted do not count. `auto` takes the first one
-that the device has and that takes the scene. If the scene has edits, `auto` passes over a backend that `edited` lists unless two
-edits are at least as many steps apart as it says there. --check writes nothing and exits with 1 if the file is not what the results
-say.
+that the device has and that takes the scene, but none in software and none that reports that another backend is faster. If the scene
+has edits, `auto` passes over a backend that `edited` lists unless edits are on average at least as many steps apart as it says there.
+--check writes nothing and exits with 1 if the file is not what the results say.
 """
 
 import itertools

@@ -1,10 +1,10 @@
 """What changed between two results, row by row: the one rule for diff.py and for the page's history.
 
-Rows pair by scene, backend, formulation, precision and tuning. Rows of the kinds of study pareto, stability and stress pair by time
-step, start or measurement as well, and rows of the kind truth by pitch, strain and place of the particles; the number of steps that
-a row of truth takes to rest may differ, as a part of its time. A tuning parameter that only one file knows does not keep rows apart
-while it is at its default. A row is judged by each of its times (of a step, a start, an edit, a late tick) and by its energy. Each
-of these after the first makes a separate row of the comparison.
+Rows pair by scene, backend, formulation, precision and tuning. Rows of the kinds of study that have several rows of these (PLACES)
+pair by what tells such rows apart as well, such as the time step, the start or the measurement. Rows of the kind truth pair by pitch,
+strain and place of the particles; the number of steps that a row of truth takes to rest may differ, as a part of its time. A tuning
+parameter that only one file knows does not keep rows apart while it is at its default. A row is judged by each of its times (of a
+step, a start, an edit, a late tick) and by its energy. Each of these after the first makes a separate row of the comparison.
 
 Two runs of one program differ more than the repetitions of one run do, on a card ten times as much, because each process gets its
 memory elsewhere. So two kinds of noise are measured. Within runs: the standard error of a median of repetitions (Maritz and Jarrett
@@ -28,11 +28,11 @@ A change has to exceed 30% to count for a row that its run marked (`noisy`), for
 row with fewer than 4 rows to measure the noise between runs. In such a kind, a time by the host's clock or without repetitions has
 to change by a factor of 3. results/README.md says how often these rules are wrong.
 
-A counter (a metric that a result's context describes) has no statistics: it is better or worse if it changed by more than the
-threshold in the direction that the context names. Errors are of one state and have no statistics. An error grew if it is more than
-the error factor times its old value, or times the uncertainty of the float64 reference where that is larger; smaller changes are
-summed up in a note. A backend that adds in any order has another error each time, so its old error counts as at least the error
-that rounding alone was measured to cause in the scene.
+A counter (a metric that a result's context describes) that is neither a time nor an energy has no statistics: it is better or worse
+if it changed by more than the threshold in the direction that the context names. Errors are of one state and have no statistics. An
+error grew if it is more than the error factor times its old value, or times the uncertainty of the float64 reference where that is
+larger; smaller changes are summed up in a note. A backend that adds in any order has another error each time, so its old error counts
+as at least the error that rounding alone was measured to cause in the scene.
 """
 
 import collections
@@ -55,7 +55,7 @@ PLACES = {"benchmarks": (), "pareto": ("fraction_of_stable",), "stability": ("da
           "truth": ("particles_at", "strain", "across")}
 # The values of keys of PLACES for rows of older files, which lack the keys.
 UNSAID = {"drawn": False}
-# For each list: the keys of a row's times. Rows of other lists have only `seconds`, the time of a whole run. Each
+# For each list: the keys of a row's times. Rows of other lists have only `seconds`, the time of a whole run, or no time. Each
 # key after the first makes a separate row of the comparison.
 TIMES = {"benchmarks": ("real_time", "ready_seconds", "warm_ready_seconds", "edit_seconds_median"),
          "energy": ("seconds_per_step", "joules_per_step"), "overhead": ("seconds_per_step", "host_seconds_per_step"),
@@ -76,9 +76,10 @@ SHIFT_ROWS, NOISE_ROWS = 8, 4
 # uncertain, too, so (rows - 1) / 2 degrees are used: by simulation that keeps false alarms below FALSE_ALARMS.
 TAILS, FEW_ROWS = 4, 5
 # Margins, as logarithms of a ratio, for noise that was not measured. UNKNOWN_NOISE is for rows that their run marked as noisy
-# (harness/device/noise.h; an interquartile range above 10% is enough) and for rows of a kind with fewer than NOISE_ROWS rows. In
-# such a kind, SINGLE_NOISE is for rows that have no repetitions or that the host's clock timed: in one of four studies within an
-# hour a processor's row took 2.6 times as long. SINGLE_NOISE is also the upper bound of the noise between runs.
+# (harness/device/noise.h; an interquartile range above 10% is enough), for rows of backends that add in any order, and for rows of a
+# kind with fewer than NOISE_ROWS rows. In such a kind, SINGLE_NOISE is for rows that have no repetitions or that the host's clock
+# timed: in one of four studies within an hour a processor's row took 2.6 times as long. SINGLE_NOISE is also the upper bound of the
+# noise between runs.
 UNKNOWN_NOISE, SINGLE_NOISE = math.log(1.3), math.log(3)
 # Metrics in these units are judged as times are if less is better. If more is better, as in springs per joule, the
 # metric is the inverse of another one and is not judged again.
@@ -119,10 +120,10 @@ class Rule:
 @dataclasses.dataclass
 class Row:
     """A row of a file: a scene and a contender (backend, formulation, precision and tuning) at one place (its values
-    of the keys of PLACES). `times` has one element per repetition: seconds per step, or multiples of the device's
+    of the keys of PLACES). `times` has one element per repetition: seconds or joules, or multiples of the device's
     limit."""
     name: str
-    measure: tuple = ()  # particles, springs and steps: two rows are comparable if these agree
+    measure: tuple = ()  # particles, springs, steps, error_steps and end_time: two rows are comparable if these agree
     times: list = dataclasses.field(default_factory=list)
     unit: str = "s"
     kind: tuple = ()  # (list, key of the time); rows of one kind on one device have the same noise

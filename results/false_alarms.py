@@ -1,6 +1,7 @@
 #!/usr/bin/env python3
 """Measures how often diff.py is wrong. Compares pairs of results of one unchanged program on one card: every row that diff.py calls
-faster, slower, or worse in its error is a false alarm.
+faster, slower, failing, worse in its error, or better or worse in a counter is a false alarm, and so is every run that it calls
+faster or slower as a whole.
 
 Usage: false_alarms.py [--in-pairs] [--threshold 0.05] RESULT RESULT [RESULT...]
        false_alarms.py --resample PAIRS [--drift 0.006] [--threshold 0.05] RESULT [RESULT...]

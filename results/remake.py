@@ -5,7 +5,7 @@ Usage: remake.py [--program PROGRAM] [--check] [FOLDER] [STUDY...]
 
 FOLDER (results/<machine>) gets STUDY.json.gz of each study. A file that this program's commit has already measured on this card
 stays, so that a second call continues an interrupted one, also within a study. --check measures nothing: it says which files are
-stale (from another commit or card, or incomplete), and why.
+stale (missing, incomplete, or from another commit or card, or a tree with changes), and why.
 
 The machine is all GPUs that CUDA finds, or else the processor. With several GPUs only `scaling` is measured unless other studies
 are named; these run on the first GPU. CUDA_VISIBLE_DEVICES=0 leaves one GPU. With more than two GPUs `scaling` steps only its

@@ -53,8 +53,8 @@ def finite(kind):
 
 
 def load(path):
-    """Reads a result from a file of any name. Refuses it unless it is a JSON object of a version that is supported, whose context,
-    if it has one, is an object with an object `voxspring`."""
+    """Reads a result from a file of any name. Refuses it unless it is a JSON object of a version that is supported, whose `context`
+    and `context.voxspring` are objects if it has them."""
     expected = "expected a result that `voxspring study` wrote"
     try:
         data = path.read_bytes()
@@ -88,7 +88,7 @@ def load(path):
     return result
 
 
-# Lists whose rows have their own verdict (`passed`), except in older files.
+# Lists other than `verification` whose rows have a verdict on a state (`passed`, with the keys of BOUNDS), except in older files.
 JUDGED = ("scaling", "overhead", "haptic", "energy")
 # Keys of the bounds in a verdict, each with the key of the error that it bounds.
 BOUNDS = {"tolerance": "error_max", "tolerance_rms": "error_rms", "tolerance_mean": "error_mean", "force_tolerance": "force_error"}

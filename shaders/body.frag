@@ -9,7 +9,8 @@ out vec4 colour;
 
 void main() {
     float size = length(surface_normal);
-    vec3 normal = size > 0 ? surface_normal / size : vec3(0, 0, 1);  // size 0: the body has collapsed here
+    // The size is 0 where the body has collapsed or where normals cancel.
+    vec3 normal = size > 0 ? surface_normal / size : vec3(0, 0, 1);
     if (!gl_FrontFacing) normal = -normal;  // the inside of a cut, or a voxel turned inside out
     const vec3 lamp = normalize(vec3(-0.35, 0.55, 0.75));
     float sky = 0.5 + 0.5 * normal.y;

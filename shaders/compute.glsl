@@ -24,7 +24,7 @@ layout(std430, binding = 1) restrict buffer NextWords { Vec4 next_words[]; };
 layout(std430, binding = 2) restrict buffer Increments { Real increments[]; };
 layout(std430, binding = 4) restrict writeonly buffer NextWordsLow { Vec4 next_words_low[]; };
 layout(std430, binding = 5) restrict buffer IncrementsLow { Real increments_low[]; };
-// The constant force on each word's particle: three numbers per word.
+// The force on each word's particle besides those of springs and gravity: three numbers per word.
 layout(std430, binding = 6) restrict readonly buffer Loads { Real loads[]; };
 layout(std430, binding = 7) restrict readonly buffer InverseMasses { Real inverse_masses[]; };
 

@@ -3,8 +3,8 @@
 // With SECONDARY each spring has its stiffness and rest length, and a particle's bits count all of its
 // springs. Otherwise each group of springs (to face, edge or corner neighbours) has one stiffness and one
 // rest length, and the bits count the springs of each group. FACES, EDGES and CORNERS say which groups the
-// scene has or, with ALL_GROUPS, may have. OFF_LATTICE_REST says that the scene has springs that are not of
-// the lattice and that the formulation needs to know how they lie at rest.
+// scene has or, with ALL_GROUPS, may have. OFF_LATTICE_REST says that the scene has, or had before an edit,
+// springs that are not of the lattice and that the formulation needs to know how they lie at rest.
 //
 // Every list has the same number of slots. An unused slot holds the particle itself, which exerts no force on
 // itself. So lists can be read in whole chunks, before it is known how many slots are used.

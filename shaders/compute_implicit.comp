@@ -1,8 +1,8 @@
 // One invocation per voxel: its neighbours are at fixed offsets in the grid, and its mask says which of them
-// exist. FACES, EDGES and CORNERS say which groups of springs the scene has. ORIGINS says that only the work
-// groups with an active voxel are dispatched. VOTE says that a subgroup runs code without masks if all its
-// particles have every neighbour. TILE is defined if neighbours come from shared memory, SUBGROUPS if
-// subgroups can vote.
+// exist. FACES, EDGES and CORNERS say which groups of springs are compiled in (terms.glsl). ORIGINS says that
+// only the work groups with an active voxel are dispatched. VOTE says that a subgroup runs code without masks
+// if all its particles have every neighbour of these groups. TILE is defined if neighbours come from shared
+// memory. SUBGROUPS is defined if votes are compiled in.
 //
 // Guard words lie before the first voxel and after the last one: the neighbours of any voxel, inside the
 // lattice or not, are words that may be read.
@@ -124,7 +124,7 @@ Vec3 implicit_force(const bool whole, int index, int cell, Point here, uint bits
 }
 
 // Whether the particles of all invocations of this subgroup have every neighbour of the groups that are
-// compiled in.
+// compiled in. Without VOTE the result is false.
 bool all_whole(uint bits) {
 #ifdef SUBGROUPS
     uint all_bits = (FACES ? FACE_BITS : 0u) | (EDGES ? EDGE_BITS : 0u) | (CORNERS ? CORNER_BITS : 0u);

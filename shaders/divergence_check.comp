@@ -8,7 +8,8 @@
 
 layout(local_size_x = 64) in;
 
-// `increments` if BY_INCREMENTS, otherwise `other`: the particle's position in the previous step.
+// The increments if BY_INCREMENTS, otherwise the positions of the previous step. The texture `other` has
+// either.
 #ifdef STORAGE_BUFFERS
 layout(std430, binding = 0) restrict readonly buffer Words { Vec4 words[]; };
 #ifdef BY_INCREMENTS

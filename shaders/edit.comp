@@ -1,6 +1,6 @@
-// Updates particles whose springs changed, one invocation per particle. It writes the particle's bits and,
-// with LISTS, its list; with PER_SPRING also the constants of each spring, and with OFF_LATTICE_REST the rest
-// vectors of springs that are not of the lattice.
+// Updates particles whose springs changed. Invocations stride over the particles. They write a particle's
+// bits and, with LISTS, its list; with PER_SPRING also the constants of each spring, and with
+// OFF_LATTICE_REST the rest vectors of springs that are not of the lattice.
 layout(local_size_x = 64) in;
 
 layout(binding = 0, rgba32f) uniform image2D position;

@@ -1,4 +1,4 @@
-// Writes new bits of particles, one invocation per particle.
+// Writes new bits of particles. Invocations stride over the particles.
 #include "uniforms.glsl"
 
 layout(local_size_x = 64) in;

@@ -1,6 +1,6 @@
-// Writes new lists of some particles, one invocation per slot of a particle. SECONDARY says that there is a
-// list of springs' constants, and OFF_LATTICE_REST that there is a list of rest offsets. With SQUARED, new
-// rest lengths come as squares (measured.glsl).
+// Writes new lists of some particles. Invocations stride over the slots of all these lists. SECONDARY says
+// that there is a list of springs' constants, and OFF_LATTICE_REST that the new lists have rest offsets. With
+// SQUARED, new rest lengths come as squares (measured.glsl).
 #ifdef ADDRESSED
 #extension GL_EXT_buffer_reference : require
 #extension GL_EXT_buffer_reference_uvec2 : require

@@ -1,4 +1,4 @@
-// Writes the displacements of some particles for a picture, one invocation per particle.
+// Writes the displacements of some particles for a picture. Invocations stride over the particles.
 #include "some_words.glsl"
 #include "uniforms.glsl"
 

@@ -1,11 +1,12 @@
-// Each fragment steps one particle. A neighbour takes two fetches: its entry in the particle's list, and its
-// texel.
+// Each fragment steps one particle. A neighbour takes at least two fetches: its entry in the particle's list,
+// and its texel.
 //
 // With PER_SPRING each spring has its stiffness and rest length, and a particle's bits count all neighbours.
 // Otherwise each group of springs (to face, edge or corner neighbours) has one stiffness and one rest length,
 // and the bits count the neighbours of each group in COUNT_BITS bits. FACES, EDGES and CORNERS say which
-// groups the scene has. OFF_LATTICE_REST is defined if the scene has springs that are not of the lattice and
-// the formulation needs to know how they lie at rest. A row of texels has 1 << WIDTH_BITS particles.
+// groups the scene has. OFF_LATTICE_REST is defined if the scene has springs that are not of the lattice (or
+// with terms=all) and the formulation needs to know how they lie at rest. A row of texels has 1 << WIDTH_BITS
+// particles.
 #include "measured.glsl"
 #include "particle.glsl"
 

@@ -1,5 +1,5 @@
 // One fragment per voxel of the grid, which lies flat, slice by slice. A neighbour's texel follows from the
-// particle's texel. FACES, EDGES and CORNERS say which groups of springs the scene has.
+// particle's texel. FACES, EDGES and CORNERS say which groups of springs are compiled in (terms.glsl).
 #include "particle.glsl"
 
 uniform float rest_length[13];  // index: mask bit / 2

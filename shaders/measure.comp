@@ -1,4 +1,4 @@
-// Replaces squares of rest lengths by the lengths (measured.glsl), one invocation per length.
+// Replaces squares of rest lengths by the lengths (measured.glsl). Invocations stride over the lengths.
 #include "measured.glsl"
 #include "uniforms.glsl"
 

@@ -7,5 +7,5 @@ const Real min_normal = 2.2250738585072014e-308lf;
 const Real min_normal = 1.17549435e-38;
 #endif
 
-// inverse_root() is for normal numbers only, and 0 stands for no spring.
+// inverse_root() is for normal numbers only, and slots without a spring have 0.
 Real measured_or_zero(Real squared) { return squared >= min_normal ? measured_length(squared) : Real(0); }

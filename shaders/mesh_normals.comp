@@ -1,6 +1,6 @@
-// Normals of a body's surface, one invocation per vertex: the sum of the normals of the faces around the
-// vertex, weighted by area. Further passes (`smoothing`) add up the normals of these faces' vertices instead,
-// which smooths the steps between slices of voxels. The normals are not normalised.
+// Normals of a body's surface: for each vertex the sum of the normals of the faces around it, weighted by
+// area. Invocations stride over the vertices. Further passes (`smoothing`) add up the normals of these faces'
+// vertices instead, which smooths the steps between slices of voxels. The normals are not normalised.
 layout(local_size_x = 64) in;
 
 // Positions of vertices or, in a smoothing pass, their normals.

@@ -1,5 +1,5 @@
-// Computes where the vertices of a body's surface are, one invocation per vertex. Each vertex moves by the
-// mean displacement of up to eight particles.
+// Computes where the vertices of a body's surface are. Invocations stride over the vertices. Each vertex
+// moves by the mean displacement of up to eight particles.
 layout(local_size_x = 64) in;
 
 // A vertex (BodyMesh::Vertex): its place at rest, and the `count` particles that it follows.
@@ -10,7 +10,8 @@ struct Vertex {
 };
 layout(std430, binding = 0) restrict readonly buffer Vertices { Vertex vertices[]; };
 layout(std430, binding = 1) restrict readonly buffer Displacements { vec4 displacements[]; };
-// The values to show, one per particle. Not used if the length of the displacement is shown.
+// The values to show, one per element of `displacements`. Not used if the length of the displacement is
+// shown.
 layout(std430, binding = 2) restrict readonly buffer Values { float values[]; };
 // The place of a vertex in xyz, and its value in w.
 layout(std430, binding = 3) restrict writeonly buffer Places { vec4 places[]; };

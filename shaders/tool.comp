@@ -1,5 +1,5 @@
-// Applies the tool to the particles that it holds, before each step, one invocation per particle: the load
-// for the step is the particle's own load plus the tool's force.
+// Applies the tool to the particles that it holds, before each step: a particle's load for the step is the
+// particle's own load plus the tool's force.
 #include "some_words.glsl"
 #include "spring.h"
 #include "uniforms.glsl"

@@ -1,4 +1,4 @@
-// Code that all backends on the host's processor share: the clock, the divergence monitor, borders and the
+// Code that backends on the host's processor share: the clock, the divergence monitor, borders and the
 // processor's name.
 #pragma once
 
@@ -64,7 +64,7 @@ template <class Vec>
 class VectorBorder final : public Border {
 public:
     /// `arrays()` returns the array of positions or displacements after the latest step, and the array of
-    /// their low parts if the formulation has low parts.
+    /// their low parts if the backend keeps one.
     VectorBorder(std::function<std::vector<std::vector<Vec>*>()> arrays, std::vector<std::uint32_t> particles)
         : arrays_(std::move(arrays)), particles_(std::move(particles)) {}
 
@@ -92,8 +92,8 @@ private:
     const std::vector<std::uint32_t> particles_;
 };
 
-/// Capabilities of a CPU backend. `target`: the instruction set in use; `threads`: how many threads run a
-/// step.
+/// Capabilities of a CPU backend. `target`: the instruction set in use, or the kind of arithmetic; `threads`:
+/// how many threads run a step.
 Capabilities cpu_capabilities(const std::string& target, int threads);
 
 /// The first model name that a file like /proc/cpuinfo gives, or "unknown CPU" if it gives none.

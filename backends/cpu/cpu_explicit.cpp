@@ -134,7 +134,7 @@ private:
     std::vector<ListRange> ranges_;
     std::vector<Link<Real>> links_;
     /// First one per direction of the lattice (26), then two per spring of Problem::springs: one for either
-    /// end.
+    /// end. An edit adds new ones for the particles that it touches.
     std::vector<RestState<Real>> rest_;
 };
 
@@ -226,7 +226,7 @@ public:
     }
 
 private:
-    /// If the user does not choose the number of threads, each thread gets at least this many particles.
+    /// If the user does not choose the number of threads, each of several gets at least this many particles.
     static constexpr std::size_t min_particles = 1024;
 
     template <class Do>

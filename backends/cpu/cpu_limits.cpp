@@ -14,7 +14,8 @@
 
 #include "backends/cpu/cpu_backend.h"
 
-// These SIMD targets are left out: their registers have no fixed size, so arrays of them cannot be made.
+// These SIMD targets are left out: the compiler's types for their registers have no fixed size, so arrays of
+// them cannot be made.
 #define HWY_DISABLED_TARGETS (HWY_SVE | HWY_SVE2 | HWY_SVE_256 | HWY_SVE2_128 | HWY_RVV)
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "backends/cpu/cpu_limits.cpp"
@@ -284,8 +285,8 @@ DeviceLimits CpuBackend::measure_limits() {
         raise(limits.float32_operations_per_second, HWY_DYNAMIC_DISPATCH(float32_operations)());
         raise(float64, HWY_DYNAMIC_DISPATCH(float64_operations)());
     };
-    // Operations are measured before and after the bandwidth, seconds apart: one measurement is so short that
-    // another process may disturb all of it.
+    // Operations are measured before and after the bandwidth: one measurement is so short that another
+    // process may disturb all of it.
     measure_operations();
     measure_bandwidth(limits);
     measure_operations();

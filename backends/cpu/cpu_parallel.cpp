@@ -2,15 +2,15 @@
 // padded grid with implicit addressing.
 //
 // State is a structure of arrays (x, y, z) over the grid, whose rows are padded to whole blocks of 64 bytes.
-// A neighbour is a constant number of elements away. Only blocks with active voxels are listed, and threads
-// share the list evenly.
+// A neighbour is a constant number of elements away. Only blocks with active voxels are listed (with
+// terms=all, every block), and threads share the list evenly.
 //
-// A spring that does not lie along x is evaluated once, when its lower end (the particle with the lower
-// index) is stepped. A buffer keeps its force density (force divided by length) for the higher end, which
-// multiplies the density with its offset to the lower end. The product has the same bits as if the higher end
-// had evaluated the spring. So forces, summed in the order of neighbours.h, depend neither on the number of
-// threads nor on the width of a register. Tiles of blocks at rest are not stepped (tiles.h), which changes no
-// bit either.
+// Unless terms=all, a thread evaluates a spring that does not lie along x once, at its lower end (the
+// particle with the lower index). A buffer keeps its force density (force divided by length) for the higher
+// end, which multiplies the density with its offset to the lower end. The product has the same bits as if the
+// higher end had evaluated the spring. So forces, summed in the order of neighbours.h, depend neither on the
+// number of threads nor on the width of a register. Tiles of blocks at rest can be left out (tiles.h), which
+// changes no bit either.
 #include <omp.h>
 
 #include <algorithm>
@@ -134,7 +134,7 @@ public:
         const bool has_load = all || !problem.load.empty();
         const std::uint32_t full_stencil = bits_in_use(problem, options_) | ACTIVE_BIT;
         std::uint64_t masks = 0;        // masks read: those of particles without a full stencil
-        std::uint64_t evaluations = 0;  // force densities evaluated: two per spring along x, else one
+        std::uint64_t evaluations = 0;  // of force densities: two per spring along x or if `all`, else one
         for (const std::uint32_t mask : problem.lattice.mask) {
             masks += all || mask != full_stencil ? 1 : 0;
             const std::uint32_t twice = all ? NEIGHBOUR_BITS : along_x;

@@ -26,9 +26,9 @@ struct Block {
     std::ptrdiff_t in_slice;  ///< `first`, counted from the start of its slice (one z)
     std::uint32_t tile;       ///< index of its tile (tiles.h)
     bool odd_slice;
-    bool full_stencil;  ///< every voxel has a particle that can move and has a neighbour in every direction
-                        ///< in use
-    std::uint8_t active_quarters;  ///< one bit per quarter of the block: whether it has a particle
+    bool full_stencil;  ///< every voxel has a particle that can move and has a spring in every direction in
+                        ///< use; not set with terms=all
+    std::uint8_t active_quarters;  ///< one bit per quarter: whether it has a particle; all with terms=all
 };
 
 /// What a step does with a tile. The last two can be combined.

@@ -18,8 +18,9 @@ int thread_count(const Options& options, const std::string& backend);
 /// blocks, which take a core about 10 us. A smaller share would be less work than a barrier costs.
 std::ptrdiff_t share_count(const Options& options, std::ptrdiff_t blocks);
 
-/// Whether terms=all: every term is computed, with neutral values for those that the scene lacks, and no work
-/// is skipped or shared between the two ends of a spring. Tests compare it with terms=needed.
+/// Whether terms=all: loads, masses and directions that the scene lacks are computed with neutral values, and
+/// no work is skipped (except by `sleep`) or shared between the two ends of a spring. Tests compare it with
+/// terms=needed.
 bool all_terms(const Options& options);
 
 Root root_of(const Options& options);

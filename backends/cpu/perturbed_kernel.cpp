@@ -4,8 +4,8 @@
 
 #include "backends/physics/neighbours.h"
 
-// These SIMD targets are left out: their registers have no fixed size, and so cannot be members of class
-// Lanes.
+// These SIMD targets are left out: the compiler's types for their registers have no fixed size, and so cannot
+// be members of class Lanes.
 #define HWY_DISABLED_TARGETS (HWY_SVE | HWY_SVE2 | HWY_SVE_256 | HWY_SVE2_128 | HWY_RVV)
 // This file, up to HWY_ONCE, is compiled for every SIMD target.
 #undef HWY_TARGET_INCLUDE
@@ -77,7 +77,7 @@ public:
     }
 
 private:
-    /// Rounds `value` at random. Zero stays zero.
+    /// Rounds `value` as rounding_ says. Zero stays zero.
     HWY_INLINE L rounded(L value, std::uint64_t which) const {
         const Bits random = bits(which);
         const Bits added =

@@ -21,8 +21,7 @@ struct Pull {
     double rest_length, rest_deficit, stiffness;
 };
 
-/// How numbers are rounded: random bits are added below the last bit that is kept, then the bits that are not
-/// kept are cleared.
+/// How numbers are rounded: random bits and a constant are added, then bits that are not kept are cleared.
 struct RoundingBits {
     std::uint64_t kept = ~std::uint64_t(0);  ///< mask of the bits that are kept
     std::uint64_t random = 0;                ///< mask of the random bits that are added

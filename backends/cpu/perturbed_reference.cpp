@@ -196,7 +196,7 @@ private:
         list_blocks(guard);
     }
 
-    /// Lists the blocks that have an element of `element_`. The first block begins at `guard`.
+    /// Lists the blocks that have an element of `element_`. Blocks are counted from `guard`.
     void list_blocks(std::ptrdiff_t guard) {
         const auto block_of = [&](std::size_t i) { return element_[i] - (element_[i] - guard) % block_size; };
         const auto begins_block = [&](std::size_t i) { return i == 0 || block_of(i) != block_of(i - 1); };

@@ -17,10 +17,10 @@ namespace voxspring {
 struct Perturbation {
     enum class Kind : std::uint8_t {
         none,     ///< the reference itself: `increment` in float64
-        nearest,  ///< every stored number is rounded to the nearest of `precision`, as a backend rounds it
-        /// Stored numbers are rounded up or down at random, more often to the nearer number. Forces get
-        /// errors as large as those of their arithmetic, and parameters errors of up to half a unit in the
-        /// last place.
+        nearest,  ///< every stored number (see the table below) is rounded to the nearest of `precision`
+        /// Stored numbers are rounded up or down at random, more often to the nearer number; in float64 they
+        /// change by a unit in the last place or not at all. Forces get errors as large as those of their
+        /// arithmetic, and parameters errors of up to half a unit in the last place plus root_error.
         random
     };
     Kind kind = Kind::none;
@@ -28,7 +28,7 @@ struct Perturbation {
     Precision precision = Precision::float64;
     /// Relative error of roots and divisions in addition to rounding, for backends that approximate them.
     double root_error = 0;
-    std::uint64_t seed = 0;  ///< random numbers depend only on it, the step and the particle
+    std::uint64_t seed = 0;  ///< random numbers depend only on it, the step, the particle and the use
 };
 
 /// Runs the reference, one run after another, each with a given perturbation.
@@ -39,15 +39,15 @@ struct Perturbation {
 ///
 /// | formulation | stored | force, relative to |
 /// | --- | --- | --- |
-/// | paper | x, both products, their difference | the springs' lengths |
-/// | position | x, (1-lambda)(x - x_prev), the change | the springs' lengths |
+/// | paper | x, both products, their difference, a dt^2 | the springs' lengths |
+/// | position | x, (1-lambda)(x - x_prev), a dt^2, the sum of these two | the springs' lengths |
 /// | displacement | as position, of u | the springs' lengths |
 /// | increment | u, v, the change of v | the springs' forces |
 /// | compensated | nothing: low parts keep what rounding removes | the springs' forces |
 ///
 /// A force gets an error of up to half a unit in the last place of `precision`, relative to the sum over its
-/// springs of the table's last column. Backends round some ten operations per spring; these errors are
-/// independent and together have about that size.
+/// springs of the table's last column, plus the force itself and that of gravity. Backends round some ten
+/// operations per spring; these errors are independent and together have about that size.
 class PerturbedReference : public CpuBackend {
 public:
     /// The perturbation from the next upload() on.

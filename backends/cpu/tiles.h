@@ -63,8 +63,8 @@ private:
     struct Shape {
         explicit Shape(glm::ivec3 blocks);
 
-        /// Distances between tiles along y and z. A tile of padding ends each row and plane, so the last tile
-        /// of a row does not touch the next row.
+        /// Distances between tiles along y and z. A tile of padding ends each row, and a row of padding each
+        /// plane, so the last tile of a row does not touch the next row.
         std::ptrdiff_t row, plane;
         /// Distance from a tile's index to that of its farthest neighbour. 2 * margin unused tiles lie before
         /// the first tile and after the last.

@@ -239,8 +239,8 @@ private:
         return made;
     }
 
-    /// Binds what `pass` uses. Skips buffers that are bound already, and binds the others in as few calls as
-    /// possible.
+    /// Binds what `pass` uses. Skips buffers that are bound already, and binds the others with one call per
+    /// run of consecutive bindings.
     void bind(const GlPass& pass) {
         const auto is_new = [&](std::size_t n) {
             return n < bound_.size() && pass.buffers[n] != 0 && pass.buffers[n] != bound_[n];

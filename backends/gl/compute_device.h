@@ -1,5 +1,5 @@
 // OpenGL as a device (glsl/device.h) for the host code that all compute shaders share
-// (glsl/compute_backend.h). A step is a dispatch and a barrier (README.md).
+// (glsl/compute_backend.h). A barrier follows every dispatch (README.md).
 #pragma once
 
 #include <memory>

@@ -221,9 +221,8 @@ void Context::ErrorLog::check(const std::string& doing) {
     if (const GLenum status = glGetGraphicsResetStatus(); status != GL_NO_ERROR) {
         throw DeviceError("GL context was reset while " + doing);
     }
-    // Only a debug context has to send messages. So the error flags decide whether there was an error, and a
-    // message only explains the error. Reading a flag clears it, except that a lost context sets
-    // GL_CONTEXT_LOST for ever.
+    // Only a debug context has to send messages. So the error flags are read as well, and a message explains
+    // the error. Reading a flag clears it, except that a lost context sets GL_CONTEXT_LOST for ever.
     if (const GLenum error = glGetError(); error != GL_NO_ERROR) {
         reason = name_of_error(error);
         while (error != GL_CONTEXT_LOST && glGetError() != GL_NO_ERROR) continue;

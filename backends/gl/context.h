@@ -29,8 +29,8 @@ public:
     /// on the display of that object's context and shares buffers and textures with it, if the driver allows
     /// that. Throws Unavailable.
     Context();
-    /// The context of a window, which the caller has made and will destroy. Throws Unavailable if it is older
-    /// than 4.5.
+    /// The context of a window, which the caller has made and will destroy. Throws Unavailable if it cannot
+    /// be used, for example because it is older than 4.5.
     explicit Context(const SurfaceContext& window);
     ~Context();
     Context(const Context&) = delete;

@@ -331,8 +331,8 @@ void FragmentBackend::check_divergence() {
     glUseProgram(monitor_program_.get());
     bind_state();
     glDispatchCompute(GLuint((size_.x + group - 1) / group), GLuint(size_.y), 1);
-    // The barrier is needed because the next step or edit overwrites what this check reads, and the next
-    // check reads found_.
+    // The barrier is needed because a later step or edit overwrites what this check reads, and the next check
+    // reads found_.
     glMemoryBarrier(GL_SHADER_STORAGE_BARRIER_BIT | GL_FRAMEBUFFER_BARRIER_BIT);
     glUseProgram(program_.get());
 }

@@ -83,8 +83,8 @@ protected:
         };
         std::vector<Particle> particles;
         std::vector<std::uint32_t> neighbour;  ///< list entries (neighbours.h)
-        std::vector<glm::vec2> spring;  ///< stiffness, rest length; empty: one of each per spring group
-        std::vector<glm::vec4> off_lattice_rest;  ///< per neighbour; empty if all springs are on the lattice
+        std::vector<glm::vec2> spring;  ///< as in `spring` of shaders/gl_fragment_explicit.frag, or empty
+        std::vector<glm::vec4> off_lattice_rest;  ///< per neighbour; empty if the shader reads none
     };
 
     /// `fragment_shader`: the name of the file in shaders/.
@@ -188,7 +188,7 @@ private:
 
     const Problem* problem_ = nullptr;
     std::uint64_t held_bytes_ = 0;    // bytes_needed() of the problem for which the lists were made
-    std::int64_t steps_ = 0;          // since upload()
+    std::int64_t steps_ = 0;          // since upload() or rewind()
     DivergenceMonitor monitor_;       // in use since the latest upload() or rewind()
     DivergenceMonitor next_monitor_;  // in use from the next upload() or rewind() on
     glm::ivec2 size_{0};

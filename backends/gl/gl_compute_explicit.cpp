@@ -1,5 +1,5 @@
 // Explicit addressing in a compute shader of OpenGL: one invocation per particle, which reads its neighbours
-// from a list. The lists are interleaved: first the first neighbour of every particle, then the second one of
+// from a list. The lists are interleaved: first the first slot of every particle, then the second slot of
 // every particle, and so on. The host is in glsl/explicit.cpp.
 #include "backends/gl/compute_device.h"
 #include "backends/glsl/compute_backend.h"

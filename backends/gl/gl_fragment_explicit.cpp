@@ -18,10 +18,10 @@ namespace {
 /// How many bits of w hold the number of a particle's neighbours in one spring group, which is at most 12.
 constexpr int count_bits = 4;
 
-/// The size of a texture for `particles` texels: as narrow as a height of at most `limit` allows, but at
-/// least as wide as one screen tile of llvmpipe. Neighbouring rows are then close in memory. On llvmpipe this
-/// is 1.2 times as fast as a square. The width is a power of two, so lists need to store only a particle's
-/// index, which gives the texel's coordinates. Less than one row is wasted.
+/// The size of a texture for `particles` texels: as narrow as a height of at most `limit` allows, but for at
+/// least 64 particles at least as wide as one screen tile of llvmpipe. Neighbouring rows are then close in
+/// memory. On llvmpipe this is 1.2 times as fast as a square. The width is a power of two, so lists need to
+/// store only a particle's index, which gives the texel's coordinates. Less than one row is wasted.
 glm::ivec2 compact_size(std::size_t particles, int limit) {
     constexpr std::size_t tile = 64;
     const std::size_t width = std::bit_ceil(
@@ -40,7 +40,7 @@ std::uint32_t list_entry(std::uint32_t neighbour, int bit) {
     return neighbour | (bit < 0 ? OWN_DIRECTION : std::uint32_t(bit)) << LISTED_INDEX_BITS;
 }
 
-/// Whether stiffness or rest length differs between springs of one group.
+/// Whether stiffness or rest length may differ between springs of one group.
 bool differ_within_a_group(const Problem& problem) {
     if (problem.has_materials() || !problem.springs.empty()) return true;
     std::array<double, 3> length{};

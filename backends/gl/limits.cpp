@@ -27,7 +27,7 @@ double seconds(Enqueue enqueue) {
     return std::chrono::duration<double>(std::chrono::steady_clock::now() - begin).count();
 }
 
-/// Three frames of one size. Draws step through them as a FragmentBackend does through its frames.
+/// Three frames of one size. Draws step through them as a FragmentBackend with three frames does.
 class Frames {
 public:
     Frames(const Context& context, glm::ivec2 size) : size_(size) {

@@ -36,7 +36,8 @@ Source load_source(const std::string& file, const Defines& defines, const Files&
 /// load_source() with the files of shaders/ and the headers of backends/physics/ that GLSL shares.
 Source load_source(const std::string& file, const Defines& defines);
 
-/// A linked program. Errors of the compiler and linker become DeviceErrors that name file and line.
+/// A linked program. Errors of the compiler become DeviceErrors that name file and line, and errors of the
+/// linker become DeviceErrors that name the files.
 class Program {
 public:
     Program() = default;

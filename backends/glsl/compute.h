@@ -53,8 +53,8 @@ inline constexpr int max_groups = 65535;  ///< the most work groups along an axi
 /// An empty string, or why work groups of `group` exceed `limits`.
 std::string work_group_refusal(glm::ivec3 group, const WorkGroupLimits& limits);
 
-/// The number of work groups of 64 invocations that stride over `count` items, as in
-/// shaders/divergence_check.comp, measure.comp and edit*.comp.
+/// The number of work groups of 64 invocations that stride over `count` items, as in shaders/measure.comp,
+/// for example.
 unsigned striding_groups(std::size_t count);
 
 /// 1 / `largest`, a DivergenceMonitor's largest increment, as shaders/divergence_check.comp takes it. Its

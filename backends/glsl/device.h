@@ -57,8 +57,7 @@ inline std::size_t bytes_of(const std::unique_ptr<Array>& array) {
 /// Arrays by binding. An array is null or absent if the shader has no use for it.
 using Arrays = std::map<unsigned, const Array*>;
 
-/// A list of all particles' neighbours, slot by slot (slot n has every particle's n-th neighbour), in one or
-/// more arrays.
+/// A list of shaders/lists.glsl, slot by slot (a slot has one element per particle), in one or more arrays.
 struct AddressedList {
     std::vector<std::unique_ptr<Array>> parts;  ///< each has whole slots
     std::vector<std::uint64_t> addresses;       ///< device address of each slot
@@ -68,10 +67,10 @@ struct AddressedList {
 struct Shader {
     std::string file;                      ///< file name without extension
     std::string variant = {};              ///< what follows `file` in the name of its SPIR-V module
-    Defines macros = {};                   ///< the macros that this variant is compiled with
+    Defines macros = {};                   ///< the macros of this variant, if it is compiled at run time
     Constants constants = {};              ///< constants that the shader does not have are ignored
     std::optional<glm::ivec3> group{};     ///< extents of a work group, if the shader leaves them open
-    std::optional<Precision> precision{};  ///< set if it differs from the backend's
+    std::optional<Precision> precision{};  ///< empty: the backend's
 };
 
 /// Keeps compiled programs by a key that tells how they are specialised, since an edit may need an earlier

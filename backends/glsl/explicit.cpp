@@ -1,5 +1,5 @@
 // Explicit addressing in a compute shader: one invocation per particle, which reads its neighbours from a
-// list. The lists are interleaved: first the first neighbour of every particle, then the second one of every
+// list. The lists are interleaved: first the first slot of every particle, then the second slot of every
 // particle, and so on.
 #include "backends/glsl/explicit.h"
 
@@ -104,7 +104,7 @@ private:
                               {"ALL_GROUPS", text(this->all_terms())}}};
     }
 
-    /// step_.rest_length has been measured by the device (lay_out()).
+    /// Unless the formulation is by increments, the device has measured step_.rest_length (lay_out()).
     void set_uniforms(Uniforms& uniforms, const Problem& problem) override {
         uniforms.set("particles", step_.particles);
         uniforms.set("slot_stride", int(step_.shape.slot_stride));
@@ -148,8 +148,8 @@ private:
                                                            : sizeof(std::uint32_t));
     }
 
-    /// A list of rest offsets outlives the last spring beyond the lattice. The rows of an edit without such
-    /// springs have no rest offsets, and the shader must not read any.
+    /// A list of rest offsets outlives the last spring beyond the lattice. If the edited problem has no such
+    /// spring, the rows have no rest offsets, and the shader must not read any.
     void write_rows(const layout::EditedLists<Real>& rows) {
         Uniforms uniforms;
         uniforms.set("count", int(rows.lists.neighbour.size()));

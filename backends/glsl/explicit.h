@@ -13,7 +13,8 @@ namespace voxspring::glsl {
 
 /// Which lists a problem needs beside that of neighbours.
 struct ListKind {
-    /// Whether springs differ within a group. The secondary list then has their stiffness and rest length.
+    /// Whether springs cannot share the constants of a group (layout::grouped_list_refusal()). The secondary
+    /// list then has the stiffness and rest length of each spring.
     bool secondary = false;
     /// Whether a list has the rest offsets of springs that are not of the lattice. Formulations on positions
     /// do not need it.

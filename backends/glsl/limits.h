@@ -11,7 +11,7 @@
 
 namespace voxspring::glsl {
 
-/// Bytes of all arrays of a pass together, from sizes that every card's cache holds to sizes that none does:
+/// Bytes of all arrays of a pass together, from sizes that most cards' caches hold to sizes that few do:
 /// neither OpenGL nor Vulkan tells the size of a cache. The two or three arrays of the largest footprint are
 /// within the limits of all drivers.
 inline constexpr std::size_t footprints[] = {std::size_t(3) << 20, std::size_t(12) << 20,

@@ -13,7 +13,7 @@ namespace voxspring::glsl {
 /// Values of macros by name.
 using Defines = std::map<std::string, std::string>;
 /// Values of constants by name, as GLSL writes them: "true", "false" or a whole number. A shader gets a value
-/// for each of its constants.
+/// for each of its constants. TILE, a macro that only OpenGL uses, has an empty value.
 using Constants = std::map<std::string, std::string>;
 
 inline std::string text(bool value) { return value ? "true" : "false"; }

@@ -54,8 +54,8 @@ std::vector<BlockOrigin> occupied_blocks(const Lattice& lattice, BlockShape shap
 /// of blocks along y and z.
 bool fits_launch(const Lattice& lattice, BlockShape shape);
 
-/// A step of a part of a body has two parts: first the blocks with particles that other parts need
-/// (`border`), then the others.
+/// A split step of a part of a body (CudaBackend::split_steps()) has two parts: first the blocks with
+/// particles of its borders, ghosts included (`border`), then the others.
 enum class StepPart : std::uint8_t { border, interior };
 
 /// Blocks in two parts: first the blocks with a particle of a border, then all others.

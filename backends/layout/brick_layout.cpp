@@ -66,7 +66,7 @@ std::pair<glm::ivec3, glm::ivec3> bounds_of(const Lattice& lattice) {
 glm::ivec3 size_of(const BrickShape& shape) { return {shape.nx(), shape.ny(), shape.nz()}; }
 
 /// Counts the particles in any box of voxels. For this it stores the counts of all boxes that begin at the
-/// first voxel of the body.
+/// least coordinates of the body.
 class ParticleCounts {
 public:
     ParticleCounts(const Lattice& lattice, const glm::ivec3& low, const glm::ivec3& high)
@@ -80,8 +80,8 @@ public:
             });
         }
     }
-    /// How many particles are in the box from `begin` to `end` (exclusive). Coordinates count from the first
-    /// voxel of the body.
+    /// How many particles are in the box from `begin` to `end` (exclusive). Coordinates count from the least
+    /// ones of the body.
     std::uint32_t in(const glm::ivec3& begin, const glm::ivec3& end) const {
         const glm::ivec3 to = glm::min(end, size_ - 1);
         std::uint32_t count = 0;
@@ -432,7 +432,7 @@ void BrickLayout::write_masks(std::size_t block, int lane) {
         masks_[std::size_t(n) * lane_count() + at] = words[std::size_t(n)];
 }
 
-/// Computes plain_words_, across_ and moves_: the masks that a thread with a full tile and all springs has.
+/// Computes plain_words_, across_ and moves_, by which sides_of() tells whether a thread is plain.
 /// `group_bits`: the springs in use.
 void BrickLayout::find_plain_words(std::uint32_t group_bits) {
     const auto set = [](TileWords& words, int bit) { words[std::size_t(bit) / 32] |= 1U << bit % 32; };

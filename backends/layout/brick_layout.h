@@ -62,7 +62,8 @@ public:
     /// The polls, that is, the points for which pollers wait: by round, then by block, then by poller.
     const std::vector<BrickPoll>& polls() const { return polls_; }
     int rounds() const { return rounds_; }
-    /// Whether all threads are plain: their tiles are full and have all springs (TileSides).
+    /// Whether all threads are plain: their tiles are full and have all springs, except those across some of
+    /// their sides (TileSides).
     bool all_plain() const;
     std::uint32_t lane_count() const {
         return std::uint32_t(blocks_.size()) * std::uint32_t(plan_.shape.lanes());
@@ -91,14 +92,14 @@ private:
 
     BrickPlan plan_;
     SoaStrides strides_;
-    glm::ivec3 dims_, low_{0}, bricks_{1};  ///< lattice's size; body's first voxel; number of bricks
+    glm::ivec3 dims_, low_{0}, bricks_{1};  ///< lattice's size; body's least coordinates; number of bricks
     std::vector<std::uint32_t> voxel_;      ///< Lattice::voxel
     std::vector<std::uint32_t> mask_;       ///< one per voxel of the lattice
     std::vector<std::uint32_t> block_at_;   ///< per brick: its block; resident_none: it has no particle
     std::vector<TileSpring> springs_;
     BrickMask bits_{};
-    /// The mask words of a plain thread (TileSides). The index has a bit for each side of the tile that
-    /// springs cross.
+    /// The mask words of a plain thread (TileSides), without the bits BrickMask::moves(). The index has a bit
+    /// for each side of the tile that springs cross.
     std::array<TileWords, 1U << BrickShape::sides> plain_words_{};
     /// For each side of a tile: the bits of the springs that cross this side and no other.
     std::array<TileWords, BrickShape::sides> across_{};

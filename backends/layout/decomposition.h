@@ -1,11 +1,11 @@
-// A lattice is cut into parts (subdomains), each of which is stepped on another device or in another process.
+// A lattice is cut into parts (subdomains), each of which may be stepped on another device or in another
+// process.
 //
 // A subdomain is itself a Problem. It steps the particles of a brick of voxels. Around them it has ghosts:
 // the particles that a lattice spring may join to a particle of the brick. Ghosts are pinned, because another
-// subdomain steps them: the program that runs a subdomain writes their places after every step
-// (BorderFacet::border()). The tool of a subdomain holds only particles that this subdomain steps. Particles
-// keep their order and their rest positions, so a backend that sums forces in the order of neighbours.h
-// computes the same bits as for the whole problem.
+// subdomain steps them: after every step their places come from there (BorderFacet). The tool of a subdomain
+// holds only particles that this subdomain steps. Particles keep their order and their rest positions, so a
+// backend that sums forces in the order of neighbours.h computes the same bits as for the whole problem.
 #pragma once
 
 #include <cstddef>
@@ -75,8 +75,8 @@ public:
 
     int count() const { return int(bricks_.size()); }
     const Brick& brick(int number) const { return bricks_[std::size_t(number)]; }
-    /// An upper bound of the number of particles of subdomain `from` that are ghosts in `to`: their number if
-    /// every voxel had a particle. It is 0 if no spring can join the two subdomains.
+    /// An upper bound of the number of particles of subdomain `from` that are ghosts in `to`. It is 0 if the
+    /// two bricks are too far apart for a lattice spring.
     std::size_t most_sent(int from, int to) const;
     /// own(): the particles of `problem` that subdomain `number` steps, ascending. subdomain(): that
     /// subdomain itself. `problem` is the problem that was cut.

@@ -14,8 +14,8 @@
 
 namespace voxspring::layout {
 
-/// One word per particle, with guard words before and after, which may be read as neighbours of the first and
-/// the last particle.
+/// One word per particle, with guard words before and after, which may be read in place of missing
+/// neighbours.
 Placement place_guarded(const Problem& problem);
 
 /// Says where lattice neighbours are: a particle's index plus a delta is the index of a neighbour
@@ -47,7 +47,7 @@ public:
     std::size_t columns() const { return neighbour_.size() / slice_particles; }
     bool empty() const { return neighbour_.empty(); }
 
-    /// What an edit changed.
+    /// What an edit may have changed.
     struct Changes {
         std::vector<EditedSlice> slices;
         EditedLists<Real> columns;  ///< each column is stored as the list of one particle would be

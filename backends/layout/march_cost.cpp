@@ -15,8 +15,9 @@ namespace {
 
 constexpr int quarters = 4;  // each multiprocessor has four quarters with one scheduler each
 
-// The constants of the model are fitted to measured times of one NVIDIA H200; march_cost_test.cpp lists them
-// beside the predictions. Times other than a launch's are in cycles, so they also hold at other clocks.
+// Where nothing else is said, the constants of the model are fitted to measured times of one NVIDIA H200;
+// march_cost_test.cpp lists these times beside the predictions. Times other than a launch's are in cycles, so
+// they also hold at other clocks.
 
 /// The time of a launch in a CUDA graph, measured with an empty kernel. It is the same for all plans.
 constexpr double launch_seconds = 0.66e-6;

@@ -50,8 +50,8 @@ template <class Real>
 State unpack_soa(const Problem& problem, const SoaState<Real>& packed, Formulation formulation,
                  const SoaPlaces& places);
 
-/// Whether every rest length in use has a finite inverse in this precision. Always true in formulations by
-/// increments, which do not use such inverses.
+/// Whether inverse_root() of the square of every rest length in use is finite in this precision. Always true
+/// in formulations by increments, which do not use such inverses.
 bool has_inverse_lengths(const Problem& problem, Precision precision, Formulation formulation);
 
 /// Whether all springs of a class (spring_class()) have the same rest length, as the kernel's argument says.

@@ -117,8 +117,8 @@ std::vector<Run> runs_of(const MarchColumns& columns) {
 /// Cuts runs where the set of warps with full stencils changes, unless both stretches beside the cut are
 /// short. Without such cuts one plane of pinned particles would force masks on the whole run.
 std::vector<Run> cut_by_full_stencils(const MarchColumns& columns, const std::vector<Run>& runs) {
-    // A cut makes one more item, which costs the time of three planes. Masks add an eighth to the time of a
-    // plane.
+    // A cut makes one more item, which costs the time of three planes. Masks add up to a tenth to the time of
+    // a plane (march_rates()).
     constexpr int long_enough = 32;
     std::vector<Run> cut;
     for (const Run& run : runs) {
@@ -185,7 +185,7 @@ int finished_at(const LengthCounts& counts, int slots) {
 template <class Visit>
 void visit_parts(const Run& run, int most, Visit visit) {
     const int count = units_of(run.length(), most);
-    // A run of 10^5 planes times the number of a part exceeds 32 bits.
+    // A run of 10^5 planes times the number of a part may exceed the largest int.
     const auto begin_of = [&](int part) {
         return run.begin + int(std::int64_t(run.length()) * part / count);
     };
@@ -231,15 +231,15 @@ public:
     const MarchTile& tile() const { return tile_; }
     const MarchColumns& columns() const { return columns_; }
     double seconds() const { return seconds_; }
-    /// Computes MarchPlan::kept_planes. If the state is somewhat larger than L2, every step evicts from L2
-    /// what the next step reads first. Then telling L2 what to keep makes a step up to a tenth faster. If the
-    /// state is smaller or larger, or items march in several rounds, it makes a step slower. The bounds
-    /// `least` and `most` lie between states that were measured on an H100.
+    /// Computes MarchPlan::kept_planes. If the state is about as large as L2 or somewhat larger, every step
+    /// evicts from L2 what the next step reads first. Then telling L2 what to keep makes a step up to a tenth
+    /// faster. If the state is smaller or larger, or items march in several rounds, it makes a step slower.
+    /// The bounds `least` and `most` lie between states that were measured on an H100.
     int kept_planes(const MarchDevice& device) const {
         constexpr double least = 0.9, most = 1.75;
         const double state = state_bytes() / device.cache_bytes;
-        // In a box whose lowest plane is pinned, this plane is cut from the rest. Items of one plane are soon
-        // done, so they do not count as a second round.
+        // In a box whose lowest plane is pinned, this plane is cut from the rest. Items of one or two planes
+        // are soon done, so they do not count as a second round.
         const auto at_once = std::size_t(cost_.slots());
         const bool one_round = items_.size() <= at_once || items_[at_once].length() < shortest_part;
         return device.tensor_copies && one_round && state > least && state < most ? 2 : 0;

@@ -20,8 +20,8 @@ namespace voxspring::layout {
 /// borders travel to and from neighbouring parts.
 struct MarchInterior {
     int begin = 0, end = std::numeric_limits<int>::max();
-    /// The planes that are stepped, the interior among them. Planes before and after them have only ghosts
-    /// (Problem::ghosts), which are written as they arrive.
+    /// The planes that are stepped, the interior among them. Planes before and after them have no particles
+    /// but ghosts (Problem::ghosts), which are written as they arrive.
     int own_begin = 0, own_end = std::numeric_limits<int>::max();
     bool operator==(const MarchInterior&) const = default;
 };
@@ -45,10 +45,10 @@ struct MarchPlan {
 /// Predicted times that differ by less than this factor count as equal, because predictions are no more
 /// accurate (march_cost_test).
 constexpr double max_alike = 1.03;
-/// Plans items for all particles. Takes, of the `tiles` that fit the device, the first whose predicted step
-/// is at most max_alike times the shortest. If none fits, takes the first of `tiles`, which must not be
-/// empty. Neither the tile nor the cutting into items changes the bits of a result. No item has planes both
-/// inside and outside of `interior`.
+/// Plans items for all particles that are no ghosts. Takes, of the `tiles` that fit the device, the first
+/// whose predicted step is at most max_alike times the shortest. If none fits, takes the first of `tiles`,
+/// which must not be empty. Neither the tile nor the cutting into items changes the bits of a result. No item
+/// has planes both inside and outside of `interior`.
 MarchPlan plan_march(const Problem& problem, const std::vector<MarchTile>& tiles, Precision precision,
                      Formulation formulation, const MarchDevice& device, MarchInterior interior = {});
 /// An upper bound of the bytes of the items and mask words of a plan for a body that is not cut into parts.

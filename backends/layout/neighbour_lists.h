@@ -20,8 +20,8 @@ template <class Real>
 struct NeighbourLists {
     ListShape shape;
     std::vector<std::uint32_t> neighbour;
-    /// The stiffness and rest length of each entry of `neighbour` (the secondary list). Empty if all springs
-    /// of a group have the same ones.
+    /// The stiffness and rest length of each entry of `neighbour` (the secondary list). Empty in lists with
+    /// constants per group (list_by_groups()).
     std::vector<SpringConstants<Real>> constants;
     /// How springs beyond the lattice lie at rest, by element of `neighbour`. Empty in formulations on
     /// positions, or if there are no such springs.

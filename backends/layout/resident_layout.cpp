@@ -386,7 +386,7 @@ private:
             out_.polled_word[poll] = reached[n] | (keeps ? keeps_ghost : 0);
             out_.polled_slot[poll] = std::uint16_t(slot_of[reached[n]] = slots.take(at(reached[n])));
         }
-        // Idle lanes write to a slot that no lane reads.
+        // Idle lanes write to a slot that no lane with a particle reads.
         const std::size_t size = slots.size() + (idle.empty() ? 0 : 1);
         for (const std::size_t lane : idle) out_.own_slot[first + lane] = std::uint16_t(slots.size());
 
@@ -525,7 +525,7 @@ ResidentEdit resident_edit(const ResidentLayout& layout, const SpringEdit& edit)
 }
 
 double seconds_in_turns(const ResidentLayout& layout, double hertz) {
-    // A thread reads 26 slots and 26 points for each of its particles, and springs within a block are
+    // A thread reads up to 26 slots and 26 points for each of its particles, and springs within a block are
     // computed from both ends. So the time grows with the number of warps of particles that a quarter of a
     // multiprocessor steps. On 24 multiprocessors of an H100 at 1.98 GHz, with 12 such warps per quarter, a
     // step of the box of the paper was measured to take 4.3 us; points travelled between blocks during this

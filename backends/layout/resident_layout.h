@@ -16,9 +16,9 @@
 
 namespace voxspring::layout {
 
-/// How particles are dealt out to blocks. `bisection`: in equal numbers, by halving the body along its
-/// longest side again and again. `rows`: in whole rows of 32 voxels, one warp per row, which keeps neighbours
-/// along x within a warp, except at the ends of a row.
+/// How particles are dealt out to blocks. `bisection`: in numbers that differ by one at most, by cutting the
+/// body across its longest side again and again. `rows`: in whole rows of 32 voxels, one warp per row, which
+/// keeps neighbours along x within a warp, except at the ends of a row.
 enum class Partition : std::uint8_t { automatic, bisection, rows };
 
 /// The most threads with particles that a block may have. Pollers, threads that only wait for points of other
@@ -26,7 +26,8 @@ enum class Partition : std::uint8_t { automatic, bisection, rows };
 inline constexpr int max_resident_threads = 512;
 inline constexpr int max_resident_turns = 4;  ///< the most particles per thread
 inline constexpr int max_resident_rounds = 4;
-/// The most slots per block. A slot holds one point in shared memory; this many take 48 KiB.
+/// The most slots per block. A slot holds one point in each half of the block's shared memory; this many take
+/// 48 KiB.
 inline constexpr int max_resident_slots = 2048;
 /// The most slots that leave room for a TickOrder in 48 KiB of shared memory, as a multiple of 32.
 inline constexpr int max_slots_in_ticks = 2016;
@@ -34,7 +35,7 @@ inline constexpr int max_slots_in_ticks = 2016;
 /// limits the number of slots.
 inline constexpr int max_rounds_in_turns = 8;
 
-/// The tables of ResidentStep. They depend only on where particles are, and have an entry for every spring
+/// The tables of ResidentStep. They do not depend on which springs exist, and have an entry for every spring
 /// that the lattice may have. So cuts and sutures change none of them.
 struct ResidentLayout {
     bool in_rows = false;  ///< whether the partition is `rows`; otherwise it is `bisection`
@@ -42,7 +43,7 @@ struct ResidentLayout {
     int lanes = 0;  ///< per block: places for particles, `turns` per thread, in whole warps
     int turns = 1;  ///< particles per thread, which steps them one after the other
     int pollers = 0;
-    int rounds = 0;  ///< polls per poller, one after the other
+    int rounds = 0;  ///< polls per poller in a step
     int slots = 0;   ///< per block: points in shared memory
     std::uint32_t border_kinds = 0;
     std::uint32_t published_count = 0;
@@ -79,13 +80,14 @@ struct ResidentCard {
 /// Makes the tables for a problem with a lattice, at least one particle that is no ghost, and no springs
 /// beyond the lattice; masks do not matter. Ghosts have no lane: blocks poll their points as they poll those
 /// of other blocks. There are at most `card.blocks` blocks. The result may exceed other limits of the card or
-/// the kernel (block_refusal()). Partition `automatic` takes rows if they waste at most a tenth of their
-/// lanes and the rows of every block fit into the block.
+/// the kernel (block_refusal()). Partition `automatic` tries rows before bisection if rows waste at most a
+/// tenth of their lanes.
 ///
-/// If there are enough threads, each has one particle. With `overlap` a warp then adds springs within its
-/// block while points of other blocks are still on their way, if all its particles have their border on the
-/// same sides (ResidentStep::border). Without enough threads each thread has several particles. Then
-/// particles without neighbours in other blocks come first, whatever `overlap` is.
+/// If there are enough threads, each has one particle, unless block_refusal() rules that out; otherwise each
+/// has several. With `overlap` a warp whose threads have one particle each adds springs within its block
+/// while points of other blocks are still on their way, if all its particles have their border on the same
+/// sides (ResidentStep::border). If threads have several particles, those (with rows, whole rows) without
+/// neighbours in other blocks come first, whatever `overlap` is.
 ResidentLayout lay_out_resident(const Problem& problem, const ResidentCard& card, int pollers,
                                 Partition partition, bool overlap);
 

@@ -54,8 +54,8 @@ private:
     /// A range of slots in which a kernel searches for the spring's slot. An empty range stands for the one
     /// slot at which it begins.
     using Range = std::pair<std::size_t, std::size_t>;
-    /// Removes a spring, and adds to `freed` the slot that becomes free. Only later edits may use that slot,
-    /// because one edit writes a slot only once.
+    /// Removes a spring, and adds to `freed` the slot that becomes free, if any. Only later edits may use
+    /// that slot, because one edit writes a slot only once.
     Range remove(const ChangedSpring& changed, std::vector<std::size_t>& freed);
     Range add(const ChangedSpring& changed);
     bool was_listed(const ChangedSpring& changed) const;
@@ -74,8 +74,8 @@ private:
 template <class Real>
 ScatterStep<Real> make_scatter_step(const Problem& problem, const SpringArrays<Real>& springs);
 
-/// The least work (bytes, operations, launches) of a step, which is one launch for springs and one for
-/// particles.
+/// The least work (bytes, operations, launches) of a step, which is one launch for springs, if there are any,
+/// and one for particles.
 template <class Real>
 StepWork scatter_work(const Problem& problem, Formulation formulation);
 

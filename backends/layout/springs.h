@@ -21,8 +21,9 @@ namespace voxspring::layout {
 double squared_rest_length(const Problem& problem, const Direction& direction);
 
 /// The rest length of a spring as the host gives it to the device. In formulations by increments it is the
-/// length itself. Otherwise it is the squared length, from which the device measures the length. At rest a
-/// kernel computes the same square from the positions, so the force is zero to the bit.
+/// length itself. Otherwise it is the squared length, from which the device measures the length. In the
+/// formulation `displacement` a kernel computes the same square for a lattice spring at rest. So the force is
+/// zero to the bit if the lattice is free of stress.
 template <class Real>
 Real listed_length(const Problem& problem, const Direction& direction, Formulation formulation);
 template <class Real>

@@ -40,7 +40,7 @@ public:
     /// Whether the answer to the latest order has arrived completely. Once true, it stays true until the next
     /// order.
     bool answered();
-    /// The forces of the latest order that was answered.
+    /// The forces of the latest order that was answered. Not valid while answered() is false.
     const std::vector<HeldForce<float>>& forces() const { return forces_; }
 
 private:

@@ -11,8 +11,8 @@
 namespace voxspring::layout {
 namespace {
 
-/// The coordinates of voxel (0, 0, 0) in its tile of 2 x 2 x 2 voxels, each 0 or 1. In a part of a body they
-/// depend on where that voxel is in the whole body, which follows from the first particle's position at rest.
+/// The coordinates of voxel (0, 0, 0) in its tile of 2 x 2 x 2 voxels, each 0 or 1. They follow from the
+/// first particle's position at rest, so that a part of a body has the same tiles as the whole body.
 glm::ivec3 begin_in_tile(const Problem& problem) {
     const Lattice& lattice = problem.lattice;
     if (lattice.voxel.empty()) return glm::ivec3(0);

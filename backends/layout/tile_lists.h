@@ -23,10 +23,11 @@ struct ActiveTiles {
     std::size_t count = 0;                 ///< number of tiles that have a particle
 };
 
-/// The list of active tiles. Tiles begin at even voxels. In a part of a body (decomposition.h) these are even
-/// voxels of the whole body, so that sums have the same order in the part as in the whole. The active tiles
-/// are in canonical order, x fastest. The list begins with a group of tiles without particles (padding) and
-/// ends with at least one more such group, since kernels read one tile beyond either end.
+/// The list of active tiles. Tiles begin at voxels whose positions at rest, in units of the spacing, round to
+/// even numbers. In a part of a body (decomposition.h) these are the same voxels as in the whole, so that
+/// sums have the same order. The active tiles are in canonical order, x fastest. The list begins with a group
+/// of tiles without particles (padding) and ends with at least one more such group, since kernels read one
+/// tile beyond either end.
 class TileLists {
 public:
     /// `problem` must have a lattice, and no springs beyond it. `active`: its active tiles. Between the two

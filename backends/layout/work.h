@@ -1,4 +1,4 @@
-// The least work of a step (bytes and operations), counted from the sources in kernels/: the part that all
+// The least work of a step (bytes and operations), counted from the sources in kernels/: the part that most
 // strategies have; the two ways to find neighbours, by grid and by list, that OpenGL backends have too; and
 // springs evaluated by class (kernels/march.h), some of them only once for both ends. The work that only one
 // strategy does is counted beside its layout. Host code without a device.
@@ -29,7 +29,7 @@ inline constexpr std::uint64_t vector_operations = 3;
 /// The work of moving the particles (integrate_and_store()), given the spring forces.
 /// Bytes: x(t) and x(t - dt) are read and x(t + dt) is written; in formulations by increments x(t) and v are
 /// read and x(t + dt) and v are written; low parts take as much again. Loads and inverse masses are read if
-/// the scene has them. All arrays are overwritten in place except the one that neighbours read.
+/// the scene has them. All arrays of the state are overwritten in place except the one that neighbours read.
 /// Vector operations: the mass and the time step take 2; gravity, damping and loads 1 each; next_position()
 /// and paper_position() 3 more, increments 2 more, and sums with low parts 2 x 11 instead.
 template <class Real>

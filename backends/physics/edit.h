@@ -1,8 +1,8 @@
 // Cuts and sutures change a problem's springs. The host finds out once which springs change, and every
 // backend applies these changes to its own tables of springs.
 //
-// A shape cuts springs by where their ends are at rest, not by where a backend has moved them. So an edit
-// changes the same springs on every backend, and these are known before the first step.
+// A shape cuts springs by where their ends are at rest, not by where a backend has moved them. So an edit by
+// a shape changes the same springs on every backend, whenever it is made.
 #pragma once
 
 #include <array>
@@ -87,8 +87,9 @@ struct SpringEdit {
     friend bool operator==(const SpringEdit&, const SpringEdit&) = default;
 };
 
-/// The springs that an edit removes and adds, without anything else: a few bytes per spring, for scenes of
-/// thousands of edits. SpringEditor::make() makes the SpringEdit from this and the problem before the edit.
+/// The springs that an edit removes and adds, without anything else: at most 24 bytes per spring, for scenes
+/// of thousands of edits. SpringEditor::make() makes the SpringEdit from this and the problem before the
+/// edit.
 struct SpringDifference {
     /// Lattice springs from `particle` to later particles. `bits`: their mask bits, all odd.
     struct OnLattice {
@@ -140,7 +141,7 @@ public:
     /// If the two are lattice neighbours in a direction in use, the new spring is a lattice spring, unless
     /// `stiffness` is given and differs from that of a lattice spring. Otherwise the new spring is added to
     /// Problem::springs: its rest length is the distance at rest, and its default stiffness is that of a
-    /// lattice spring of the first group in use.
+    /// lattice spring of the first group in use or, if none is in use, of a face spring.
     SpringEdit suture(std::span<const std::pair<std::uint32_t, std::uint32_t>> pairs,
                       std::optional<double> stiffness = {});
 
@@ -160,7 +161,8 @@ private:
     /// Calls visit(i) for each particle with lattice springs that `shape` might cut.
     template <class Visit>
     void visit_near(const Shape& shape, Visit visit) const;
-    /// The largest distance at rest between the ends of a lattice spring. Its rest length may be another.
+    /// An upper bound of the distance at rest between the ends of a lattice spring. Its rest length may be
+    /// another.
     double longest_lattice_spring() const;
     std::optional<Direction> direction_between(std::uint32_t first, std::uint32_t second) const;
     /// Whether `particle` has a lattice spring along `direction`.

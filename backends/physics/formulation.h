@@ -21,8 +21,9 @@ namespace voxspring {
 /// | increment | u, v = u - u_previous | v += increment_change(), u += v, forces by strain_density() |
 /// | compensated | u and v, each a high and a low part | as increment, sums by split_high(), split_low() |
 ///
-/// X is the position at rest. The functions are those of spring.h. `paper` and `position` take spring forces
-/// from spring_force() of x_i - x_j, `displacement` from spring_force() of (X_i - X_j) + (u_i - u_j).
+/// X is the position at rest. The functions are those of spring.h; for spring forces GPUs use inverse_root.h
+/// instead. `paper` and `position` take spring forces from spring_force() of x_i - x_j, `displacement` from
+/// spring_force() of (X_i - X_j) + (u_i - u_j).
 /// `compensated` computes u_i - u_j as the difference of the high parts plus the difference of the low parts.
 enum class Formulation : std::uint8_t { paper, position, displacement, increment, compensated };
 

@@ -3,9 +3,9 @@
 //
 // With r = 1/sqrt(|d|^2) the force density k (l - |d|) / |d| is k (l - |d|^2 r) r, which needs no IEEE root
 // and no division. r is approximate (in float32 to about 2^-22.9 on NVIDIA), so rest lengths are measured in
-// the same way: l is measured_length(l^2) on the same device. At rest l and |d|^2 r are then the same number,
-// and the force is zero to the bit, whatever the error of r. Away from rest the force is that of a spring
-// whose rest length is off by about one unit in the last place.
+// the same way: l is measured_length(l^2) on the same device. If |d|^2 has the bits of l^2, l and |d|^2 r are
+// then the same number, and the force is zero to the bit, whatever the error of r. Away from rest the force
+// is that of a spring whose rest length is off by about one unit in the last place.
 //
 // In host code r is exact up to rounding, so that tests can run the same source without a device.
 #ifndef VOXSPRING_INVERSE_ROOT_H
@@ -126,8 +126,8 @@ VOXSPRING_HOST_DEVICE inline double fast_reciprocal(double value) {
 }
 
 /// series_stiffness() without an IEEE division. A caller may pass two compliances of zero if no particles are
-/// there; it then drops the result. On a device this result is an infinity. On a host, whose sanitizers would
-/// stop at the division by zero, it is zero.
+/// there; it then drops the result. On a device this result is an infinity or, in float64, NaN. On a host,
+/// whose sanitizers would stop at the division by zero, it is zero.
 VOXSPRING_HOST_DEVICE inline float fast_series_stiffness(float compliance_a, float compliance_b) {
 #ifdef __CUDA_ARCH__
     return __fdividef(2.0F, compliance_a + compliance_b);
@@ -176,7 +176,7 @@ unit_strain_density(Real squared, Real rest_length, Real deficit) {
 }
 
 #ifndef VOXSPRING_GLSL
-/// unit_strain_density() by another formula, deficit / (|d|^2 + l |d|). In float32 this saves a
+/// unit_strain_density(), in float32 by another formula, deficit / (|d|^2 + l |d|). This saves a
 /// multiplication, because the hardware has an instruction for the square root.
 VOXSPRING_HOST_DEVICE inline float lean_strain_density(float squared, float rest_length, float deficit) {
 #ifdef __CUDA_ARCH__

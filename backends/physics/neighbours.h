@@ -2,8 +2,9 @@
 //
 // X(bit, dx, dy, dz): the neighbour of voxel (x, y, z) at (x+dx, y+dy, z+dz). Bit `bit` of a particle's mask
 // says whether a spring leads there. If a backend sums the forces of springs particle by particle, it must
-// add them in this order, because float addition is not associative. The opposite direction of bit b is bit b
-// ^ 1. The directions of even bits point to a lower voxel index (z slowest, x fastest).
+// add them in this order, because float addition is not associative. Only cuda_resident with overlap=on adds
+// springs across the border of a block last. The opposite direction of bit b is bit b ^ 1. The directions of
+// even bits point to a lower voxel index (z slowest, x fastest).
 #ifndef VOXSPRING_NEIGHBOURS_H
 #define VOXSPRING_NEIGHBOURS_H
 

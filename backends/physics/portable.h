@@ -6,7 +6,8 @@
 //     SHARED(Vec3) name(Vec3 x, Real k) { ... }
 //
 // In C++ and CUDA this is a function template over its scalar and vector type, so that float, double and a
-// SIMD register all run the same source. In GLSL it is a plain function of float and vec3.
+// SIMD register all run the same source. In GLSL it is a plain function of float and vec3 or, with
+// VOXSPRING_FLOAT64, of double and dvec3.
 #ifndef VOXSPRING_PORTABLE_H
 #define VOXSPRING_PORTABLE_H
 

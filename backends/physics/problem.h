@@ -24,13 +24,12 @@ struct Direction {
     SpringGroup group;
 };
 
-/// All 26 directions in the order of neighbours.h, in which the forces on a particle are summed. Element b
-/// has mask bit b.
+/// All 26 directions in the order of neighbours.h. Element b has mask bit b.
 const std::array<Direction, neighbour_count>& directions();
 
-/// What a particle is made of. A spring between two particles acts like two half springs in series, each with
-/// the `stiffness` of one particle's material (spring.h). If a problem has only one material,
-/// Problem::group_stiffness is used instead.
+/// What a particle is made of. A lattice spring between two particles acts like half a spring of each
+/// particle's `stiffness`, in series (spring.h). If a problem has only one material, Problem::group_stiffness
+/// is used instead.
 struct Material {
     double mass = 1;       ///< of one particle
     double stiffness = 1;  ///< force per length
@@ -102,9 +101,10 @@ struct Problem {
     /// The mask bits of all directions of the spring groups in use. No mask has other neighbour bits.
     std::uint32_t group_bits = 0;
 
-    /// Springs beyond the lattice: sutures between particles that are no grid neighbours, sutures whose
-    /// stiffness is not that of a lattice spring, or all springs of a network without a lattice. Backends
-    /// with implicit addressing refuse a problem that has any.
+    /// Springs beyond the lattice: those between particles that are not neighbours in a direction in use,
+    /// those whose stiffness is not that of a lattice spring (sutures, or springs of a scene with particles
+    /// at corners), or all springs of a network without a lattice. Backends with implicit addressing refuse a
+    /// problem that has any.
     std::vector<Spring> springs;
 
     glm::dvec3 gravity{0};  ///< acceleration
@@ -169,7 +169,7 @@ void visit_directions(std::uint32_t mask, Visit visit) {
         visit(by_bit[std::size_t(std::countr_zero(bits))]);
 }
 
-/// Visits the springs of a lattice one by one. A list of them would not fit into memory at 10^8 particles.
+/// Visits the springs of a lattice one by one. A list of them would take up to 31 GB at 10^8 particles.
 /// Without a lattice it visits none.
 class LatticeSprings {
 public:
@@ -212,7 +212,7 @@ private:
 };
 
 /// What steps change: the displacements and increments of all particles, in float64 and canonical order. A
-/// backend that stores displacements can return them without loss.
+/// backend that stores each displacement as one number per axis can return it without loss.
 struct State {
     // One element per particle. An empty list stands for zeros and takes no memory.
     std::vector<glm::dvec3> displacement;  ///< x(t) - rest position

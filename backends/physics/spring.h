@@ -1,6 +1,7 @@
-// The integrators, for every language and precision, and the spring force with an IEEE square root, which
-// backends on the processor use. GPUs use the spring force of inverse_root.h. The formulas are those of
-// Rasmusson, Mosegaard and Sorensen (2008), section 2, in the variables of formulation.h.
+// The integrators, for every language and precision, and the spring force with a square root, which backends
+// on the processor use. The root is IEEE 754's, except with root=refined or root=raw of cpu_parallel. GPUs
+// use the spring force of inverse_root.h. The formulas are those of Rasmusson, Mosegaard and Sorensen (2008),
+// section 2, in the variables of formulation.h.
 #ifndef VOXSPRING_SPRING_H
 #define VOXSPRING_SPRING_H
 

@@ -1,4 +1,5 @@
-// Rounds numbers to a backend's precision, for code that needs the rounding error.
+// Rounds numbers to a backend's precision, for code that needs the rounded number in float64 or the rounding
+// error.
 //
 // At -O2 and -O3, GCC 12 vectorises straight-line code wrongly: it leaves out both conversions of
 // double(float(x)) if they are done for two neighbouring numbers, so that x - double(float(x)) is 0. A plain

@@ -1,5 +1,5 @@
-// Vulkan-Hpp as this folder includes it: no function is linked, and the loader is opened when a device is
-// asked for.
+// Vulkan-Hpp as this folder includes it: no function is linked, and the loader is opened when a device
+// or the list of devices is asked for.
 #pragma once
 
 #define VK_NO_PROTOTYPES

@@ -16,7 +16,8 @@ enum class Place : std::uint8_t {
     device,  ///< the device's own memory
     /// The device's own memory, which shaders may also reach by its address (BufferLimits::has_addresses).
     addressed,
-    host,    ///< memory that the host writes and shaders read once; the device's own if the host can write it
+    /// Memory that the host writes and shaders read once. The device's own is preferred (memory_types()).
+    host,
     staging  ///< memory that the host reads and writes fast, for copies
 };
 

@@ -19,8 +19,8 @@ namespace {
 constexpr std::uint32_t needed_version = VK_API_VERSION_1_2;
 constexpr const char* validation_layer = "VK_LAYER_KHRONOS_validation";
 
-/// Opens the loader and returns its only entry point. The loader stays loaded, because drivers start threads,
-/// and have destructors that run at exit.
+/// Opens the loader and returns the entry point that all others come from. The loader stays loaded, because
+/// drivers start threads, and have destructors that run at exit.
 PFN_vkGetInstanceProcAddr open_loader() {
     const char* chosen = std::getenv("VOXSPRING_VULKAN_LOADER");
     const std::string library = chosen != nullptr && *chosen != '\0' ? chosen : "libvulkan.so.1";

@@ -28,7 +28,7 @@ class Device {
 public:
     /// Opens the first usable physical device among those that asked_device("vulkan") names, in the order of
     /// devices_to_try(). If the user named none, hardware must be the card that this process measures
-    /// (api.h). Throws Unavailable, which says for each device why it cannot be used.
+    /// (api.h). Throws Unavailable, which says why no device is taken.
     explicit Device(Precision precision);
     Device(const Device&) = delete;
     Device& operator=(const Device&) = delete;

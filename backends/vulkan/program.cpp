@@ -56,7 +56,7 @@ std::string cache_name(const Device& device, const Module& module,
     return hash.text() + ".vulkan";
 }
 
-/// The entry that an earlier process kept: how long compiling took, and the result.
+/// The entry that an earlier Program kept: how long compiling took, and the result.
 struct Kept {
     double cold = 0;
     std::string_view data;
@@ -69,7 +69,7 @@ std::optional<Kept> kept_in(const std::optional<std::string>& entry) {
     return kept;
 }
 
-/// Whether the driver rejects these data of a pipeline cache, which an earlier process kept: a cache that
+/// Whether the driver rejects these data of a pipeline cache, which an earlier Program kept: a cache that
 /// begins with them then holds no more than one that begins empty.
 bool rejects(const Device& device, std::string_view data) {
     const auto size_from = [&](std::string_view initial) {

@@ -16,7 +16,8 @@ namespace voxspring::vulkan {
 using Commands = vk::raii::CommandBuffer;
 
 /// Commands run in the order in which they are enqueued. Every recording that writes to buffers ends with a
-/// barrier for everything that may read them later, so later command buffers see what it wrote.
+/// barrier for the shaders that may use them later. Copies begin with a barrier for what shaders wrote
+/// before, or wait for it. So later command buffers see what earlier ones wrote.
 class Queue {
 public:
     /// The most submissions that may be unfinished as far as the host knows. Beyond this number the host

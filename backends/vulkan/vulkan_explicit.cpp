@@ -1,5 +1,5 @@
 // Explicit addressing in Vulkan: one invocation per particle, neighbours from vertical lists (the first
-// neighbours of all particles, then all second neighbours, and so on). The host is in glsl/explicit.cpp.
+// slots of all particles, then all second slots, and so on). The host is in glsl/explicit.cpp.
 #include "backends/glsl/compute_backend.h"
 #include "backends/glsl/explicit.h"
 #include "backends/registry.h"

@@ -1,5 +1,5 @@
 // The base class of backends whose state is a structure of arrays (backends/layout/march_layout.h), and what
-// all kernels that evaluate springs by class, that is by direction (spring_class()), have in common.
+// all kernels that evaluate springs by class (spring_class()) have in common.
 #pragma once
 
 #include <array>
@@ -72,7 +72,7 @@ class AxesBackend : public CudaBackend {
 public:
     explicit AxesBackend(Formulation formulation) : formulation_(formulation) {}
 
-    /// Bytes of device memory that the state takes.
+    /// Bytes of device memory that the state takes, unless places() is overridden.
     static std::uint64_t state_bytes(const Lattice& lattice, Formulation formulation) {
         return (by_increments(formulation) ? 3 : 2) * march_strides(lattice, sizeof(Real)).size() *
                sizeof(Real);
@@ -116,7 +116,8 @@ protected:
     Formulation formulation() const { return formulation_; }
     /// The elements of the state's arrays that hold the particles of problem().
     virtual SoaPlaces places() const { return march_places(problem().lattice, sizeof(Real)); }
-    /// One of the two buffers (0 or 1) of positions x or displacements u, which steps write in turn.
+    /// One of the two buffers (0 or 1) of positions x or displacements u. Steps that are launched separately
+    /// write the two in turn.
     Real* positions(std::size_t buffer) const { return positions_[buffer].data(); }
     Real* increment() const { return increment_.data(); }
     std::uint64_t state_bytes_held() const {
@@ -130,8 +131,8 @@ protected:
         const SoaState<Real> packed = pack_soa<Real>(problem, state, formulation_, places);
         positions_[0].upload(packed.current, stream());
         if (by_increments(formulation_)) {
-            // What is in this buffer now is not read: the first step writes every particle's u to it.
-            // Elements without a particle stay zero.
+            // No step reads a particle's u from this buffer before it has been written there. Elements
+            // without a particle stay zero.
             positions_[1].resize(packed.current.size());
             positions_[1].fill_with_zeros(stream());
             increment_.upload(packed.before, stream());

@@ -24,12 +24,12 @@ void measure_on_device(const Kernel& kernel, std::span<Real> squared, const Stre
     launch_for_each(kernel, values.size(), stream, values.data(), values.size());
     values.download(squared, stream);
 }
-/// Replaces each squared length by measured_length() of it, computed on the device.
+/// Replaces each squared length by measured_or_zero() of it, computed on the device.
 template <class Real>
 void calibrate_rest_lengths(std::span<Real> squared, const Stream& stream) {
     measure_on_device(*support_kernels<Real>().measure_lengths, squared, stream);
 }
-/// Replaces the squared rest length of every spring by measured_length() of it, computed on the device.
+/// Replaces the squared rest length of every spring by measured_or_zero() of it, computed on the device.
 template <class Real>
 void calibrate_rest_lengths(const Buffer<SpringConstants<Real>>& springs, const Stream& stream) {
     launch_for_each(*support_kernels<Real>().measure_springs, springs.size(), stream, springs.data(),

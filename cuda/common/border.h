@@ -1,5 +1,5 @@
 // Reads and writes the places (positions or displacements) of border particles in the state of a backend that
-// launches one kernel per step. Border particles are shared with a neighbouring part of the body.
+// launches each step separately. Border particles are shared with a neighbouring part of the body.
 #pragma once
 
 #include <cstdint>
@@ -19,11 +19,11 @@ namespace voxspring::cuda {
 /// The state of one part of a body, as seen by the code that sends and receives its border particles.
 template <class Real>
 struct BorderState {
-    const Stream& stream;  ///< the stream in which the state is stepped
+    const Stream& stream;  ///< the backend's stream
     /// Returns where the particles' places are after the steps enqueued so far. The caller sets `element` and
     /// `count`.
     std::function<BorderPlaces<Real>()> now;
-    std::function<void()> written;  ///< to be called after a received message has been written to places
+    std::function<void()> written;  ///< to be called once the writing of a received message is enqueued
     WaitLimit wait;                 ///< limit for kernels that wait for another part
     BordersFirst* first = nullptr;  ///< has a second stream for borders; null: all work is in `stream`
 

@@ -1,5 +1,5 @@
 // Steps the borders of a part of a body before its interior. Borders are stepped, sent and received in a
-// second stream, while the backend's stream steps all other particles.
+// second stream, while the backend's stream steps the rest.
 #pragma once
 
 #include <utility>
@@ -15,7 +15,7 @@ namespace voxspring::cuda {
 ///     stream()      border of step n   send   receive          |  border of n + 1 ...
 ///
 /// So work that is enqueued in the backend's stream between two steps finds the whole state complete,
-/// although it does not know of the second stream. A border is sent before the interior of its step ends,
+/// although it does not know of the second stream. A border can be sent before the interior of its step ends,
 /// unless order_after_main_stream() was called.
 class BordersFirst {
 public:
@@ -46,8 +46,8 @@ public:
         if (!std::exchange(is_ahead_, false)) wait_for_main_stream();
     }
     /// To be called once a receive is enqueued in stream(). Later work in the backend's stream then finds the
-    /// ghosts (particles that neighbouring parts step) as they were received, unless step_follows(true) was
-    /// called before.
+    /// ghosts (particles that neighbouring parts step) as they were received, unless the latest call of
+    /// step_follows() was step_follows(true).
     void end_receive() {
         if (step_follows_) return;
         arrived_.record(own_);

@@ -180,8 +180,8 @@ void CudaBackend::launch_graphs(int count, GraphOf graph) {
 
 void CudaBackend::enqueue_steps(int count) {
     if (is_split_ && splits_next_step()) {
-        // Split steps are not captured in a graph: another stream could wait only for the end of the whole
-        // graph, but the host has to send a border before that.
+        // Here split steps are not captured in a graph: another stream could wait only for the end of the
+        // whole graph, but the host has to send a border before that.
         for (; count > 0; --count) {
             enqueue_split_step();
             stepped(1);

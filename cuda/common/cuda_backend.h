@@ -34,7 +34,8 @@ StateArray state_array(const Buffer<T>& buffer) {
     return {buffer.data(), buffer.bytes()};
 }
 
-/// A backend whose two position buffers swap roles: a step reads one and overwrites x(t - dt) in the other.
+/// A backend with two position buffers. If it launches each step separately, the two swap roles: a step reads
+/// one and writes the other.
 class CudaBackend : public Backend, public LimitsFacet, public BorderFacet {
 public:
     Capabilities capabilities() const override;
@@ -64,8 +65,8 @@ protected:
     /// Whether a step can be split into two launches: the border, and the interior. A backend that returns
     /// true overrides split_steps() and enqueue_part().
     virtual bool splits_steps() const { return false; }
-    /// To be called by device_borders(). If overlaps(way), steps are split from here on until the next
-    /// upload(), and the result is the object that enqueues them. Otherwise the result is null. Throws
+    /// To be called by device_borders(). If overlaps(way), steps are split from here on until the next call
+    /// or upload(), and the result is the object that enqueues them. Otherwise the result is null. Throws
     /// Unavailable if the interior would have nothing to step.
     BordersFirst* enable_border_stream(const std::vector<SharedParticles>& borders, const std::string& way);
     /// Whether steps are split, so that borders are stepped first.
@@ -75,7 +76,7 @@ protected:
     WaitLimit border_wait();
 
     /// Ends a kernel that keeps running to wait for further steps, if there is one. Called before anything
-    /// other than steps and moves of the tool is enqueued.
+    /// other than steps, moves of the tool and time stamps is enqueued.
     virtual void let_end() {}
     /// Waits for the stream without calling let_end(). Throws DeviceError if a launch has waited in vain.
     void wait_for_stream();
@@ -109,8 +110,8 @@ protected:
     void stepped(int count);
     /// Whether a divergence monitor is set.
     bool monitored() const { return monitor_.every > 0; }
-    /// Enqueues `count` steps and the checks between them. By default each step is launched by
-    /// enqueue_step(). If replays_steps(), graphs of 1 to 256 such steps are replayed.
+    /// Enqueues `count` steps and the checks between them. By default each step that is not split is launched
+    /// by enqueue_step(). If replays_steps(), graphs of 1 to 256 such steps are replayed.
     virtual void enqueue_steps(int count);
 
 private:
@@ -122,7 +123,8 @@ private:
 
     /// Empty, or why the backend cannot run `problem`. Lack of device memory is not among the reasons.
     virtual std::string refused(const Problem& problem) const = 0;
-    /// Bytes of device memory that upload(problem) would take. bytes_held(): bytes that are allocated now.
+    /// Bytes of device memory that upload(problem) would take, or an estimate or upper bound of these.
+    /// bytes_held(): bytes that are allocated now.
     virtual std::uint64_t bytes_needed(const Problem& problem) const = 0;
     /// An upper bound of bytes_needed(), for backends that can compute one faster.
     virtual std::uint64_t max_bytes_needed(const Problem& problem) const { return bytes_needed(problem); }
@@ -144,7 +146,7 @@ private:
     virtual bool split_steps(const std::vector<std::uint32_t>& /*border*/) { return false; }
     /// Enqueues one of the two launches of a split step (split_steps()) that reads buffer `reading`.
     virtual void enqueue_part(int /*reading*/, StepPart, const Stream&) {}
-    /// Whether steps are replayed from graphs. Otherwise the host launches each step.
+    /// Whether this class's enqueue_steps() replays steps from graphs. Otherwise it launches each step.
     virtual bool replays_steps() const { return true; }
     /// Whether the next step can be split.
     virtual bool splits_next_step() const { return true; }
@@ -152,7 +154,7 @@ private:
     /// exchanges can replay them. Returns false if the backend's options forbid that.
     virtual bool make_steps_alike() { return true; }
     void enqueue_split_step();
-    /// Calls enqueue(steps) for `count` steps in all. If divergence checks are frequent, each call reaches to
+    /// Calls enqueue(steps) for `count` steps in all. If divergence checks are frequent, no call goes beyond
     /// the next check. Otherwise there is one call.
     template <class Enqueue>
     void between_checks(int count, Enqueue enqueue);
@@ -189,8 +191,8 @@ private:
     /// The longest graph has 2^8 steps, so that launching it takes next to no time compared with running it.
     static constexpr int graph_lengths = 9;
     /// graphs_[kind][b][k] runs 2^k steps, the first of which reads buffer b. A graph is captured when it is
-    /// first launched, so a batch of steps that was run once since upload() captures nothing when it is
-    /// timed.
+    /// first launched. So a batch of steps of one kind that was run once since upload() captures nothing when
+    /// it is timed from the same buffer.
     std::array<std::array<std::array<std::optional<Graph>, graph_lengths>, 2>, 2> graphs_;
     /// exchanging_graphs_[b][k]: like graphs_, but an exchange of borders follows each step.
     std::array<std::array<std::optional<Graph>, graph_lengths>, 2> exchanging_graphs_;

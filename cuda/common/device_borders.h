@@ -22,8 +22,9 @@ bool overlaps(const std::string& way);
 /// Lets the current device, `own`, read and write the memory of `other`. Returns false if the hardware does
 /// not connect the two in this way.
 bool enable_peer_access(int own, int other);
-/// Throws Unavailable unless words of 16 bytes arrive whole (kernels/exchange.h), which takes NVLink. Devices
-/// count as joined by NVLink if they support native atomics in each other's memory; over PCIe they do not.
+/// Throws Unavailable unless words of 16 bytes arrive whole (kernels/exchange.h), which takes NVLink between
+/// two devices. Devices count as joined by NVLink if they support native atomics in each other's memory; over
+/// PCIe they do not.
 void require_whole_words(int own, int other);
 /// Calls enable_peer_access(), and throws Unavailable if that returns false.
 void require_peer_access(int own, int other);

@@ -112,8 +112,8 @@ private:
     Staging<std::byte> staging_;
 };
 
-/// Enqueues a kernel that writes `count` rows (a row: the list of one particle) and, unless `words` is null,
-/// the bits of their particles.
+/// Enqueues a kernel that writes `count` rows (a row: the list of one particle, or a column of a slice) and,
+/// unless `words` is null, the bits of their particles.
 template <class Real>
 void write_rows(const EditedRows<Real>& rows, std::size_t count, const ListShape& shape,
                 ParticleRecord<Real>* words, std::uint32_t* neighbour, SpringConstants<Real>* constants,

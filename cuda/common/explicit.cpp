@@ -86,8 +86,9 @@ public:
     StepWork step_work(const Problem& problem) const override {
         const bool secondary = options_.has_secondary(problem);
         StepWork work = explicit_work<Real>(problem, secondary, this->formulation());
-        // A step also reads the rows (ListRows): where each list begins, and how many entries it has. That
-        // count is one number with the secondary list, otherwise one number per spring group.
+        // With counters=rows a step also reads the rows (ListRows): where each list begins, and how many
+        // entries it has. That count is one number with the secondary list, otherwise one number per spring
+        // group.
         const int groups = int((problem.group_bits & FACE_BITS) != 0) +
                            int((problem.group_bits & EDGE_BITS) != 0) +
                            int((problem.group_bits & CORNER_BITS) != 0);
@@ -212,8 +213,8 @@ BackendEntry explicit_entry(const std::string& name, const std::string& summary,
         {"fetch", fetches},
         // The layouts of the paper's Figures 6 b and 6 a.
         {"layout", {"vertical", "concatenated"}},
-        // Where the length of a list is stored. `word`: in the particle's word; entries are read in chunks,
-        // before the length is known. `rows`: in the paper's rows (ListRows); entries are read one by one.
+        // Where the length of a list is stored. `word`: in the particle's word; entries are read in chunks.
+        // `rows`: in the paper's rows (ListRows); entries are read one by one.
         {"counters", {"word", "rows"}},
         // Whether steps are replayed from a graph, or launched one by one, as in the paper.
         {"graph", {"on", "off"}}};

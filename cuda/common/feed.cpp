@@ -35,7 +35,7 @@ public:
         try {
             static_cast<void>(feeding_());
         } catch (const DeviceError&) {
-            // The launch has ended. The next call that steps reports why.
+            // The launch has ended. The next call that waits for the device reports why.
         }
     }
     bool empty() const { return fed_.size() == 0; }
@@ -110,7 +110,8 @@ public:
 private:
     static_assert(sizeof(glm::vec4) == sizeof(FedDisplacement));
     Pinned<glm::vec4> displacements_;
-    // Declared last, so destroyed first: its destructor ends a launch that may use the memory above.
+    // Declared last, so destroyed first: its destructor ends a launch for which the freeing of the memory
+    // above would wait.
     FeedKernel<Real> kernel_;
 };
 
@@ -136,7 +137,8 @@ public:
 private:
     int device_ = 0;
     Buffer<glm::vec4> displacements_;
-    // Declared last, so destroyed first: its destructor ends a launch that may use the memory above.
+    // Declared last, so destroyed first: its destructor ends a launch for which the freeing of the memory
+    // above would wait.
     FeedKernel<Real> kernel_;
 };
 

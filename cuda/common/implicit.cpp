@@ -65,8 +65,9 @@ public:
             if (kernel != resting_kernel_) this->forget_graphs();
             resting_kernel_ = std::move(kernel);
             resting_kernel_->allow_shared(launch.shared_bytes);
-            // No more blocks of threads are launched than can run at once: only the device knows how many
-            // blocks of voxels have to be stepped, and each block of threads steps several of these in turn.
+            // No more blocks of threads are launched than registers let run at once: only the device knows
+            // how many blocks of voxels have to be stepped, and each block of threads steps several of these
+            // in turn.
             const int at_once = this->device().multiprocessors *
                                 this->blocks_with(resting_registers, shape_.x * shape_.y * shape_.z);
             resting_grid_ = dim3(unsigned(std::min(resting_.blocks(), std::size_t(at_once))));
@@ -234,9 +235,9 @@ private:
                                    : interior_ == "vote";
     }
 
-    /// Registers per thread of the kernel that leaves out blocks at rest. Its threads take several blocks
-    /// each and keep the old state to compare it with the new one. With 32 registers, stepping all blocks of
-    /// a large box took four times as long.
+    /// Registers per thread in float32 of the kernel that leaves out blocks at rest. Its threads take several
+    /// blocks each and keep the old state to compare it with the new one. With 32 registers, stepping all
+    /// blocks of a large box took four times as long.
     static constexpr int resting_registers = 64;
 
     const Options options_;
@@ -277,13 +278,13 @@ BackendEntry implicit_entry(const std::string& name, const std::string& summary,
         // Registers per thread in float32; in float64 a thread has twice as many. All threads of a small
         // lattice run at once, and a step takes as long as one thread waits for memory: with many registers
         // that thread fetches all neighbours of a group at once. On a large lattice other threads run
-        // meanwhile, and few registers make room for more of them. `auto` decides by the lattice's size and
-        // the formulation.
+        // meanwhile, and few registers make room for more of them. `auto` decides by the number of threads
+        // and the formulation.
         {"registers", {"auto", "32", "40", "48", "64", "128"}},
         // How a thread treats neighbours that may not exist. `mask`: it fetches all neighbours, and drops
         // those whose mask bit is not set. `vote`: like `mask`, but a warp skips the masks if all its
         // particles have all neighbours. `bits`: it fetches a neighbour only after testing its bit, as in the
-        // paper. `auto`: `mask` or `vote`, by the lattice's size.
+        // paper. `auto`: `mask` or `vote`, by the number of threads.
         {"interior", {"auto", "mask", "vote", "bits"}},
         // Whether steps are replayed from a graph, or launched one by one, as in the paper.
         {"graph", {"on", "off"}},

@@ -88,7 +88,8 @@ private:
 };
 
 /// The work of a step within a joint launch, if `work` is the work of such a step that is launched alone. In
-/// a joint launch the state leaves the multiprocessors only at the end.
+/// a joint launch the state leaves the multiprocessors only at the end, except increments that are kept in
+/// memory, which do not count.
 inline StepWork without_traffic(StepWork work) {
     work.bytes = work.written_bytes = work.footprint_bytes = 0;
     work.launches = 0;

@@ -1,4 +1,4 @@
-// The base class of backends that store one ParticleRecord per particle: its buffers, borders, feeds and
+// The base class of backends that store particles as words (ParticleRecord): its buffers, borders, feeds and
 // tool, and the launch of a step.
 #pragma once
 
@@ -44,8 +44,8 @@ inline constexpr std::size_t texels_per_word = sizeof(ParticleRecord<Real>) / 16
 
 /// Adds to `own` the tuning parameters that all backends with a KernelFamily have.
 inline std::map<std::string, TuningValues> tuning(std::map<std::string, TuningValues> own) {
-    // Which terms (damping, loads, pins ...) a kernel has. `needed`: those of the scene. `all`: all of them,
-    // and the kernel tests at run time which the scene has.
+    // Which terms (damping, loads, pins ...) a kernel has. `needed`: those of the scene. `all`: all of them.
+    // Then the kernel tests at run time which the scene has, but always computes damping and gravity.
     own["terms"] = {"needed", "all"};
     return own;
 }
@@ -55,7 +55,7 @@ struct KernelFamily {
     Precision precision;
     Formulation formulation;
     Fetch fetch;
-    bool all_terms;         ///< compile in all terms, and test at run time which the scene has
+    bool all_terms;         ///< compile in all terms, and test most of them at run time
     bool dependent_launch;  ///< let a step begin while the previous one still runs
     bool may_be_dependent;  ///< tuning `dependent_launch` is "auto": on if the device can
     bool replays;           ///< replay steps from graphs, unless tuning `graph` is "off"
@@ -69,7 +69,7 @@ struct KernelFamily {
                         std::uint32_t more_terms = 0) const;
 };
 
-/// Registers per thread in float32, by formulation, for lattices whose threads do not all run at once.
+/// Registers per thread in float32, by formulation, for bodies whose threads do not all run at once.
 /// Backends use the numbers that were the fastest on an H200.
 struct RegisterChoice {
     int on_positions, displacement, increment, compensated;
@@ -87,9 +87,10 @@ std::string too_many_words(std::size_t words, const Device& device, Fetch fetch)
 template <class Real>
 std::string launch_refusal(std::size_t words, const Device& device, const KernelFamily& family);
 
-/// A backend with one kernel that reads all positions and moves every particle by one step. `Step` is that
-/// kernel's first argument and has a member `motion`. The other arguments are a reader of positions, a reader
-/// of their low parts, and the arrays that the step writes (kernels/*.cu).
+/// A backend with a kernel that reads positions and moves particles by one step. `Step` is that kernel's
+/// first argument and has a member `motion`. The next arguments are a reader of positions, a reader of their
+/// low parts, and the arrays that the step writes (kernels/*.cu). A kernel that takes many steps in one
+/// launch has other arguments (launch_words_together()).
 template <class Real, class Step>
 class ParticleBackend : public CudaBackend, public FeedFacet, public ToolFacet {
 public:
@@ -284,7 +285,7 @@ protected:
                edited_words_.bytes() + blocks_.bytes() + held_.bytes() + held_forces_.bytes() + tool_.bytes();
     }
 
-    /// Enqueues a kernel with the arguments that all kernels of these backends have, followed by `more`.
+    /// Enqueues a kernel with the arguments that all kernels for one step have, followed by `more`.
     template <class... More>
     void launch_kernel(const Stream& in, const Kernel& kernel, dim3 grid, dim3 block,
                        std::size_t shared_bytes, const Step& step, int reading, const More&... more) const {
@@ -292,7 +293,7 @@ protected:
             kernel.launch(in, grid, block, shared_bytes, arguments..., more...);
         });
     }
-    /// Calls `launch` with the arguments that all kernels of these backends have.
+    /// Calls `launch` with the arguments that all kernels for one step have.
     template <class DoLaunch>
     void with_arguments(const Step& step, int reading, const DoLaunch& launch) const {
         const auto from = std::size_t(reading), to = std::size_t(1 - reading);
@@ -342,7 +343,7 @@ protected:
     bool replays_steps() const final { return family_.replays; }
 
     bool gives_borders() const override { return true; }
-    /// Called after a message over a border has been written into the state between two steps.
+    /// Called once the writing of a message over a border into the state, between two steps, is enqueued.
     virtual void border_written() {}
 
 private:

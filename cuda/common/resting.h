@@ -17,9 +17,10 @@ namespace voxspring::cuda {
 
 /// The tuning parameter `rest` (rest_policy.h). `step`: every block is stepped. `skip`: blocks at rest are
 /// left out, which changes no bit. `flush`: like `skip`, and displacements and increments below flushed_below
-/// become zero. `auto` is meant to be the faster of `step` and `skip`. If at least a third of the blocks are
-/// at rest at the start, it begins with `skip`, changes to `step` while fewer rest, and tries `skip` again
-/// from time to time. Otherwise it is `step`.
+/// become zero. `auto` is meant to be the faster of `step` and `skip`. It is `step` with terms=all, with
+/// gravity or a load, with fewer than min_blocks blocks, and if less than a third of the blocks are at rest
+/// at the start. Otherwise it begins with `skip`, changes to `step` while fewer rest, and tries `skip` again
+/// from time to time.
 class Resting {
 public:
     explicit Resting(const Options& options);

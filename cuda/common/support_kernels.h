@@ -49,8 +49,8 @@ void launch_for_each(const Kernel& kernel, std::size_t count, const Stream& stre
     kernel.launch(stream, dim3(unsigned((count + block - 1) / block)), dim3(block), 0, arguments...);
 }
 
-/// Launches few blocks, whose threads stride over `count` elements. The blocks are so few that one atomic
-/// operation per warp costs next to nothing. Launches nothing if there are no elements.
+/// Launches few blocks, whose threads stride over `count` elements. The blocks are so few that two atomic
+/// operations per warp cost next to nothing. Launches nothing if there are no elements.
 template <class... Arguments>
 void launch_striding(const Kernel& kernel, std::size_t count, const Stream& stream,
                      const Arguments&... arguments) {

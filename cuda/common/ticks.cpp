@@ -43,8 +43,8 @@ void Ticks::begin(std::uint32_t again) {
 
 void Ticks::wait() {
     using Clock = std::chrono::steady_clock;
-    // An answer takes microseconds. Asking the driver at every look whether the launch has ended would delay
-    // the next look.
+    // An answer usually takes microseconds. Asking the driver at every look whether the launch has ended
+    // would delay the next look.
     constexpr auto patience = std::chrono::milliseconds(1);
     bool again = false;
     for (auto look = Clock::now() + patience; !desk_.answered();) {

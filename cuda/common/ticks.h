@@ -16,8 +16,8 @@
 namespace voxspring::cuda {
 
 /// The host's side of such a launch. Orders and answers are in pinned memory, which the device reads and
-/// writes in place. The owner of a Ticks calls end() before enqueuing anything else in the stream, and before
-/// destroying the Ticks.
+/// writes in place. The owner of a Ticks calls end() before enqueuing anything else but time stamps in the
+/// stream, and before destroying the Ticks.
 class Ticks {
 public:
     /// Enqueues a launch that begins with the latest order. `again`: the steps of that order if an earlier

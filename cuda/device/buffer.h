@@ -1,4 +1,4 @@
-// Arrays in device memory, and arrays in pinned host memory for copies from the device.
+// Arrays in device memory, and arrays in pinned host memory.
 #pragma once
 
 #include <cstddef>
@@ -21,7 +21,8 @@ public:
         this->resize(values.size());
         if (!values.empty()) copy_to_device(this->data(), values.data(), values.size_bytes(), stream);
     }
-    /// Waits for everything enqueued in `stream` and copies all elements to `values`.
+    /// Waits for everything enqueued in `stream` and copies all elements to `values`. Does nothing if there
+    /// are none.
     void download(std::span<T> values, const Stream& stream) const {
         if (this->size() != 0) copy_from_device(values.data(), this->data(), this->bytes(), stream);
     }
@@ -41,7 +42,7 @@ public:
     }
 };
 
-/// An array in pinned (page-locked) host memory, from and to which the device copies while the host goes on.
+/// An array in pinned (page-locked) host memory, which the device reads and writes while the host goes on.
 template <class T>
 class Pinned : public Memory<T, cudaMallocHost, cudaFreeHost> {
 public:

@@ -61,8 +61,8 @@ std::map<std::string, std::string> headers() {
     for (const auto& [name, text] : standard_headers) all.emplace(name, "#pragma once\n" + text);
     for (const auto& [path, text] : embedded_kernels) {
         all.emplace(path, text);
-        // backends/physics/spring.h includes this header by its bare name, since shaders include spring.h
-        // too.
+        // Headers that shaders include too, such as backends/physics/spring.h, include this header by its
+        // bare name.
         if (path == "backends/physics/portable.h") all.emplace("portable.h", text);
     }
     return all;

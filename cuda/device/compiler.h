@@ -37,8 +37,8 @@ int oldest_architecture();
 /// Whether kernels for `architecture` may move registers from some threads of a block to others (setmaxnreg).
 bool moves_registers(int architecture);
 
-/// The part of compile()'s settings that is the same for all scenes on a card: "NVRTC 13.0 <build id>
-/// --gpu-architecture=sm_90 --std=c++20 ...".
+/// The part of compile()'s settings that is the same for all kernels on a card that do not move registers:
+/// "NVRTC 13.0 <build id> --gpu-architecture=sm_90 --std=c++20 ...".
 std::string compiler_and_options(int architecture);
 
 /// The version of NVRTC and the build id of its library. Compiled code depends on these two as well as on its

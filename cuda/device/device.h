@@ -20,7 +20,8 @@ struct Device {
 
     /// "CUDA 13.0": the version of the runtime in this build.
     static std::string runtime_version();
-    /// Version of the driver and, in parentheses, the newest CUDA that it knows.
+    /// Version of the driver and, in parentheses, the newest CUDA that it knows. If the version cannot be
+    /// read, the result is that CUDA alone.
     static std::string driver_version();
 
     int number = 0;  ///< as CUDA counts, from 0

@@ -1,4 +1,4 @@
-// A kernel that was compiled for this process's card, and its launch.
+// A kernel that was compiled for a card's architecture, and its launch.
 #pragma once
 
 #include <array>
@@ -17,16 +17,16 @@ using Library = Handle<cudaLibrary_t, cudaLibraryUnload>;
 /// A loaded kernel. All backends of a process share one object per source, function name and architecture.
 class Kernel {
 public:
-    /// Compiles the source if this process has not done so yet, and loads its function `name` on the current
-    /// device, `device`. Any thread may call this; only one compiles at a time. The time that compiling took
-    /// is added to `time`.
+    /// Calls compile() if this process has not done so yet for the source and architecture, and loads the
+    /// function `name` on the current device, `device`. Any thread may call this; only one compiles at a
+    /// time. The time that compiling took is added to `time`.
     static std::shared_ptr<const Kernel> get(const KernelSource& source, const Device& device,
                                              CompileTime& time, const std::string& name = kernel_name);
 
     Kernel(std::shared_ptr<const Library> library, const std::string& name);
 
-    /// How many blocks of `block` threads run at once on `device`, which must be current. Throws DeviceError
-    /// if not even one fits on a multiprocessor.
+    /// How many blocks of `block` threads, without dynamic shared memory, run at once on `device`, which must
+    /// be current. Throws DeviceError if not even one fits on a multiprocessor.
     unsigned blocks_at_once(const Device& device, unsigned block) const;
     /// Registers per thread when a launch begins.
     int registers() const;
@@ -81,7 +81,7 @@ private:
     /// a stream is captured.
     void load() const;
 
-    std::shared_ptr<const Library> library_;  ///< shared by all kernels of a file
+    std::shared_ptr<const Library> library_;  ///< shared by all kernels of a source
     const void* kernel_ = nullptr;            ///< a cudaKernel_t, which launches take as a function's address
 };
 

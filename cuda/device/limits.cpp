@@ -144,7 +144,7 @@ private:
     Buffer<float4> buffer_;
 };
 
-/// Fills in the table of bandwidths, and the two rates of copying that follow from the table.
+/// Fills in the table of bandwidths, and the rates of copying that follow from the table.
 void measure_bandwidth(DeviceLimits& limits, const LimitKernels& kernels, const Stream& stream,
                        Stopwatch& stopwatch) {
     const auto cache = std::size_t(kernels.device().cache_bytes);

@@ -62,7 +62,7 @@ public:
               std::chrono::duration<double> limit = std::chrono::minutes(2));
     NcclRanks(const NcclRanks&) = delete;
     NcclRanks& operator=(const NcclRanks&) = delete;
-    /// Unless end() was called, aborts the communicator and all transfers that are under way.
+    /// Unless end() has freed the communicator, aborts it and all transfers that are under way.
     ~NcclRanks();
 
     /// Waits for the transfers that are under way, and frees the communicator. Returns once all ranks have

@@ -16,8 +16,7 @@ namespace voxspring::cuda {
 namespace {
 
 constexpr std::size_t piece_bytes = std::size_t(1) << 25;
-/// Copies of fewer bytes do not go through pinned memory, so a program that makes no larger copy allocates no
-/// pinned memory.
+/// Copies of fewer bytes need no pieces (Piece), so a program that makes only such copies allocates none.
 constexpr std::size_t large = 2 * piece_bytes;
 
 struct Piece {

@@ -73,7 +73,8 @@ private:
 /// Work that is captured from a stream once. Each launch() replays it.
 class Graph {
 public:
-    /// Captures the work that `enqueue()` puts into `stream`. The work does not run until launch().
+    /// Captures the work that `enqueue()` puts into `stream`, and into streams that then wait for events in
+    /// it. The work does not run until launch().
     template <class Enqueue>
     static Graph capture(const Stream& stream, Enqueue enqueue) {
         check(cudaStreamBeginCapture(stream.get(), cudaStreamCaptureModeThreadLocal));

@@ -1,7 +1,6 @@
-// The kernels that run between two steps or before the first one: they serve borders, edits, feeds, the tool,
-// checks for divergence, hashes of the state, and rest lengths by the device's own root. REAL is the only
-// macro. SupportKernels (cuda/common/support_kernels.h) holds the kernels under the names that they have
-// here.
+// The kernels that run before, between and after steps: they serve borders, edits, feeds, the tool, checks
+// for divergence, hashes of the state, and rest lengths by the device's own root. REAL is the only macro.
+// SupportKernels (cuda/common/support_kernels.h) holds the kernels under the names that they have here.
 #include "backends/physics/state_hash.h"
 #include "cuda/kernels/border.h"
 #include "cuda/kernels/divergence_check.h"

@@ -1,6 +1,6 @@
 // The bodies of the kernels that copy the places (positions or displacements) of a border's particles from a
 // state into a message, and from a message into a state. A message is an array of numbers, or consists of
-// words (TaggedPoint) that a device stores into the memory of another.
+// words (TaggedPoint) that a device stores into the memory of the device that receives them.
 #pragma once
 
 #include <cstddef>
@@ -13,7 +13,8 @@
 namespace voxspring::cuda {
 
 /// Where the places (positions or displacements) of some particles are in a state. The state is an array of
-/// words, each with x, y and z of one particle, or a structure of arrays: all x, then all y, then all z.
+/// words, each with x, y and z of one particle, or a structure of arrays: x of all particles or of a group of
+/// them, then their y, then their z.
 template <class Real>
 struct BorderPlaces {
     const std::uint32_t* element;  ///< the element of each particle

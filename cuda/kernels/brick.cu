@@ -1,8 +1,8 @@
 // Macros:
 // - SHAPE: a BrickShape.
 // - EQUAL_EDGES: true if equal_edges() holds.
-// - POLLERS: the number of additional threads, which have no tile. Each waits for the positions of ROUNDS
-//   particles that other blocks send.
+// - POLLERS: the number of additional threads, which have no tile. Each waits for the points of at most
+//   ROUNDS particles that other blocks send.
 // - LANE_REGISTERS, POLLER_REGISTERS: registers per thread that has a tile, and per poller, if pollers hand
 //   registers to the other threads. Otherwise both are 0.
 // - PLAIN_BLOCKS: 1 if blocks whose threads are all plain (TileSides) have separate code. That code tests

@@ -1,4 +1,4 @@
-// A brick of a lattice on the chip: every thread owns a tile of particles and steps it, using points that its
+// A brick of a lattice on the chip: threads own a tile of particles each and step it, using points that their
 // block holds in shared memory. This is the body of the kernel (brick.cu), which adds the barriers. A test
 // adds loops over threads instead.
 #pragma once
@@ -9,7 +9,7 @@
 
 namespace voxspring::cuda {
 
-/// A visitor that does nothing: visit_brick_springs() returns how many springs it has visited.
+/// A visitor that does nothing: visit_brick_springs() returns the mask bit after the last spring.
 struct CountSprings {
     VOXSPRING_HOST_DEVICE constexpr void both(int, int, int, int, int, int, int) {}
     VOXSPRING_HOST_DEVICE constexpr void half(int, int, int, int, int, int, int) {}
@@ -207,8 +207,8 @@ private:
             const Pull<float> spring = class_pull<Terms, equal_edges>(
                 step, tile.spacing_, tile.own_[a] - other, c, i2 - i, j2 - j, k2 - k);
             const std::uint32_t crossed = shape.crossed(i2, j2, k2);
-            // Predicated instructions make a step shorter for large tiles and by increments, and longer
-            // otherwise (docs/cuda-trials.md).
+            // Unless `by_side`, predicated instructions make a step shorter for large tiles and by
+            // increments, and longer otherwise (docs/cuda-trials.md).
             if (Words::by_side ? crossed != 0 : !keeps_own || Terms::increments) {
                 return add_predicated(spring.offset, spring.density, words.spring(bit, crossed),
                                       tile.force_[a]);

@@ -53,7 +53,7 @@ VOXSPRING_HOST_DEVICE ListedDeltas read_deltas(const RowDeltas* list, const Curr
 /// Whether the particles of all threads that run this together have all neighbours, with no gap among them.
 /// `bits` is this thread's mask. Some spring groups join a particle to both sides (dx = -1 and 1) of a row
 /// but not to its middle. With such groups a particle that has all neighbours may still have a gap, so the
-/// result is false.
+/// result is false. It is also false without term_full_stencil.
 template <class Terms>
 VOXSPRING_HOST_DEVICE bool all_full_stencils_without_gaps(std::uint32_t bits) {
     constexpr bool faces = (Terms::groups & FACE_BITS) != 0, edges = (Terms::groups & EDGE_BITS) != 0,

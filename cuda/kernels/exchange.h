@@ -2,9 +2,10 @@
 // four of which are a tag. A word is read and written whole: once the tag has arrived, so has the point, and
 // no barrier is needed. This is device code only.
 //
-// Words between blocks of one launch are accessed with the scope of the GPU; words between parts of a body,
-// whose kernels may run on different devices, with that of the system. The latter lie in the memory of the
-// device that reads them, so that only stores cross the link. The code relies on this:
+// Words between blocks of one launch are stored with the scope of the GPU and, unless the launch steps a part
+// of a body, loaded with it. Words between parts of a body, whose kernels may run on different devices, are
+// accessed with that of the system. The latter lie in the memory of the device that reads them, so that only
+// stores cross the link. The code relies on this:
 // - PTX counts .b128 as one scalar, unlike a vector of four floats, which is four accesses in any order. A
 //   store and a load of one word do not tear if the scope of each includes the other's thread. Hence .sys on
 //   both sides: .gpu would leave out the threads of other devices.

@@ -1,4 +1,4 @@
-// The body of the kernel of a feed, which writes the displacements of some particles for a picture.
+// The body of the kernel of a feed (backends/facets.h), which writes the displacements of some particles.
 #pragma once
 
 #include "backends/layout/records/feed.h"
@@ -6,7 +6,7 @@
 
 namespace voxspring::cuda {
 
-/// A displacement as OpenGL reads it: 16 bytes, the last four of which are 0.
+/// A displacement as the readers of feeds expect it: 16 bytes, the last four of which are 0.
 struct alignas(16) FedDisplacement {
     Vector<float> displacement;
     float zero;

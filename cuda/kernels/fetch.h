@@ -48,7 +48,7 @@ struct PastL1 {
     }
 };
 
-/// Plain loads, which L1 caches.
+/// Reads global memory through L1 (load_through_l1()).
 template <class Real>
 struct ThroughL1 {
     const ParticleRecord<Real>* words;

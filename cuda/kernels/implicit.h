@@ -60,16 +60,17 @@ struct EveryNeighbour {
 /// the point at that offset and `compliance(dx, dy, dz)` its compliance. Both are called for absent
 /// neighbours too, so that no fetch waits for the mask. A selection then drops the pulls of absent
 /// neighbours, so that a NaN in an inactive voxel does not spread. With term_bit_by_bit they are called only
-/// for neighbours that exist. `full_stencil`: every neighbour of the groups that are compiled in exists.
+/// for neighbours that exist. `full_stencil`: every neighbour of the groups that are compiled in exists, or
+/// its pull is zero.
 template <class Terms, bool full_stencil, class Chosen, class Real, class Neighbour, class Compliance>
 VOXSPRING_HOST_DEVICE void add_springs(const ImplicitStep<Real>& step, const Vector<Real>& spacing,
                                        const Self<Real, Terms::split>& self, Neighbour neighbour,
                                        Compliance compliance, GroupSums<Real>& sums) {
     const bool materials = Terms::template has<term_materials>(step.compliance != nullptr);
     [[maybe_unused]] const Real own_compliance = materials ? compliance(0, 0, 0) : Real(0);
-    // All fetches of a group come before the first use. With few warps, as on a small lattice, an SM has
-    // nothing else to do, and a step takes as long as the latencies that one thread waits for one after the
-    // other.
+    // Unless bit_by_bit, all neighbours of a group are fetched before the first use. With few warps, as on a
+    // small lattice, an SM has nothing else to do, and a step takes as long as the latencies that one thread
+    // waits for one after the other.
     constexpr bool bit_by_bit = Terms::compiled(term_bit_by_bit);
 #define FETCH_NEIGHBOUR(bit, dx, dy, dz)         \
     [[maybe_unused]] const auto neighbour##bit = \
@@ -140,7 +141,7 @@ VOXSPRING_HOST_DEVICE inline bool all_say(bool yes) {
 }
 
 /// Whether the particles of all threads that run this together have a full stencil. `bits` is this thread's
-/// mask.
+/// mask. Without term_full_stencil the result is false.
 template <class Terms>
 VOXSPRING_HOST_DEVICE bool all_full_stencils(std::uint32_t bits) {
     if constexpr (!Terms::compiled(term_full_stencil)) {
@@ -151,7 +152,8 @@ VOXSPRING_HOST_DEVICE bool all_full_stencils(std::uint32_t bits) {
 }
 
 /// Steps the particle of element `index`, if there is one. `self` is what Reader::self() returned for the
-/// element. Returns whether a bit of the particle's state changed.
+/// element. Returns whether a bit of the particle's state changed or, if the launch only checks, would
+/// change.
 template <class Terms, class Real, class Neighbour, class Compliance>
 VOXSPRING_HOST_DEVICE bool step_voxel(const ImplicitStep<Real>& step, int index,
                                       const Self<Real, Terms::split>& self, const Output<Real>& output,
@@ -186,7 +188,7 @@ struct GridCompliance {
 };
 
 /// Steps the particle of voxel (x, y, z), if there is one, with neighbours from memory. The voxel may lie
-/// outside of the lattice. Returns whether a bit of the particle's state changed.
+/// outside of the lattice. Returns what step_voxel() returns.
 template <class Terms, class Real, class Current>
 VOXSPRING_HOST_DEVICE bool step_from_memory(const ImplicitStep<Real>& step, int x, int y, int z,
                                             const Current& current, const Output<Real>& output) {

@@ -1,5 +1,6 @@
-// Windows, each of which holds one plane of a tile in shared memory, are filled several planes ahead: by the
-// tensor copy engine (compute capability 9.0) or, with ASYNC_COPIES, by the block's threads (8.0).
+// Windows, each of which holds one plane of a tile in shared memory, are filled one or more planes ahead: by
+// the tensor copy engine (from compute capability 9.0 on) or, with ASYNC_COPIES, by the block's threads (from
+// 8.0 on).
 #include "cuda/kernels/entry.h"
 #ifdef ASYNC_COPIES
 #include "cuda/kernels/async_ring.h"

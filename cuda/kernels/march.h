@@ -39,7 +39,7 @@ struct Own {
     }
 };
 
-/// Whether a thread's particles have neighbours to the left and right, as factors 0 or 1.
+/// Whether the lattice goes on to the left and right of a thread's particles, as factors 0 or 1.
 template <class Real>
 struct Sides {
     Real left, right;
@@ -70,8 +70,8 @@ VOXSPRING_HOST_DEVICE Pull<Real> class_pull(const MarchStep<Real>& step, const V
             lean_strain_density(squared, step.rest_length[k], strain_deficit(relative, spring.offset, rest));
     } else {
         // The force density of stiffness 1, (l - |d|) / |d|, divided by l: 1 / |d| - 1 / l. Here
-        // `rest_length` is 1 / l, and `stiffness` has been multiplied by l. At rest the result is zero to the
-        // bit.
+        // `rest_length` is 1 / l, and `stiffness` has been multiplied by l. If `squared` has the bits from
+        // which 1 / l was computed, the result is zero.
         spring.density = inverse_root(squared) - step.rest_length[k];
     }
     if (k < 3 || !equal_edges) spring.density = spring.density * step.stiffness[k];
@@ -85,9 +85,10 @@ VOXSPRING_HOST_DEVICE void add_where(Vector<Real> offset, Real density, bool is_
     const Vector<Real> sum = fused(offset, density, force);
     if (is_there) force = sum;
 }
-/// add_where() by predicated instructions. If several sums share one condition, the compiler would add a
-/// selection to each of them; predicates need no instruction beyond the sum. `there` is nonzero if the spring
-/// exists. Pass a masked bit, which one instruction tests; a bit shifted into a bool would take three.
+/// add_where(), in float32 by predicated instructions. If several sums share one condition, the compiler
+/// would add a selection to each of them; predicates need no instruction beyond the sum. `there` is nonzero
+/// if the spring exists. Pass a masked bit, which one instruction tests; a bit shifted into a bool would take
+/// three.
 template <class Real>
 VOXSPRING_HOST_DEVICE void add_predicated(Vector<Real> offset, Real density, std::uint32_t there,
                                           Vector<Real>& force) {
@@ -181,7 +182,7 @@ private:
 };
 
 /// One component of x or u at t + dt or, by increments, of v at t + dt, which needs no `at`. `before` is what
-/// the step overwrites: x or u at t - dt, or v at t. `force` is in units of MarchStep::scale.
+/// the step overwrites: x or u at t - dt, or v at t. MarchStep::scale turns `force` into a displacement.
 template <class Terms, class Real>
 VOXSPRING_HOST_DEVICE Real integrate_component(const MarchStep<Real>& step, Real at, Real before, Real force,
                                                Real gravity) {
@@ -314,7 +315,7 @@ VOXSPRING_HOST_DEVICE void march(const MarchStep<Real>& step, const MarchItem& i
         force = force_above;
     }
     const std::uint64_t word = word_of(plane);
-    // The plane above belongs to another item, which evaluates the springs within that plane.
+    // The plane above does not belong to this item, which leaves out the springs within that plane.
     if (plane < step.nz) {
         add_springs<Terms, shape, masked, equal_edges, PlaneSpringsOf::between>(
             step, sides, word, planes.arrive(), window, planes, above, own, force_above, force);

@@ -1,4 +1,5 @@
-// The parts of a step that all kernels share: the pull of one spring, and the integrators.
+// The parts of a step that kernels share: the pull of one spring, and the integrators. Kernels that evaluate
+// springs by class (march.h) have their own.
 #pragma once
 
 #include "backends/layout/records/motion.h"
@@ -64,7 +65,8 @@ struct Reader {
     }
 };
 
-/// The spring force on particle i, at stiffness 1, is `offset` times `density`.
+/// The spring force on particle i is `offset` times `density`, at stiffness 1 unless `density` has been
+/// multiplied by the stiffness.
 template <class Real>
 struct Pull {
     Vector<Real> offset;
@@ -157,6 +159,7 @@ VOXSPRING_HOST_DEVICE Integrated<Real, Terms::split> integrate(const Motion<Real
                                   ? motion.inverse_masses[index]
                                   : motion.inverse_mass;
     // If the scene lacks a term, the term's operand is a constant that changes no bit and is folded away.
+    // Only `paper` keeps its operands for damping.
     const Real zero = -Real(0);
     const Vector<Real> gravity =
         Terms::compiled(term_gravity) ? motion.gravity : Vector<Real>{zero, zero, zero};

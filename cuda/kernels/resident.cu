@@ -1,7 +1,7 @@
-// Macros: LANES threads per block have TURNS particles each, and POLLERS more threads wait for ROUNDS points
-// of other blocks each. SLOTS: how many points shared memory holds. BORDERS: the kinds of border in use, as
-// bits. MASKED: 1 if springs need masks (ResidentShape::masked). TOOL: the name of a ToolMode. PART: 1 if the
-// kernel steps a part of a body, beside kernels that step the others.
+// Macros: LANES threads per block have at most TURNS particles each, and POLLERS more threads wait for at
+// most ROUNDS points of other blocks each. SLOTS: how many points each half of shared memory holds. BORDERS:
+// the kinds of border in use, as bits. MASKED: 1 if springs need masks (ResidentShape::masked). TOOL: the
+// name of a ToolMode. PART: 1 if the kernel steps a part of a body, beside kernels that step the others.
 #include "cuda/kernels/entry.h"
 #include "cuda/kernels/resident_block.h"
 
@@ -21,7 +21,7 @@ extern "C" __global__ void __launch_bounds__(Block::all_threads, 1)
     step(const __grid_constant__ Block::Step step, ParticleRecord<float>* words,
          ParticleRecord<float>* previous, float* increment, std::size_t pitch, int count, std::uint32_t tag,
          std::uint32_t launches) {
-#if TURNS > 1  // more shared memory than a kernel may declare statically
+#if TURNS > 1  // may be more shared memory than a kernel may declare statically
     extern __shared__ __align__(16) unsigned char memory[];
     Block::Shared& shared = *reinterpret_cast<Block::Shared*>(memory);
 #else

@@ -1,6 +1,7 @@
-// One launch takes many steps. A block keeps its particles in registers, and the points that their springs
-// reach in shared memory. Points at a block's border travel through L2 (exchange.h).
-// backends/layout/resident_layout.h builds the tables.
+// One launch takes many steps. A block keeps its particles in registers, unless a thread has several, and the
+// points that their springs reach in shared memory. Points at a block's border travel through L2 or, to
+// another part of the body, into the memory of its device (exchange.h). backends/layout/resident_layout.h
+// builds the tables.
 #pragma once
 
 #include "backends/layout/records/resident.h"

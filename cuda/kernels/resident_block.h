@@ -13,8 +13,8 @@ namespace voxspring::cuda {
 struct ResidentShape {
     int lanes;              ///< threads of a block that have particles
     int pollers;            ///< threads without particles, which wait for points of other blocks
-    int rounds;             ///< points that each poller waits for
-    int slots;              ///< points in shared memory
+    int rounds;             ///< most points that a poller waits for
+    int slots;              ///< points in each half of shared memory
     std::uint32_t borders;  ///< kinds of border in use, as bits
     /// Whether springs need masks: in place of an absent neighbour a particle has a spring to itself. Only if
     /// the lattice is stressed at rest does such a spring pull.
@@ -351,8 +351,8 @@ private:
     /// Which half of the exchange holds the points with `tag`. `half`: the half of shared memory that holds
     /// the same step's points. Each launch begins with half 0 of shared memory. Without parts the exchange
     /// uses the same half. But a neighbouring part may be one launch ahead, and if that launch has a single
-    /// step, its point must not replace the point before it, which may not have been read yet. So between
-    /// parts the parity of the tag selects the half.
+    /// step, its point must not replace the point before it, which may not have been read yet. So in parts
+    /// the parity of the tag selects the half.
     ///
     /// Two halves are enough. A block sends the point of step n + 2 only once it, or its launch
     /// (keep_ghosts()), has the points of step n + 1 of all blocks that it reaches. These are the blocks that
@@ -519,9 +519,9 @@ private:
     }
 
     /// Stores in memory, at the end of a launch, the ghosts that this thread keeps. (A ghost is a particle
-    /// that another part steps.) Lanes store all other particles. A ghost is stored as x(t) and, since ghosts
-    /// count as pinned, as x(t - dt). So the next launch, an edit and a check for divergence find ghosts like
-    /// other particles.
+    /// that another part steps.) Lanes store all other particles. A ghost is stored as x(t) and, unless by
+    /// increments, as x(t - dt), since ghosts count as pinned. So the next launch, an edit and a check for
+    /// divergence find ghosts like other particles.
     __device__ void keep_ghosts(const Polls& polls, std::uint32_t at, const Memory& memory,
                                 std::uint32_t launches, std::uint32_t tag) {
         std::uint32_t kept = 0, word[shape.rounds];

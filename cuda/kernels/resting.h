@@ -4,8 +4,8 @@
 // no bit of these particles, the next one would change none either, and is left out (term_resting). x(t) and
 // x(t - dt) of such a block are equal, so both buffers already hold what the step would write. A block in
 // which a step changes something lists itself and its neighbours for the next step, which takes only listed
-// blocks. Before the first step, a check of all blocks, which moves no particle, lists those that this step
-// takes.
+// blocks. Before the first step, unless there is a tool, a check of all blocks, which moves no particle,
+// lists those that this step takes. After an edit, for example, the host lists all blocks (Resting::wake()).
 #pragma once
 
 #include "backends/layout/records/implicit.h"
@@ -32,7 +32,9 @@ __device__ inline unsigned thread_of_block() {
 /// One of the blocks that around() numbers. Thread n of a block looks at number n.
 struct BlockAround {
     BlockOrigin origin;
-    bool listed;  ///< already listed for the next step; also set in threads beyond the last number
+    /// Already listed for the next step. Also set for a place without particles, and in threads beyond the
+    /// last number.
+    bool listed;
 };
 
 __device__ inline BlockAround look_around(const ActiveBlocks& blocks, const BlockOrigin& origin) {

@@ -11,8 +11,8 @@
 namespace voxspring::cuda {
 
 /// `scene_groups`: mask bits of the spring groups that are compiled in. `scene_terms`: the terms that are
-/// compiled in. `at_run_time`: the scene may lack some of these, and the kernel tests which by the step's
-/// arguments. Otherwise the scene has all of them.
+/// compiled in. `at_run_time`: the scene may lack some of these; the kernel then tests the step's arguments,
+/// or computes with what they hold for an absent term. Otherwise the scene has all of them.
 template <Formulation scene_formulation, std::uint32_t scene_groups, std::uint32_t scene_terms,
           bool at_run_time>
 struct KernelTerms {

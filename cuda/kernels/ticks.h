@@ -52,9 +52,9 @@ __device__ inline void answer(Vector<float> force, std::uint32_t tick, AnswerWor
 }
 
 /// Waits for the order of tick `tick`, in one thread of each block. Block 0 reads what the host writes, which
-/// has to cross the bus, and hands it on to the other blocks. If the host is silent for too long, or another
-/// block does not take its orders, block 0 orders the end. `step`: the latest step, to be reported if a wait
-/// is in vain.
+/// has to cross the bus, and hands it on to the other blocks. If the host is silent for too long, block 0
+/// orders the end. If another block does not take its orders, block 0 looks for the host's order only once
+/// more, and orders the end if there is none. `step`: the latest step, to be reported if a wait is in vain.
 __device__ inline TickOrder wait_for_order(const TickLine& line, std::uint32_t tick, const WaitLimit& limit,
                                            std::uint32_t step) {
     TickOrder order{{0, 0, 0}, 0, tick};

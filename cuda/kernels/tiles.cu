@@ -1,6 +1,6 @@
-// Each active tile has TILE_THREADS threads, which are in as many successive warps. Successive steps go
-// through the list of tiles forwards and backwards in turn, so that a step begins with the tiles that the
-// previous step has left in L2.
+// Each active tile has TILE_THREADS threads, which are in as many successive warps. Successive steps that are
+// not split go through the list of tiles forwards and backwards in turn, so that a step begins with the tiles
+// that the previous step has left in L2.
 #include "cuda/kernels/entry.h"
 #include "cuda/kernels/tiles.h"
 

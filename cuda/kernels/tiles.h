@@ -1,7 +1,7 @@
 // Active tiles of 2 x 2 x 2 voxels as a list: every thread steps one tile, or a share of one. A thread
 // computes the springs between its particles once, and reads each neighbour once. This is the body of the
-// kernel, which needs no shared memory: neighbouring tiles lie side by side in memory, or nearly so, and L1
-// holds what several read.
+// kernel, which needs no shared memory: what successive tiles read lies side by side in memory, or nearly so,
+// and L1 holds what several read.
 #pragma once
 
 #include "backends/layout/records/tiles.h"
@@ -122,7 +122,7 @@ private:
 };
 
 /// Takes a step of tile number `tile` as thread number `thread` of the tile's `threads` threads. Each thread
-/// number has separate code, without the particles that it does not step. All lanes of a warp have the same
+/// number has separate code, which steps no particles of the other threads. All lanes of a warp have the same
 /// number.
 template <class Terms, bool equal_edges, int threads, int coded = 0, class Real>
 VOXSPRING_HOST_DEVICE void step_tile(const TileStep<Real>& step, const TileRows& rows, const Real* at,

@@ -3,10 +3,10 @@
 // (tests/host_blocks.h).
 //
 // A wait that lasts for too long marks WaitLimit::stall, where the host reads it, and ends. The thread that
-// waited goes on without what it waited for and waits no more; every other wait ends as soon as it sees the
-// mark. So the launch ends soon after, and its state is worthless. A trap would end the launch at once. But
-// it would also end all other work of the process on the device, and all processes that share the device by
-// MPS.
+// waited goes on without what it waited for; every other wait, later ones of this thread included, ends as
+// soon as it sees the mark. So the launch ends soon after, and its state is worthless. A trap would end the
+// launch at once. But it would also end all other work of the process on the device, and all processes that
+// share the device by MPS.
 #pragma once
 
 #include "backends/layout/records/loops.h"

@@ -1,4 +1,5 @@
-// BadInput, the exception for input of a user that cannot be used. The program then exits with code 2.
+// BadInput, the exception for input of a user that cannot be used. Unless a caller catches it, the program
+// exits with code 2.
 #pragma once
 
 #include <filesystem>

@@ -28,7 +28,8 @@ std::string child_path(const std::string& parent, const std::string& key) {
     return parent.empty() ? key : parent + "." + key;
 }
 
-/// Parses `text`. Also refuses some text that JSON's grammar allows: a key given twice, or too deep nesting.
+/// Parses `text`. Also refuses some text that JSON's grammar allows: a key given twice, too deep nesting, or
+/// a number that overflows a double.
 json parsed(std::string_view text, const std::string& file) {
     std::vector<std::set<std::string>> keys(max_depth + 1);  // the keys of the open object at each depth
     const auto check = [&](int depth, json::parse_event_t event, const json& value) {

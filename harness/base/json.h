@@ -1,7 +1,7 @@
 // A strict reader for JSON files: scenes and studies, which users write, and results.
 //
-// Every refusal is a BadInput. The message names the file, the path of the key ("dataset.dims[1]"), the value
-// of that key, and what would be accepted.
+// Every refusal is a BadInput. The message about a value names the file, the path of the key
+// ("dataset.dims[1]"), the value of that key, and what would be accepted.
 #pragma once
 
 #include <cstddef>
@@ -103,7 +103,8 @@ JsonObject parse_json(std::string_view text, const std::string& file);
 // Each source that parses JSON or CBOR by itself compiles the parser again, which takes 3 s of up to 18. So
 // only json.cpp does.
 
-/// The value of `text`, which this program wrote. Throws nlohmann::json::parse_error.
+/// The value of `text`, which this program wrote or which is built into it. Throws
+/// nlohmann::json::parse_error.
 nlohmann::json parsed_json(std::string_view text);
 
 /// A message between processes, as CBOR bytes.

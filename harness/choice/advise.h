@@ -21,8 +21,8 @@ struct Candidate {
     double total_error = 0, rounding_error = 0;
 };
 
-/// The candidates for `scene` in the result of a pareto study. Throws BadInput if the result has no list
-/// `pareto`, if a row of the scene does not follow results/schema.json, or if the scene has no row.
+/// The candidates for `scene` in the result of a pareto study. Throws BadInput if the result is of a newer
+/// schema version or has no list `pareto`, if a row cannot be read, or if the scene has no row.
 std::vector<Candidate> candidates_of(JsonObject result, const std::string& scene);
 
 struct Advice {
@@ -39,7 +39,7 @@ struct Advice {
 Advice advise(const std::vector<Candidate>& candidates, double error);
 
 /// The tuning parameters of a candidate that differ from their defaults: "tile=64x16". All of its tuning
-/// parameters if this program does not know the backend or a parameter.
+/// parameters if this program does not have the backend with these options.
 std::string changed_tuning(const Candidate& candidate);
 
 /// The argument of --backend with which `voxspring run` repeats the run of a candidate:

@@ -21,7 +21,7 @@ class Result;
 /// The properties of a scene and a formulation that the choice of a backend depends on.
 struct Workload {
     std::uint64_t voxels = 0, particles = 0;
-    /// Mean number of steps between two edits that cut or join springs; infinite if the scene has no edits.
+    /// Mean number of steps per edit that cuts or joins springs; infinite if the scene has no edits.
     double steps_between_edits = std::numeric_limits<double>::infinity();
     bool increments = true;  ///< whether the state has the increments of particles: by_increments()
     double occupancy() const { return double(particles) / double(voxels); }
@@ -29,8 +29,9 @@ struct Workload {
 Workload workload_of(const Scene& scene, Formulation formulation);
 
 /// A rule of the choice: a backend, and the workloads for which it may be chosen. If several rules hold for a
-/// workload, the rule whose backend was measured fastest comes first in rules(). The bounds `min_...` are
-/// inclusive, `max_...` exclusive.
+/// workload, those of one API stand together in rules(), the API with the fastest row of all first. Among
+/// them the rule whose backend was measured fastest comes first. The bounds `min_...` are inclusive,
+/// `max_...` exclusive.
 struct Rule {
     std::string backend;
     std::string tuning;  ///< tuning parameters that differ from the defaults: "fetch=l1"; may be empty
@@ -52,7 +53,7 @@ std::string describe(const Workload& workload);
 /// The backend that `--backend auto` has chosen, and why.
 struct Chosen {
     BackendSpec spec;
-    std::string reason;  ///< "cuda_march:fetch=l1, a full lattice ...: each thread marches along ..."
+    std::string reason;  ///< "cuda_march, a full lattice ...: each thread marches along ..."
 };
 struct AutoChoice : Chosen {
     std::unique_ptr<Backend> backend;
@@ -62,7 +63,7 @@ struct AutoChoice : Chosen {
 bool asks_for_auto(const std::string& text);
 /// Chooses a backend by the rules. `text` is "auto[:formulation=...,precision=...]". `accepts` returns
 /// whether a backend can run the scene (SceneRunner::unsupported). Throws BadSpecification if `text` has
-/// other keys, and Unavailable if no backend on this machine can run the scene.
+/// other keys or values, and Unavailable if no backend on this machine can run the scene.
 AutoChoice choose_backend(const std::string& text, const Scene& scene,
                           const std::function<bool(Backend&)>& accepts);
 /// Like choose_backend(), but constructs no backend in this process. `takes` returns whether a backend is
@@ -77,10 +78,11 @@ bool may_be_chosen(const Capabilities& capabilities);
 /// Checks the options that follow "auto", and returns the formulation. Throws BadSpecification.
 Formulation check_auto(const std::string& text);
 
-/// What `--backend auto` would choose on the devices of a measured result. `rows` are the medians of one
-/// scene, formulation and precision. Returns a JSON object with the `name` of the chosen row, the `reason`,
-/// and `times_fastest`: the row's time as a multiple of the fastest row's time. `name` and `times_fastest`
-/// are null if no rule holds, or if the backend and tuning that the rules choose were not measured.
+/// What `--backend auto` would choose on the devices of a measured result if no backend were outpaced. `rows`
+/// are the medians of one scene, formulation and precision. Returns a JSON object with the `name` of the
+/// chosen row, the `reason`, and `times_fastest`: the row's time as a multiple of the fastest row's time.
+/// `name` and `times_fastest` are null if no rule holds, or if the backend and tuning that the rules choose
+/// were not measured.
 nlohmann::json choose_among(const Result& result, const std::vector<Row>& rows);
 
 }  // namespace voxspring

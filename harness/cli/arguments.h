@@ -31,8 +31,8 @@ int run_command_line(int argc, char** argv, std::ostream& out, const ViewScene& 
 
 /// The main function of a program with this command line. It prints to standard output, and errors to
 /// standard error. If a study has started this process as a worker, it does not return. Exit codes: 0 (done),
-/// 1 (a backend failed, an error exceeded its tolerance, or nothing was measured), 2 (bad input or usage),
-/// 130 (interrupted).
+/// 1 (a backend failed, an error exceeded its tolerance, nothing was measured, or anything else went wrong),
+/// 2 (bad input or usage), 130 (interrupted).
 int run_program(int argc, char** argv, const ViewScene& view);
 
 }  // namespace voxspring

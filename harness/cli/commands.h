@@ -17,8 +17,8 @@ namespace voxspring {
 /// The program's version as text: "voxspring 0.1.0 (commit 0123456789ab)".
 std::string version_text();
 
-/// `voxspring list`: prints all backends (for those that are not available, why), built-in scenes and
-/// studies.
+/// `voxspring list`: prints all backends (for those that are not available, why), the devices of each API,
+/// and built-in scenes and studies.
 void list_everything(bool json, std::ostream& out);
 
 /// `voxspring limits`: measures and prints the limits of each device: bandwidth, arithmetic, launch time.
@@ -40,7 +40,8 @@ struct RunOptions {
     ExportOptions out;
 };
 
-/// `voxspring run`: runs a scene on a backend and returns the exit code. Throws BadInput, BadSpecification.
+/// `voxspring run`: runs a scene on a backend and returns the exit code. Throws BadInput, BadSpecification
+/// and, if the run fails, std::runtime_error.
 int run_scene(const std::string& scene, const RunOptions& options, std::ostream& out);
 
 /// The command that runs `backend` on the same body and device, each word as a shell reads it: "voxspring run
@@ -65,8 +66,8 @@ struct AdviseOptions {
 };
 
 /// `voxspring advise`: prints advice and returns the exit code, which is 1 if no configuration reaches the
-/// error. If the measurement is interrupted, the advice follows from what was measured until then, and the
-/// exit code is 130. Throws BadInput, BadSpecification.
+/// error or nothing was measured. If the measurement is interrupted, the advice follows from what was
+/// measured until then, and the exit code is 130. Throws BadInput, BadSpecification.
 int print_advice(const std::string& scene, const AdviseOptions& options, std::ostream& out);
 
 // --- `voxspring report` and `voxspring diff`: Python scripts that come with the program ----------------

@@ -63,7 +63,8 @@ nlohmann::json describe_backend(const BackendEntry& entry) {
     return described;
 }
 
-/// The devices that backends of an API may use. Empty if there is no driver: the list of backends says so.
+/// The devices of an API, with the reason for each that its backends do not take. Empty if there is no
+/// driver: the list of backends says so.
 nlohmann::json describe_devices(const Api& api) {
     nlohmann::json described = nlohmann::json::array();
     try {
@@ -115,7 +116,7 @@ void print_backend(const nlohmann::json& backend, std::ostream& out) {
         << "\n";
 }
 
-/// Prints the available backends, then the names of those that are not available, one line per reason.
+/// Prints the available backends, then the names of those that are not available, grouped by reason.
 void print_backends(const nlohmann::json& backends, std::ostream& out) {
     std::map<std::string, std::vector<std::string>> absent;
     for (const auto& backend : backends) {
@@ -169,7 +170,7 @@ void list_limits(bool json, std::ostream& out) {
             if (backend->limits() != nullptr)
                 limits.of(backend->capabilities(), [&] { return spec.make()->limits()->measure_limits(); });
         } catch (const std::runtime_error&) {
-            // The backend is not available: `voxspring list` says why.
+            // The backend is not available, as `voxspring list` says, or its device failed.
         }
     }
     activity.end();

@@ -46,8 +46,8 @@ std::string device_options_for(const std::string& backend) {
     return text;
 }
 
-/// The largest displacements from rest: `loose` in parts of the body that fall away since no particle of them
-/// is held (BodyParts::loose()), `held` in all other parts. Both are not finite if any displacement is not
+/// The largest displacements from rest: `loose` in parts of the body of which no particle is held
+/// (BodyParts::loose()), `held` in all other parts. Both are not finite if any displacement is not
 /// finite.
 struct Largest {
     double held = 0, loose = 0;
@@ -270,7 +270,8 @@ private:
         const Timing batch = backend_->timed([&] { runner_->run(*backend_, steps); });
         timing_.device_seconds += batch.device_seconds;
         timing_.host_seconds += batch.host_seconds;
-        // Only a whole stride tells the speed. A shorter one was cut off by a step at which a file is due.
+        // Only a whole stride tells the speed. A shorter one was cut off by a step at which a file or a force
+        // is due.
         if (steps == stride.steps()) stride.took(batch.host_seconds);
         reached_ += steps;
         activity_.done(double(reached_ - first_) / (steps_ - first_),

@@ -23,7 +23,7 @@ std::filesystem::path this_program() {
 std::filesystem::path find_scripts(const std::string& name) {
     std::filesystem::path above = this_program().parent_path();
     const std::filesystem::path first = above;
-    // In a source tree the program is build/release/voxspring, two folders below results/.
+    // In a source tree the program is build/release/voxspring, and results/ is beside build/.
     for (int levels = 0; levels < 4 && above != above.root_path(); ++levels, above = above.parent_path()) {
         for (const char* folder : {"share/voxspring/results", "results"}) {
             std::error_code error;

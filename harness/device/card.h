@@ -24,8 +24,8 @@ public:
     std::optional<unsigned> clock_mhz() const;
     /// The energy used since the driver was loaded, in joules; empty if the driver does not count it.
     std::optional<double> energy_joules() const;
-    /// The power drawn, in watts; on Ampere and later cards the mean of the last second. Empty if the driver
-    /// does not report it.
+    /// The power drawn, in watts; on Ampere (except GA100) and later cards the mean of the last second. Empty
+    /// if the driver does not report it.
     std::optional<double> power_watts() const;
     /// The reasons that the driver reports for a lowered clock, as text for users. An idle card is not
     /// counted as a reason.

@@ -1,5 +1,5 @@
 // Measures the energy that a device uses while it works: by its energy counter, which is checked against
-// samples of its power.
+// samples of its power if the device reports that.
 #pragma once
 
 #include <functional>
@@ -28,8 +28,8 @@ public:
 
     /// The energy used since some past moment, in joules. Throws UnknownEnergy if it is not reported.
     virtual double joules() = 0;
-    /// The power drawn now, in watts, as the device itself reports it (not derived from joules()). Empty if
-    /// it reports none.
+    /// The power drawn now or, on some cards, in the last second, in watts, as the device itself reports it
+    /// (not derived from joules()). Empty if it reports none.
     virtual std::optional<double> watts() { return std::nullopt; }
     virtual std::optional<unsigned> clock_mhz() { return std::nullopt; }
     virtual std::vector<std::string> throttle_reasons() { return {}; }
@@ -37,7 +37,8 @@ public:
     virtual std::string name() const = 0;
 };
 
-/// The meter of a device: NVML for a card, RAPL for the processor. Throws UnknownEnergy if there is none.
+/// The meter of a device: NVML if it has a UUID (a card), otherwise RAPL (the processor). Throws
+/// UnknownEnergy if there is none.
 std::unique_ptr<EnergyMeter> energy_meter_of(const Capabilities& capabilities);
 
 /// A meter for the sum of all processor packages. `folder` is where Linux shows their counters. Throws
@@ -57,9 +58,9 @@ struct EnergyUse {
 constexpr double max_leap_seconds = 0.5;
 
 /// Calls `work` repeatedly: first for `lead_seconds` without measuring, so that clocks and averages settle,
-/// and then until `seconds` are measured. The energy counter is updated only every few tens of milliseconds,
-/// so the mean power is computed from its first update to its last one. If updates are more than
-/// half of max_leap_seconds apart, the measured time may be shorter than `seconds`. Throws what `work`
+/// and then until `seconds` are measured. A card's energy counter is updated only every few tens of
+/// milliseconds, so the mean power is computed from the first update to the last one. If updates are more
+/// than half of max_leap_seconds apart, the measured time may be shorter than `seconds`. Throws what `work`
 /// throws. After all work has been done, throws UnknownEnergy if the meter failed or if its counter changed
 /// fewer than two times.
 EnergyUse measure_energy(EnergyMeter& meter, double lead_seconds, double seconds,
@@ -67,8 +68,8 @@ EnergyUse measure_energy(EnergyMeter& meter, double lead_seconds, double seconds
 
 /// The largest accepted difference between EnergyUse::sampled_watts and EnergyUse::watts, as a fraction of
 /// the latter. Both come from one sensor. Over five seconds of constant load they agree within this fraction:
-/// the counter is updated at least fifty times, and each sample is the mean power of a second. If they
-/// differ by more, one of them is wrong.
+/// the counter is updated at least fifty times, and each sample is the mean power of a second on the cards
+/// that Card::power_watts() names. If they differ by more, one of them is wrong.
 constexpr double max_power_disagreement = 0.05;
 /// Whether the powers from counter and samples agree; true if there are no samples.
 bool powers_agree(const EnergyUse& use);

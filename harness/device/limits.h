@@ -44,7 +44,8 @@ struct StepBound {
 };
 /// Computes the bounds of a step with `work`. Times for launches and exchanges follow from `own`, the limits
 /// of the step's API. Times for memory traffic and arithmetic are the shortest that follow from `own` or from
-/// `of_card`, the limits of all APIs on the same card. So all backends on a card have the same rates.
+/// `of_card`, the limits of all APIs on the same card. So backends with the same `of_card` have the same
+/// rates.
 StepBound bound_of(const StepWork& work, Precision precision, const DeviceLimits& own,
                    const std::vector<DeviceLimits>& of_card);
 

@@ -50,7 +50,8 @@ constexpr double max_parting = 0.03;
 constexpr double max_drift = 0.05;
 /// The largest accepted change of a clock, as a fraction. Times change by about the same fraction.
 constexpr double max_clock_change = 0.1;
-/// The largest accepted median of Observed::waits. If it is larger, other processes used the cores.
+/// The largest accepted median of Observed::waits. If it is larger, other processes used the cores, or there
+/// were more threads than cores.
 constexpr double max_waiting = 0.1;
 
 }  // namespace voxspring

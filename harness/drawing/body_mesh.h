@@ -1,5 +1,5 @@
-// The surface of a body as a mesh whose vertices follow particles. The mesh is built anew after a cut, but
-// not after a step.
+// The surface of a body as a mesh whose vertices follow particles. An edit makes a new mesh necessary, a step
+// does not.
 #pragma once
 
 #include <array>
@@ -12,11 +12,12 @@
 
 namespace voxspring {
 
-/// A surface of quadrangles. There is a face between an active voxel and an inactive one, and between two
-/// active voxels whose spring is cut. Faces share their vertices. At rest a vertex lies at the mean of the
-/// points where the edges between the voxel centres around it cross the surface ("surface nets"), so that
-/// slopes have no stairs. In motion the mean displacement of the particles that the vertex follows is added.
-/// A vertex follows those of the up to eight particles around it that springs connect, so that a cut opens.
+/// A surface of quadrangles. That of voxels has a face between an active voxel and an inactive one, and
+/// between two active voxels whose spring is cut. Faces share their vertices. At rest a vertex lies at the
+/// mean of the points where the edges between the voxel centres around it cross the surface ("surface nets"),
+/// so that slopes have no stairs. In motion the mean displacement of the particles that the vertex follows is
+/// added. A vertex follows those of the up to eight particles around it that springs connect, so that a cut
+/// opens.
 struct BodyMesh {
     struct Vertex {
         glm::vec3 rest{0};

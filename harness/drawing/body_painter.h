@@ -68,8 +68,9 @@ public:
     /// Where the mesh's vertices are (x, y, z), with the present contents of displacements(), and their
     /// values (w). Waits for the card.
     std::vector<glm::vec4> places();
-    /// The smallest and the largest value of the mesh's vertices, except those whose first followed particle
-    /// is in `without`, which is sorted in ascending order. Waits for the card.
+    /// The smallest and the largest value of the mesh's vertices in the latest draw() or places(), except
+    /// those whose first followed particle is in `without`, which is sorted in ascending order. Waits for the
+    /// card.
     std::array<double, 2> range(std::span<const std::uint32_t> without = {}) const;
 
 private:

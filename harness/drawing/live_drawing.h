@@ -47,8 +47,9 @@ public:
     /// Waits until the current picture is finished.
     ~LiveDrawing();
 
-    /// Hands over the displacements if a sixtieth of a second has passed since the last time and the buffer
-    /// is free again. Throws DeviceError if the backend fails or drawing has failed.
+    /// Hands over the displacements if the next picture is due (pictures_per_second), the buffer is free
+    /// again and the backend is connected to the latest mesh. Throws DeviceError if the backend fails or
+    /// drawing has failed.
     void hand_over_if_due();
     /// To be called after the backend has been given `edit`, which must outlive this drawing. The drawing
     /// thread then rebuilds the mesh.

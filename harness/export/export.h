@@ -39,7 +39,9 @@ inline constexpr int max_frames = 50;
 /// The export options of `voxspring run`.
 struct ExportOptions {
     std::vector<std::filesystem::path> out;
-    std::optional<int> every;                     ///< steps between the files of a series; absent: no series
+    /// Steps between the files of a series, and between the lines of `tool_force`; absent: only `frames` is a
+    /// series.
+    std::optional<int> every;
     std::optional<std::filesystem::path> frames;  ///< folder of a series of pictures, created if missing
     /// What the colours of pictures show, a Colouring; absent: displacement.
     std::optional<std::string> colour;
@@ -64,8 +66,8 @@ class Exports {
 public:
     /// Throws BadInput if an ending is not in writers(), a folder is not writable, `every` is given without
     /// `out`, `frames` or `tool_force`, two series would share a .pvd file, `tool_force` would overwrite a
-    /// file of `out`, or options of pictures are given without a picture. Throws Unavailable if there is no
-    /// OpenGL to draw pictures with.
+    /// file of `out`, or options of pictures are malformed or given without a picture. Throws Unavailable if
+    /// there is no OpenGL to draw pictures with.
     Exports(const ExportOptions& options, int steps);
     ~Exports();
     Exports(const Exports&) = delete;
@@ -84,7 +86,7 @@ public:
     /// Whether look_at() needs all snapshots of the run before the first is written.
     bool looks_ahead() const;
     void look_at(const Snapshot& snapshot);
-    /// Writes the files that are due. Throws std::system_error, and what Pictures throws.
+    /// Writes the files that are due. Throws std::system_error, and what Pictures and the formats throw.
     void write(const Snapshot& snapshot);
 
     /// The object that draws the pictures; null if no picture was asked for.
@@ -113,7 +115,7 @@ private:
 ///
 ///     step, time                   step and time of the scene; the force is that of the step that ends then
 ///     x, y, z                      how far the tool had moved in that step since it took hold (a length)
-///     force_x, force_y, force_z    force on the tool, see Backend::tool_force() (mass times length per
+///     force_x, force_y, force_z    force on the tool, see ToolFacet::tool_force() (mass times length per
 ///                                  time squared)
 ///
 /// Numbers are the shortest texts that read back as the same bits.

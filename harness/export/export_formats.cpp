@@ -29,7 +29,7 @@
 namespace voxspring {
 namespace {
 
-/// The placement of the grid in the coordinates of the volume's file, or null if the file has none.
+/// The placement of the grid in the coordinates of the volume file or mesh, or null if there is none.
 const Placement* placement_of(const Snapshot& snapshot) {
     const auto& volume = snapshot.scene.volume;
     return volume && volume->placement ? &*volume->placement : nullptr;
@@ -91,7 +91,8 @@ std::vector<std::uint8_t> or_zeros(const std::vector<std::uint8_t>& values, cons
     return values.empty() ? std::vector<std::uint8_t>(problem.particle_count()) : values;
 }
 
-/// Converts vectors from the grid's axes to the coordinates of the volume's file, if it has any.
+/// Converts vectors from the grid's axes to the coordinates of the volume file or mesh, if it places the
+/// grid.
 std::vector<glm::dvec3> in_file(const Snapshot& snapshot, std::vector<glm::dvec3> vectors) {
     if (const Placement* placement = placement_of(snapshot)) {
         for (glm::dvec3& v : vectors) v = placement->to_file(v);
@@ -189,7 +190,8 @@ void add_time(VtkFile& file, const Snapshot& snapshot) {
     file.end();
 }
 
-/// Adds the cells of lines with two points each. `Index` must be wide enough for the last offset.
+/// Adds the cells of lines with two points each. `Index` must be wide enough for the last offset and for
+/// every particle.
 template <class Index>
 void add_lines(VtkFile& file, const std::vector<std::uint32_t>& ends) {
     file.array("connectivity", std::vector<Index>(ends.begin(), ends.end()));

@@ -32,9 +32,10 @@ std::vector<glm::dvec3> velocities(const Snapshot& snapshot);
 /// and velocity along x, y and z. Numbers read back as the same bits.
 std::string csv(const Snapshot& snapshot);
 
-/// VTK ImageData: one point per voxel, at its centre. If a volume's file places its grid, Origin and
-/// Direction are those of the file and vectors are in its coordinates. Otherwise the grid begins at 0 and its
-/// axes are the coordinates. Inactive voxels have zeros in the point data:
+/// VTK ImageData: one point per voxel, at its centre; with particles at corners, one point per corner. If a
+/// volume file or mesh places the grid, Origin and Direction say where it lies in the file's coordinates, and
+/// vectors are in these. Otherwise the grid begins at 0 and its axes are the coordinates. Inactive voxels
+/// have zeros in the point data:
 ///
 ///     active        uint8       1 if the voxel has a particle, otherwise 0
 ///     label         uint8       m + 1 for a particle of material m, 0 without a particle

@@ -28,9 +28,9 @@ inline constexpr glm::ivec2 default_size{1280, 960};
 /// to look_at(), and a colour scale up to the largest value in them. The legend of a picture states the
 /// largest value in that picture. A single picture needs no look_at().
 ///
-/// If something holds a part of the body, particles of parts that nothing holds (parts.h) are drawn but do
-/// not affect the camera or the scale. They may drift so far that the held part would shrink to a dot of one
-/// colour.
+/// If something holds a part of the body, particles of parts that nothing holds at the run's start (parts.h)
+/// are drawn, but their motion affects neither the camera nor the scale. They may drift so far that the held
+/// part would shrink to a dot of one colour.
 class Pictures {
 public:
     /// The sides of `size` are from min_picture_side to max_picture_side. Throws Unavailable if there is no

@@ -23,9 +23,9 @@ struct SavedState {
 
 /// Reads displacement, increment, step and springs from the arrays that npz() lists, with the same bits.
 /// Throws BadInput if the file is of another kind, has a number that is not finite, differs from `scene` in
-/// its voxels, spacing or time step, or has lattice springs that are impossible on the scene's lattice
-/// because of their stiffness, rest length or particles. Allocates memory for the scene's state and for the
-/// springs that the file really has.
+/// its voxels, spacing or time step, has lattice springs that are impossible on the scene's lattice because
+/// of their stiffness, rest length or particles, or has other springs that are impossible. Allocates memory
+/// for the scene's state and for the springs that the file really has.
 SavedState read_saved_state(const std::filesystem::path& file, const Scene& scene);
 
 /// The number of springs in which the state differs from `scene` after the same number of steps: they were

@@ -13,7 +13,8 @@
 namespace voxspring {
 namespace {
 
-/// Adds a note if `others`, the number of cells other than triangles, polygons and tetrahedra, is not 0.
+/// Adds a note if `others`, the number of cells that are left out, is not 0. Gmsh's points and lines of up to
+/// three nodes are not counted.
 void note_others(Mesh& mesh, std::size_t others) {
     if (others > 0)
         mesh.notes.push_back(

@@ -85,7 +85,8 @@ void add_polygon(Mesh& mesh, const Corners& corners) {
         mesh.triangles.push_back({corners[0], corners[n - 1], corners[n]});
 }
 
-/// Readers, one per format. They check neither indices nor coordinates: parse_mesh() does.
+/// Readers, one per format. parse_mesh() checks indices and coordinates; of the readers only read_stl()
+/// refuses a coordinate that is NaN.
 Mesh read_stl(MeshBytes& bytes);
 Mesh read_obj(MeshBytes& bytes);
 Mesh read_ply(MeshBytes& bytes);

@@ -21,7 +21,8 @@ struct MeshFacts {
     std::size_t flat = 0;                ///< triangles without an area
     std::size_t turned = 0;              ///< triangles whose order of corners was reversed, see Surface
     glm::dvec3 low{0}, high{0};          ///< the box around the triangles
-    double volume = 0;                   ///< volume inside the surface, with holes closed by caps
+    /// Volume by the divergence theorem, with holes closed by caps. An overlap of two parts counts twice.
+    double volume = 0;
 };
 
 /// A closed surface: the triangles of a mesh, and caps. A cap is a fan of triangles that closes a hole. With

@@ -13,10 +13,12 @@
 
 namespace voxspring {
 
-/// The number of voxels along the longest side of a mesh if the user chose no pitch (edge of a voxel).
+/// About how many voxels there are along the longest side of a mesh if the user chose no pitch (edge of a
+/// voxel).
 inline constexpr int default_voxels = 64;
 
-/// A voxel belongs to the body if at least this fraction of it lies inside.
+/// A voxel belongs to the body if at least this fraction of it lies inside, unless the user chose another
+/// one.
 inline constexpr double default_fill = 0.5;
 
 /// A mesh and the grid that was made of it.
@@ -46,8 +48,8 @@ double default_pitch(const MeshFacts& facts);
 /// winding number above 1/2 with respect to the mesh. That is the inside of a closed surface. Where the
 /// surface has a hole, the inside ends about where a film across the hole would be. The fraction is measured
 /// along 16 lines through the voxel. Equal input gives equal bits with any number of threads. Without a pitch
-/// default_pitch() is used, and a note says so. Throws BadInput if the grid is too large for `limits`, if too
-/// many triangles overlap each other, or if no voxel is active.
+/// default_pitch() is used, and a note says so. Throws BadInput if the grid is too large for `limits`, if the
+/// pitch is below min_quantity, if too many triangles overlap each other, or if no voxel is active.
 Voxelised voxelise(Mesh mesh, std::optional<double> pitch, double fill, const SceneSizeLimits& limits);
 
 }  // namespace voxspring

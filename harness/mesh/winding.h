@@ -15,8 +15,8 @@ using Corners = std::array<glm::dvec3, 3>;
 /// The winding number of one triangle, exact (van Oosterom and Strackee 1983).
 double winding_of(const Corners& triangle, const glm::dvec3& point);
 
-/// Winding numbers in logarithmic time: a tree of boxes, each of which acts from afar like one small triangle
-/// (Barill et al., Fast Winding Numbers for Soups and Clouds, 2018).
+/// Winding numbers in logarithmic time: a tree of groups of triangles, each of which acts from afar like one
+/// small triangle (Barill et al., Fast Winding Numbers for Soups and Clouds, 2018).
 class WindingTree {
 public:
     explicit WindingTree(std::vector<Corners> triangles);

@@ -18,14 +18,14 @@
 
 namespace voxspring {
 
-/// Thrown instead of beginning further work after Ctrl-C was pressed.
+/// Thrown instead of beginning further work after SIGINT (Ctrl-C) or SIGTERM.
 class Interrupted : public std::exception {
 public:
     const char* what() const noexcept override { return "interrupted"; }
 };
 
-/// How many processes measure each time or rate of the host's processor. Such a figure differs between
-/// processes, since it depends on where the system puts a process's memory and threads.
+/// How many processes time the batches of a backend that steps on the host (measure.h). A time differs
+/// between processes, since it depends on where the system puts a process's memory and threads.
 constexpr int host_processes = 3;
 
 /// How many processes of a commit measure the limits of a card. Later ones take the best of these. The first
@@ -65,14 +65,16 @@ public:
     nlohmann::json introduce();
     /// To construct the backends of several cases at the same time, call begin_introduction() of each case,
     /// then await_introduction() of each, then introduce(). Each construction then takes longer than alone.
-    /// Errors are kept until introduce(), which throws them.
+    /// Backends in one process are constructed one after the other. Errors are kept until introduce(), which
+    /// throws them.
     void begin_introduction();
     void await_introduction();
     /// The capabilities of the backend, after introduce().
     const nlohmann::json& capabilities() const;
     /// Asks the CaseRunner in the worker process a question, and returns the answer. `doing` says in messages
-    /// what the process was doing. Throws Interrupted, before asking, if Ctrl-C was pressed; BadInput if the
-    /// device is not the one in the journal; and what Worker::ask() throws.
+    /// what the process was doing. Throws Interrupted, before asking, after SIGINT or SIGTERM; BadInput if
+    /// the device is not the one in the journal; Unwritten; and what Worker's constructor and Worker::ask()
+    /// throw.
     nlohmann::json ask(const nlohmann::json& question, const std::string& doing,
                        const OnEvent& on_event = {});
     /// Returns the measurement `name` of the journal. If the journal has neither this measurement nor a
@@ -89,12 +91,12 @@ public:
     /// limits.h). Throws DeviceError if they cannot be measured. BadInput, Unwritten and Interrupted pass
     /// through.
     DeviceLimits measure_limits(JournalScope scope);
-    /// Ends the worker process, if there is one and no other case shares it. The next question starts another
-    /// process.
+    /// Ends the worker process, if there is one and no other case shares it. If it has ended, the next
+    /// question starts another process.
     void restart() { process_.reset(); }
     /// Starts a further worker process, asks it the questions in turn, and ends it. Returns the result of
-    /// introduce() in that process and then the answers. With `cold` that process finds no compiled kernel on
-    /// disk. Throws what ask() throws.
+    /// introduce() in that process and then the answers. With `cold` that process works without this
+    /// program's cache of compiled kernels on disk; a driver may have its own. Throws what ask() throws.
     std::vector<nlohmann::json> afresh(const std::vector<nlohmann::json>& questions, const std::string& doing,
                                        bool cold = false);
 
@@ -132,12 +134,12 @@ std::vector<BackendSpec> specs_of(const std::vector<Case>& cases);
 std::optional<std::string> failure_of(const std::function<void()>& action);
 
 /// Constructs a backend on `device` in a worker process. Returns what Case::introduce() returns, and throws
-/// what Worker::ask() throws.
+/// what Worker's constructor and Worker::ask() throw.
 nlohmann::json introduce(const BackendSpec& spec, Workers& workers, std::chrono::duration<double> timeout,
                          DeviceNumber device = {});
 
-/// case_description() makes the description of a case, with which its worker process is started. That process
-/// calls case_answerer(), which makes the Answerer of questions from the description.
+/// case_description() makes the description of a case, which its worker process receives. That process calls
+/// case_answerer(), which makes the Answerer of questions from the description.
 nlohmann::json case_description(const BackendSpec& spec, const CaseProgram& program);
 Answerer case_answerer(const nlohmann::json& description, const Scene* scene);
 

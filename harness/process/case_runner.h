@@ -31,7 +31,7 @@ public:
 using CaseRunnerFactory = std::function<std::unique_ptr<CaseRunner>(
     const BackendSpec& spec, const Scene& scene, const nlohmann::json& parameters, SharedState* shared)>;
 
-/// Registers a runner by a static object in the source file of a kind of study:
+/// Registers a runner by a static object in the runner's source file:
 /// `static const RegisteredCaseRunner runner("timing", ...);`
 struct RegisteredCaseRunner {
     RegisteredCaseRunner(const std::string& name, CaseRunnerFactory factory);
@@ -42,9 +42,9 @@ struct CaseProgram {
     std::string runner;
     nlohmann::json parameters = nlohmann::json::object();
     SharedState* shared = nullptr;  ///< must outlive the case
-    /// How many threads the case's process may use; 0: one per processor. Each of several cases that run at
-    /// the same time gets a share of the processors. With more threads than processors, threads that spin
-    /// while they wait would keep other processes from running.
+    /// How many threads the case's process may use; 0: one per processor. Cases on cards that
+    /// StudyBench::enter_all() constructs at the same time get equal shares of the processors. With more
+    /// threads than processors, threads that spin while they wait would keep other processes from running.
     int threads = 0;
     /// The device that all backends in the case's process use. The process selects it before it makes the
     /// first backend, since a backend opens its device in its constructor.

@@ -37,7 +37,7 @@ std::optional<nlohmann::json> object_of(std::string_view line) {
     return parsed_json(line);
 }
 
-/// The text that stands for a missing value, if only one of two compared objects has a key.
+/// The text that stands for null, and for a missing value if only one of two compared objects has a key.
 const std::string nothing = "nothing";
 
 /// `value` as text, without quotes and brackets.

@@ -25,7 +25,8 @@ class Unwritten : public std::runtime_error {
 /// The place at which two JSON values first differ, and the text of each at that place, for users.
 struct Difference {
     std::string where;  ///< keys and, in lists, numbers from 1: "scenes 2 1"; empty: the values as a whole
-    std::string there, here;  ///< the text of the first and of the second value; "nothing": no such key
+    /// The text of the first and of the second value. "nothing": there is no such key, or its value is null.
+    std::string there, here;
 };
 /// The first difference of two JSON values, which must differ.
 Difference first_difference(const nlohmann::json& there, const nlohmann::json& here);
@@ -60,7 +61,8 @@ public:
     /// Calls `visitor` for each finished measurement, sorted by name.
     void visit(
         const std::function<void(const std::string& name, const nlohmann::json& value)>& visitor) const;
-    /// How many times the study has been started or resumed, including this time.
+    /// How many times the study has been started or resumed, including this time. An earlier time without a
+    /// finished measurement does not count.
     int sessions() const { return session_; }
     /// The time that the study has taken so far: how long this session has been going on, plus for each
     /// earlier session the time until its last keep().

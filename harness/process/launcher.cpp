@@ -266,10 +266,10 @@ void serve_as_launcher(int socket, const MakeAnswerer& make) {
     // Makes the system kill this process when the study's process ends. If the study has ended before this
     // call, its end of the socket is closed, and send_message() below throws Closed.
     prctl(PR_SET_PDEATHSIG, SIGKILL);
-    // Without this call, lists of processes would show the name `exe`, after /proc/self/exe.
+    // A launcher that was started as /proc/self/exe would otherwise be shown as `exe` in lists of processes.
     prctl(PR_SET_NAME, program_invocation_short_name);
-    // Ctrl-C sends SIGINT to all processes of a terminal. The launcher and its workers ignore the signal, so
-    // that the study can let them finish their current work.
+    // Ctrl-C sends SIGINT to all processes in the foreground of a terminal. The launcher and its workers
+    // ignore the signal, so that the study can let them finish their current work.
     std::signal(SIGINT, SIG_IGN);
     std::signal(SIGTERM, SIG_IGN);
     // The launcher may have inherited that SIGCHLD is ignored. waitpid() would then not report how workers

@@ -1,9 +1,9 @@
 // The launcher, which starts worker processes.
 //
 // If a program with several threads calls fork(), the child may have locks that are held by threads that the
-// child does not have, so that nothing releases them. The study therefore starts its executable anew, as a
-// launcher: a process with one thread, which receives the scene once and forks the workers of all cases. The
-// workers share the scene in memory without copying it.
+// child does not have, so that nothing releases them. The study therefore starts its executable (or
+// StudyOptions::worker) anew, as a launcher: a process with one thread, which receives the scene once and
+// forks the workers of all cases. The workers share the scene in memory without copying it.
 #pragma once
 
 #include <sys/types.h>
@@ -27,9 +27,9 @@ class Launcher {
 public:
     /// Starts `program`, or this executable if `program` is empty, and sends it the scene. If the launcher
     /// takes longer for an answer than the request allows plus `own_patience`, it is killed and is_lost():
-    /// launchers compute nothing, but the machine may be busy. Throws BadInput unless `program` calls
-    /// worker_main() and is of this build, std::system_error if no further process can be started, and
-    /// std::runtime_error with the reason if the launcher does not take the scene.
+    /// launchers compute nothing, but the machine may be busy. Throws BadInput unless `program` can be
+    /// started, calls worker_main() and is of this build, std::system_error if no further process can be
+    /// started, and std::runtime_error with the reason if the launcher does not take the scene.
     Launcher(const std::filesystem::path& program, const Scene* scene,
              std::chrono::duration<double> own_patience = std::chrono::minutes(1));
     Launcher(const Launcher&) = delete;
@@ -46,7 +46,7 @@ public:
     /// Waits up to `patience` for a worker to end by itself, then kills it. Returns how it ended, in words.
     std::string end(pid_t process, std::chrono::duration<double> patience);
 
-    /// Whether the launcher has ended, and all its workers with it.
+    /// Whether the launcher is known to have ended, and all its workers with it.
     bool is_lost() const { return !lost_.empty(); }
 
 private:
@@ -85,7 +85,7 @@ private:
     std::filesystem::path program_;
     const Scene* scene_;
     std::shared_ptr<Launcher> launcher_;
-    /// The worker that Worker::ask() has asked last; null if that does not exist any more.
+    /// The worker that Worker::ask() has asked last; null if no worker has to come to rest.
     Worker* last_asked_ = nullptr;
 };
 
@@ -97,7 +97,7 @@ using Answerer = std::function<nlohmann::json(const nlohmann::json& question, co
 /// the launcher; null if the launcher has none.
 using MakeAnswerer = std::function<Answerer(const nlohmann::json& description, const Scene* scene)>;
 
-/// Turns this process into a launcher that answers requests on `socket`. Exits when the study ends.
+/// Turns this process into a launcher that answers requests on `socket`. Exits when the other end is closed.
 [[noreturn]] void serve_as_launcher(int socket, const MakeAnswerer& make);
 
 /// Makes this process, a child of the process `launcher`, answer the questions of one or more workers on

@@ -39,10 +39,10 @@ void send_descriptor(int socket, int descriptor);
 int receive_descriptor(int socket, const Deadline& until = std::nullopt);
 
 /// Sends `scene`, which may be null, to the process `receiver` at the other end of `socket`. All numbers keep
-/// their bits. Large arrays are not copied to a buffer, but written directly into the receiver's memory, on
-/// all cores. If the system does not allow that, they go through the socket. Before a large array the
-/// receiver may send {"error": REASON} and end, if it has no memory for the array. This function then throws
-/// std::runtime_error with the reason.
+/// their bits. Members that no worker uses are not sent (scene_stream.cpp). Large arrays are not copied to a
+/// buffer, but written directly into the receiver's memory, by all threads. If the system does not allow
+/// that, they go through the socket. Before a large array the receiver may send {"error": REASON} and end, if
+/// it has no memory for the array. This function then throws std::runtime_error with the reason.
 void send_scene(int socket, const Scene* scene, pid_t receiver);
 /// Receives what send_scene() sent; empty if that was null.
 std::optional<Scene> receive_scene(int socket);

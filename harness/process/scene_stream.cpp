@@ -98,8 +98,7 @@ template <class Stream, class Value>
 void pass_members(const Stream& stream, Value& value) {
     using Plain = std::remove_const_t<Value>;
     if constexpr (std::is_same_v<Plain, Scene>) {
-        // Volume, mesh, world and damping per second are not passed: only texts for users and exported files
-        // use them.
+        // Volume, mesh, world and damping per second are not passed, since no worker uses them.
         auto& [name, source, description, problem, state, edits, tool_motion, stable_time_step, volume, mesh,
                notes, world, damping_per_second] = value;
         pass_all(stream, name, source, description, problem, state, edits, tool_motion, stable_time_step,

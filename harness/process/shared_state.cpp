@@ -23,7 +23,7 @@ namespace {
     throw std::system_error(error, std::generic_category(), "cannot share memory with another process");
 }
 
-/// Copies on all cores, since one core takes most of a second for the state of 16 million particles. Few
+/// Copies by all threads, since one core takes most of a second for the state of 16 million particles. Few
 /// particles are copied on one core, which is done before the others have woken.
 void copy(std::span<const glm::dvec3> from, glm::dvec3* to) {
     constexpr std::size_t few = 65536;

@@ -10,10 +10,10 @@
 namespace voxspring {
 
 /// A page-aligned segment of memory, zero at first. Other processes attach to it by its number, segment().
-/// The system frees the segment when the last process that is attached ends, in whatever way.
+/// The system frees the segment when the last process that is attached detaches or ends, in whatever way.
 class SharedMemory {
 public:
-    /// Makes a segment. Its pages are allocated when they are first written. Throws std::system_error.
+    /// Makes a segment. Its pages are allocated when they are first accessed. Throws std::system_error.
     static SharedMemory of_bytes(std::size_t bytes);
     /// Attaches to a segment to which another process is still attached. Throws std::system_error.
     explicit SharedMemory(int segment);

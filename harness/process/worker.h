@@ -28,8 +28,8 @@ class WorkerLost : public std::runtime_error {
 /// arrive with the same bits; NaN and infinity arrive as such.
 ///
 /// Only one worker of a Workers object works at a time, except between begin() and finish(). Before ask()
-/// asks another worker, it waits until the threads of the previous worker are idle: they would otherwise take
-/// cores from the worker that is timed.
+/// asks a worker in another process, it waits until the threads of the previous worker are idle, but no
+/// longer than about 50 ms: they would otherwise take cores from the worker that is timed.
 class Worker {
 public:
     /// `description` says which Answerer to make (case.h). The answerer lives in `process`, or in a new

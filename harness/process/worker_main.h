@@ -1,13 +1,14 @@
-// The function that a program must call in main() in order to run studies.
+// The function that a program must call in main() so that studies can measure in processes of it.
 #pragma once
 
 #include <nlohmann/json_fwd.hpp>
 
 namespace voxspring {
 
-/// Must be the first call in main() of a program that calls run_study(). A study measures in further
-/// processes of the same executable, started as `PROGRAM worker --of-a-study`. In these processes the call
-/// does not return. In the program itself it returns at once, and has_worker_main() is true from then on.
+/// Must be the first call in main() of a program that StudyOptions::worker names, or that calls run_study()
+/// without naming one. A study measures in further processes of this program, started as `PROGRAM worker
+/// --of-a-study`. In these processes the call does not return. In the program itself it returns at once, and
+/// has_worker_main() is true from then on.
 /// Backends that the program adds must be registered before main(), by static objects. If a user starts
 /// `PROGRAM worker --of-a-study` by hand, the call prints a refusal and exits with code 2.
 void worker_main(int argc, char** argv);

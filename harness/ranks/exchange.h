@@ -1,11 +1,11 @@
 // How the parts of one body exchange their borders (the particles near other parts, which springs join to
-// these) after each step.
+// these) after each step. Backends whose borders travel within steps exchange them in each step.
 //
 // A rank is one part of a run: a subdomain (backends/layout/decomposition.h), its backend and one Exchange.
 // Messages go through memory of the host that threads or processes share. If borders move from device to
 // device (DeviceBorders of backends/facets.h: copies between peers, stores into the neighbour's memory,
-// NCCL), only empty messages are sent, which say that a transfer has been enqueued. So ranks wait, meet and
-// fail in the same way in both cases.
+// NCCL), only empty messages are sent, which say that a transfer has been enqueued or that a rank has called
+// meet(). So ranks wait, meet and fail in the same way in both cases.
 #pragma once
 
 #include <chrono>
@@ -102,15 +102,15 @@ private:
     std::map<std::pair<int, int>, std::size_t> begin_;  ///< first Line of a mailbox, by {sender, receiver}
 };
 
-/// Another rank failed or sent nothing for too long, so this rank cannot go on. The message says which rank
-/// it was, and why it failed.
+/// Another rank failed, or a rank waited too long for another, so this rank cannot go on. The message says
+/// which rank it was, and why it failed.
 class RankLost : public std::runtime_error {
     using std::runtime_error::runtime_error;
 };
 
 /// One rank's side of the exchange, through a mailroom. Messages between two ranks arrive in the order in
-/// which they were sent. A call that waits throws RankLost once any rank has failed, or if the other side
-/// sends nothing for too long.
+/// which they were sent. A call that waits throws RankLost once any rank has failed, or if it has waited too
+/// long for the other side.
 class Exchange {
 public:
     Exchange(const Mailroom& mailroom, int rank);
@@ -131,7 +131,7 @@ public:
     /// Makes every rank that waits throw RankLost with this reason, or with an earlier reason if the run has
     /// already failed. Returns whether this reason was the first.
     bool fail(const std::string& reason) noexcept { return mailroom_.fail(reason); }
-    /// A rank that sends nothing for this long counts as lost. The initial value is 10 s.
+    /// A rank for which a call has waited this long counts as lost. The initial value is 10 s.
     void set_patience(std::chrono::duration<double> patience) { patience_ = patience; }
 
 private:

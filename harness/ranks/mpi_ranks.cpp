@@ -219,8 +219,8 @@ std::vector<nlohmann::json> Carrier::carry(const std::function<nlohmann::json()>
 
 constexpr std::size_t most_at_once = std::size_t(1) << 20;  // vectors per message; MPI counts bytes in an int
 
-/// Returns once rank 0 has the vectors. This cannot deadlock: rank 0 receives from one rank after the other
-/// and sends nothing meanwhile.
+/// Returns once the vectors may change, maybe only when rank 0 receives them. This cannot deadlock: rank 0
+/// receives from one rank after the other and sends nothing meanwhile.
 void send_vectors(const OpenMpi& mpi, const std::vector<glm::dvec3>& vectors) {
     for (std::size_t begin = 0; begin < vectors.size(); begin += most_at_once) {
         const std::size_t count = std::min(most_at_once, vectors.size() - begin);

@@ -27,9 +27,9 @@
 
 namespace voxspring {
 
-/// A run of one scene by all ranks. Every rank gets a copy of this task.
+/// A run of one scene by several ranks. Each rank that takes part gets a copy of this task.
 struct RankTask {
-    std::string scene;        ///< the argument of load_scene(), for every rank
+    std::string scene;        ///< the argument of load_scene(), for each of these ranks
     bool strained = false;    ///< whether steps begin at strained_start() instead of the scene's start
     std::string fingerprint;  ///< fingerprint_of(scene), to check that all have the same
     std::string backend;      ///< the argument of BackendSpec::parse()

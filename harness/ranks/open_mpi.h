@@ -17,7 +17,7 @@ namespace voxspring {
 class OpenMpi {
 public:
     /// The result is null if mpirun did not start this process. Throws BadInput with the reason if mpirun
-    /// started it and Open MPI cannot be loaded.
+    /// started it and Open MPI cannot be used.
     static std::unique_ptr<OpenMpi> join();
     OpenMpi() = default;
     OpenMpi(const OpenMpi&) = delete;

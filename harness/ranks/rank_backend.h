@@ -1,5 +1,5 @@
 // Steps one rank's subdomain on a backend. After each step it sends the subdomain's borders and receives
-// those of its neighbours.
+// those of its neighbours, unless borders travel within steps.
 #pragma once
 
 #include <atomic>
@@ -25,7 +25,9 @@ struct PartsOnDevices {
     std::atomic<bool> all_keep_start = true;              ///< false once a rank could not
 };
 
-/// Where the time of a rank's steps went, in seconds.
+/// Where the time of a rank's steps went, in seconds. If borders go from device to device, the wait for the
+/// neighbours' borders counts as `exchange` or, if borders travel within steps, as `compute`. `waiting` then
+/// has only the wait for all ranks to begin.
 struct RankSeconds {
     double compute = 0;   ///< stepping
     double exchange = 0;  ///< reading, sending and writing borders
@@ -37,7 +39,7 @@ class RankBackend final : public Backend, public ToolFacet {
 public:
     /// All arguments must outlive this object. If `parts` is not null, borders go from device to device by
     /// `way`, one of Capabilities::border_ways. In that case all ranks must meet() and connect() after each
-    /// upload(), before anything else.
+    /// upload(), before anything else but keep_start().
     RankBackend(Backend& inner, const Subdomain& subdomain, Exchange& exchange, std::string way = {},
                 PartsOnDevices* parts = nullptr)
         : inner_(inner), subdomain_(subdomain), exchange_(exchange), way_(std::move(way)), parts_(parts) {}
@@ -74,8 +76,8 @@ public:
     /// Ends what connect() began. To be called when all ranks have met after the last step, if none failed.
     void disconnect();
     /// Sends borders to the neighbours, and writes the neighbours' borders to the ghosts (the copies that
-    /// this rank has of their particles); step() does this after each step. If borders go from device to
-    /// device, may return before the transfers are done.
+    /// this rank has of their particles). Unless exchanges_in_steps(), step() does this after each step. If
+    /// borders go from device to device, may return before the transfers are done.
     void exchange_borders();
     /// Sets whether the host waits for the device after each part of a step, so that take_seconds() can tell
     /// the parts apart. If borders go through the host's memory, the host always waits; otherwise it does not

@@ -36,11 +36,11 @@ struct adl_serializer<std::chrono::duration<double>> {
 namespace voxspring {
 
 /// What each rank runs: a warm-up batch and `repetitions` timed batches, each of `steps` steps from the
-/// start.
+/// start. If borders go from device to device, one more batch measures the parts of a step.
 struct RankPlan {
     int steps = 0;
     int repetitions = 0;
-    /// How long a rank may send nothing: until all ranks are connected, and after that.
+    /// How long a rank may wait for another one: until all ranks are connected, and after that.
     std::chrono::duration<double> start_patience{1800}, patience{10};
     /// Rank r takes device number devices[r % size]. Empty: ranks take the available devices in turn.
     std::vector<int> devices = {};
@@ -60,7 +60,8 @@ NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(Decomposition::Brick, begin, end)
 NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(RankPlan, steps, repetitions, start_patience, patience, devices, way, cut,
                                    sampled)
 
-/// One batch of one rank, in seconds.
+/// One batch of one rank, in seconds. If borders go from device to device, all but `total` are those of the
+/// batch that measures the parts of a step.
 struct RankBatch {
     double total = 0, compute = 0, exchange = 0, waiting = 0;
 };

@@ -91,8 +91,8 @@ Verdicts verdicts_of(const Result& result);
 std::string threshold_text(const std::optional<VerdictPart>& verdict);
 std::string threshold_text(const Row& row, const Verdicts& verdicts);
 
-/// Prints what "*" and "not verified" in threshold_text() mean, if a row has them. Also prints a line if only
-/// the last repetition of a row was judged.
+/// Prints what "*" in threshold_text() means, if a row has a run from a strained start, and which rows are
+/// not verified. Also prints a line if only the last repetition of a row was judged.
 void print_thresholds(const std::vector<Row>& rows, const Verdicts& verdicts, std::ostream& out);
 
 /// Prints the rows whose time is shorter than their limit, if any. Such a limit is wrong, not the time.

@@ -75,7 +75,7 @@ private:
 void to_json(nlohmann::json& json, const Result& result);
 
 /// `context.voxspring`: the build (commit, whether the tree was clean, compilers, their flags) and the
-/// processor that it runs on. The study adds the GPU.
+/// processor and operating system that it runs on. The study adds the rest.
 nlohmann::json build_context();
 
 }  // namespace voxspring

@@ -1,5 +1,6 @@
 // A row of a result: what was measured in one case (results/schema.json). A row consists of parts. Each part
-// lists its JSON keys once, in `fields`, for reading and for writing (row_fields.h).
+// lists its JSON keys once, in `fields`, for reading and for writing (row_fields.h); row.cpp lists those of
+// Errors.
 #pragma once
 
 #include <cstdint>
@@ -17,7 +18,8 @@ namespace voxspring {
 
 /// The scene and the backend of a row.
 struct Identity {
-    std::string name = {};  ///< SCENE/BACKEND/FORMULATION/PRECISION[/TUNING]
+    /// SCENE/BACKEND/FORMULATION/PRECISION[/TUNING]. In `benchmarks` the suffix of Google Benchmark follows.
+    std::string name = {};
     std::string scene = {}, backend = {}, formulation = {}, precision = {}, tuning = {};
 
     static void fields(auto& part, auto& of) {
@@ -88,7 +90,8 @@ struct LimitPart {
     std::optional<double> seconds = {};
     std::optional<std::string> limited_by = {};
     std::optional<double> fraction = {};  ///< `seconds` over the measured time; only if is_time()
-    /// What a step moves and computes (see StepWork); empty if a step may leave out parts of the body.
+    /// What a step moves and computes (see StepWork); empty if it is not known, or if steps leave out parts
+    /// of the body.
     std::optional<std::uint64_t> bytes = {}, written_bytes = {}, footprint_bytes = {}, operations = {};
 
     static void fields(auto& part, auto& of) {
@@ -182,7 +185,7 @@ struct StrainedPart {
 struct VerdictPart {
     bool passed = false, finite = false;
     std::optional<double> error_rms = {}, tolerance = {}, tolerance_rms = {};
-    /// Figures of runs of the reference that are rounded at random; empty if there were no such runs.
+    /// Figures of runs of the reference with rounding added (Spread); empty if there were no such runs.
     std::optional<double> spread_max = {}, spread_rms = {}, motion_max = {}, motion_rms = {};
     std::optional<WorkCount> work = {};
     // The members from here on are not in older files. In these only the last repetition was judged.
@@ -239,7 +242,7 @@ struct Row {
     std::vector<std::string> noisy = {};  ///< reasons not to trust the time
     /// Range of the card's clock, which is read after each repetition.
     std::optional<unsigned> min_card_mhz = {}, max_card_mhz = {};
-    std::optional<std::string> reason = {};   ///< why the case was skipped, failed or chosen
+    std::optional<std::string> reason = {};   ///< why the case was skipped, failed, diverged or was chosen
     std::optional<std::string> pattern = {};  ///< "auto..." as asked for; only in the list `auto`
 
     /// The time per step, in seconds. The row must have a benchmark.

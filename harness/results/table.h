@@ -31,8 +31,9 @@ struct Column {
 void print_columns(const std::vector<Column>& columns, const std::vector<std::vector<std::string>>& rows,
                    TableWidth width, std::ostream& out);
 
-/// `text` in at most `length` characters. What is left out is replaced by "...". Two thirds of the characters
-/// that are kept stand before it and one third behind, since names of backends often differ near their end.
+/// `text` in at most `length` characters. What is left out is replaced by "...", if `length` is above 3. Two
+/// thirds of the characters that are kept stand before it and one third behind, since names of backends often
+/// differ near their end.
 std::string shortened(const std::string& text, std::size_t length);
 
 /// error_cell() returns text like "1.2e-05", percent_cell() like "12%"; both return "-" for no value.

@@ -19,8 +19,9 @@ struct VoxelMaterial {
 /// voxel gives an eighth of its mass to each of its corners, a quarter of its material's stiffness to each of
 /// its 12 edges (face springs), half of it to each of its 12 face diagonals (edge springs) and all of it to
 /// its 4 space diagonals (corner springs). A homogeneous strain then has in every voxel the energy that it
-/// has in the continuum. It exerts on every particle the force that trilinear finite elements exert, so that
-/// free surfaces are neither too stiff nor too soft.
+/// has in the continuum. With face and edge springs it exerts on every particle the force that trilinear
+/// finite elements exert, so that free surfaces are neither too stiff nor too soft. With corner springs,
+/// shear puts other forces on particles at the corners of the body.
 ///
 /// Springs as stiff as a face spring deep inside materials[0] are lattice springs; all others are in
 /// Problem::springs. The lattice's dims are voxels.dims + 1, and particle (0, 0, 0) is at the origin.

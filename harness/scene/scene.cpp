@@ -100,7 +100,7 @@ LoadedDataset load_dataset(const SceneFile& scene, const std::string& file, cons
 }
 
 /// Replaces anatomical sides in `scene`, such as "left", by sides of the grid. For gravity, replaces the side
-/// that it points to by a vector along the grid's axes.
+/// that it points to by a vector, which may lie between the grid's axes.
 class AnatomicalSides {
 public:
     AnatomicalSides(const std::optional<VolumeFacts>& volume, std::vector<std::string>& notes)
@@ -373,8 +373,8 @@ bool is_body_by_itself(const SceneFile& scene) {
     return scene.dataset.is_from_file() && !scene.dataset.file_source;
 }
 
-/// A note on everything that was chosen for a user who gave no scene file with the volume or mesh. Only
-/// gravity has a separate note (gravity_of()).
+/// A note on what was chosen for a user who gave no scene file with the volume or mesh. Gravity
+/// (gravity_of()) and the pitch of a mesh (voxelise()) have separate notes.
 std::string chosen_for_user(const SceneFile& file_says, const Scene& scene) {
     const bool above_zero = !scene.mesh && !file_says.dataset.threshold && scene.volume->labels.empty();
     const Region& pinned = file_says.pinned.front();
@@ -459,7 +459,8 @@ double choose_time_step(const TimeStep& chosen, double stable, const Problem& li
     throw BadInput(file, "time_step", missing, accepted);
 }
 
-/// Reads the tool's motion: built in for a built-in scene, otherwise a file beside the scene file.
+/// Reads the tool's motion: built in for a built-in scene, otherwise a file. A relative path starts at the
+/// scene file's folder.
 ToolMotion load_motion(const ToolSpec& tool, const std::string& file, bool is_builtin) {
     if (is_builtin) {
         return parse_tool_motion(builtin_motion_files.at(tool.motion), tool.motion, tool.time_scale,
@@ -520,7 +521,8 @@ std::string what_follows(const Scene& scene) {
             std::max(stiffest, problem.has_materials() ? material.stiffness : problem.group_stiffness[0]);
         heaviest = std::max(heaviest, material.mass);
     }
-    // With particles at corners, springs of all tissues but the first are not the lattice's.
+    // With particles at corners, springs of tissues of another stiffness than the first are not the
+    // lattice's.
     for (const Spring& spring : problem.springs) stiffest = std::max(stiffest, spring.stiffness);
     // The factor by which damp() has multiplied masses is the inverse of this one.
     if (scene.damping_per_second > 0) heaviest *= 1 - problem.damping / 2;
@@ -530,7 +532,7 @@ std::string what_follows(const Scene& scene) {
         stiffest, heaviest, problem.time_step, problem.damping, world.length, world.force());
 }
 
-/// The scene's gravity. Adds a note if the user has not chosen the gravity.
+/// The scene's gravity. Adds a note if the user of a volume or mesh without a scene file has not chosen it.
 glm::dvec3 gravity_of(const SceneFile& scene, const glm::dvec3& spacing, std::vector<std::string>& notes) {
     if (scene.gravity_in_voxels && scene.young)
         notes.push_back(

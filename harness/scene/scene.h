@@ -28,7 +28,7 @@ struct ScheduledEdit {
 };
 
 struct Scene {
-    /// The scene's name in result rows: the built-in name, or the name of the scene file or volume file
+    /// The scene's name in result rows: the built-in name, or the name of the scene file, volume file or mesh
     /// without its folder, followed by "@WxHxD" or "@N" if the argument resized it. The name has no '/'.
     /// Scenes from different folders may have the same name.
     std::string name;
@@ -46,8 +46,8 @@ struct Scene {
     /// Present if the voxels come from a volume file or a mesh. A mesh has only VolumeFacts::placement.
     std::optional<VolumeFacts> volume = {};
     std::shared_ptr<const MeshInGrid> mesh = {};  ///< null unless the voxels come from a mesh
-    /// What the loader guessed, rounded or left out, for the user to know. Each note is a sentence that
-    /// begins with a small letter and has no full stop.
+    /// What the loader guessed, rounded or left out, for the user to know. Each note begins with a small
+    /// letter, a number or a name, and has no full stop.
     std::vector<std::string> notes = {};
     std::optional<WorldUnits> world = {};  ///< present if the scene gives Young's modulus
     /// 0 also if the scene gives damping per step. If it is not 0, loading has changed masses and gravity so
@@ -55,7 +55,8 @@ struct Scene {
     double damping_per_second = 0;
 };
 
-/// Writes the notes to standard error, one per line. Every command that loads scenes calls it once per scene.
+/// Writes the notes to standard error, one per line. The commands that run scenes call it once per scene;
+/// `info` prints the notes itself.
 void say_notes(const Scene& scene);
 
 /// Whether a process that runs the scene on a device needs much memory and many processors. More than a few
@@ -71,7 +72,8 @@ inline bool is_heavy(const Scene& scene) {
 /// one slice thick along this axis is pinned at a side of its longest axis instead. "@N" or "@WxHxD" after a
 /// built-in name or a scene file gives its box or heart other dims: "box@64", "heart@120x102x92".
 ///
-/// Throws BadInput. Allocates memory in proportion to what was really read, and never beyond `limits`.
+/// Throws BadInput. Reading a file allocates memory in proportion to what was really read. No grid exceeds
+/// `limits`.
 Scene load_scene(const std::string& argument,
                  const SceneSizeLimits& limits = SceneSizeLimits::of_this_machine());
 
@@ -125,8 +127,8 @@ Scene parse_scene(const std::string& text, const std::string& file, const SceneS
 /// Makes a scene, without edits, of a problem that was built in memory. An empty list in `state` stands for
 /// zeros; for a body at rest both lists may be empty. A time step of 0 is replaced by half of the stable one.
 /// Throws std::invalid_argument, whose message says what is wrong: the name is empty or has a '/' or a blank,
-/// an array does not have one element per particle (or none, where that is allowed), or a number or index is
-/// outside its range.
+/// an array does not have one element per particle (or none, where that is allowed), a number or index is
+/// outside its range, or masks, pins, voxels and rest positions contradict each other.
 Scene scene_of(const std::string& name, Problem problem, State state = {});
 
 /// The scene's problem with every spring that any of its edits adds beyond the lattice. The stable time step

@@ -1,6 +1,6 @@
-// The content of a scene file, before any voxel is made. The reader checks each key by itself and accepts
-// exactly what results/scene.schema.json accepts; scene.cpp and edit_schedule.cpp check what depends on the
-// voxels.
+// The content of a scene file, before any voxel is made. The reader accepts what results/scene.schema.json
+// accepts, except that it also checks the range of a number in a text with a unit; scene.cpp and
+// edit_schedule.cpp check what depends on the voxels.
 #pragma once
 
 #include <cstdint>
@@ -21,7 +21,7 @@ enum class DatasetType : std::uint8_t { box, heart, volume, mesh };
 struct DatasetSpec : BodyChoice {
     DatasetType type = DatasetType::box;
     glm::ivec3 dims{0};      ///< number of voxels of a box or heart along each axis
-    double missing = 0;      ///< fraction of the box's or heart's voxels that are left out at random
+    double missing = 0;      ///< probability with which each voxel of a box or heart is left out
     std::uint64_t seed = 0;  ///< for the random choice of the voxels left out
     std::string file;        ///< path of a volume or mesh, relative to the scene file
     /// JSON value of `file`, for messages; absent without a scene file.
@@ -50,8 +50,8 @@ struct Region {
     int axis = 0;        ///< axis that the side is perpendicular to: 0, 1 or 2
     bool upper = false;  ///< whether it is the side with the larger coordinate
     int slices = 1;      ///< number of slices, counted from the side inward
-    /// If > 0, replaces `slices`: the region covers this fraction of the active voxels' extent along `axis`,
-    /// and at least one slice.
+    /// If > 0, replaces `slices`: the region covers this fraction of the particles' extent along `axis`,
+    /// rounded to whole slices, and at least one slice.
     double fraction = 0;
     glm::ivec3 from{0};
     glm::ivec3 to{0};
@@ -129,8 +129,8 @@ struct SceneFile {
     std::optional<double> damping_per_second;       ///< replaces `damping`
     glm::dvec3 gravity{0};                          ///< in m/s^2 if `young` is given
     std::optional<GravityTowards> gravity_towards;  ///< replaces `gravity`
-    /// Whether `gravity` is a default. A default is multiplied by the spacing, axis by axis, unless `young`
-    /// is given.
+    /// Whether `gravity` is that of the scene `heart`, as the default of a body without a scene file. It is
+    /// multiplied by the spacing, axis by axis, unless `young` is given.
     bool gravity_in_voxels = false;
     TimeStep time_step;
     std::vector<Region> pinned;
@@ -148,7 +148,8 @@ std::string to_string(SpringGroup group);
 
 /// The edits of `specs` in the order in which they are made. Each is computed on `problem` as the edits
 /// before it have left it. Repetitions that change no spring are left out. Throws BadInput if a suture names
-/// invalid voxels, if no repetition of an edit changes a spring, or if the edits exceed `limits`.
+/// invalid voxels or adds springs longer than eight spacings, if no repetition of an edit changes a spring,
+/// if one is due after more than 2^31 - 1 steps, or if the edits exceed `limits`.
 std::vector<ScheduledEdit> schedule_edits(const std::vector<EditSpec>& specs, const Problem& problem,
                                           const SceneSizeLimits& limits);
 

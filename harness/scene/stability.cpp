@@ -28,8 +28,8 @@ double largest_eigenvalue(const Eigen::Matrix3d& symmetric) {
         .maxCoeff();
 }
 
-/// The stiffness matrix of a spring of stiffness 1 along the unit vector `r`. If the spring is longer than at
-/// rest, it also acts across.
+/// The stiffness matrix of a spring of stiffness 1 along the unit vector `r`. If the spring is longer than
+/// its rest length, it also acts across.
 Eigen::Matrix3d matrix_of(const glm::dvec3& r, double length, double rest_length) {
     const Eigen::Matrix3d along = outer_product(r);
     const double transverse = std::max(0.0, 1 - rest_length / length);
@@ -64,7 +64,8 @@ struct LinearSpring {
     Eigen::Vector3d direction;
 };
 
-/// All springs except those between two pinned particles. Stiffnesses are in units of `stiffness`.
+/// All springs except the tool's and those between two pinned particles. Stiffnesses are in units of
+/// `stiffness`.
 std::vector<LinearSpring> linear_springs(const Problem& problem, const std::vector<glm::dvec3>& displacement,
                                          double stiffness) {
     const double shortest = std::sqrt(problem.shortest_squared());
@@ -151,7 +152,7 @@ std::vector<double> fast_start(const Problem& problem) {
 /// Lanczos' iteration ends at this relative residual, or gives up after this number of multiplications.
 constexpr double max_residual = 1e-6;
 constexpr int max_multiplications = 1000;
-/// The largest number of particles for which the iteration is run. For more it takes minutes.
+/// The largest number of particles for which the iteration is run. For many more it takes minutes.
 constexpr std::size_t max_oscillators = 300'000;
 
 /// The largest eigenvalue of the symmetric tridiagonal matrix that Lanczos' iteration has built so far, and

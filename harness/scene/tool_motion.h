@@ -31,9 +31,9 @@ struct ToolMotion {
 };
 
 /// The motion in the CSV `text`, with times and lengths multiplied by the given scales. Messages name `file`.
-/// Throws BadInput, naming the line, if the header is wrong, if a value is missing or is no number from -1e12
-/// to 1e12, if a time is not later than the one before, or if an interval is longer than ten times the
-/// median. Also throws BadInput if there are fewer than two samples.
+/// Throws BadInput, naming the line, if the header is wrong, if a line is not four numbers from -1e12 to
+/// 1e12, if a time is not later than the one before, or if an interval is longer than ten times the median.
+/// Also throws BadInput if there are fewer than two samples.
 ToolMotion parse_tool_motion(std::string_view text, const std::string& file, double time_scale,
                              double length_scale);
 /// Reads `file`, of at most 64 MiB, as parse_tool_motion() reads a text. Throws BadInput.

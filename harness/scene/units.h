@@ -12,7 +12,7 @@ namespace voxspring {
 
 /// The material of the voxels with one label.
 struct Tissue {
-    std::string label;   ///< empty if the body has one material
+    std::string label;   ///< empty if the body has one label
     double young = 0;    ///< Young's modulus in Pa
     double density = 0;  ///< in kg/m^3
 

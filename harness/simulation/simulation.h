@@ -21,10 +21,10 @@ namespace voxspring {
 /// The model of an interactive simulation, without its window. Places are rest position plus displacement, in
 /// the scene's unit of length. Not thread-safe.
 ///
-/// A function that returns a text returns the reason why it changed nothing, or an empty text if it did what
-/// was asked. A DeviceError of the backend passes through, and makes the backend unusable: every function
-/// that needs the backend then throws the same error again. save() still writes the state that was kept last
-/// (see state()), and switch_to() goes on from that state with another backend.
+/// take_hold(), switch_to() and compare() return the reason why they changed nothing, or an empty text if
+/// they did what was asked. A DeviceError of the backend passes through, and makes the backend unusable:
+/// every function that needs the backend then throws the same error again. save() still writes the state that
+/// was kept last (see state()), and switch_to() goes on from that state with another backend.
 class Simulation {
 public:
     /// Begins at the scene's start. `made` is a backend of the specification `spec`; if it is null, the
@@ -37,8 +37,8 @@ public:
     const Scene& scene() const { return scene_; }
     /// The problem after all edits, cuts and sutures so far, with the present tool (see take_hold()).
     const Problem& problem() const { return problem_; }
-    /// The backend, for calls of Backend::capabilities() and Backend::timed(). Steps and changes must be made
-    /// by functions of Simulation.
+    /// The backend, for calls such as Backend::capabilities(), feeds(), synchronize() and timed(). Steps and
+    /// changes must be made by functions of Simulation.
     Backend& backend() { return *main_.backend; }
     std::string backend_label() const { return spec_.label(); }
     std::int64_t steps() const { return steps_; }  ///< number of steps since the scene's start
@@ -52,9 +52,9 @@ public:
     /// joined springs, only the part of an edit that still applies is made. Also moves the scene's tool,
     /// until take_hold() is called. May return before the backend has run the steps, as Backend::step() does.
     void step(int count);
-    /// The state after the steps so far. It is downloaded if a step was taken since the last download. The
-    /// reference is valid until the next call of a non-const function. If the state is finite(), it is kept,
-    /// together with the present springs, for save() and switch_to().
+    /// The state after the steps so far. It is downloaded if a step was taken, or reset() or switch_to() was
+    /// called, since the last download. The reference is valid until the next call of a non-const function.
+    /// If the state is finite(), it is kept, together with the present springs, for save() and switch_to().
     const State& state();
     void keep_state() { (void)state(); }
     std::int64_t kept_steps() const { return kept_.steps; }  ///< step of the state kept last
@@ -66,7 +66,8 @@ public:
     /// go. `stiffness`, a force per length, is the sum over all springs of the hand. It is reduced where the
     /// time step might become unstable: the hand's springs may use two fifths of the margin by which the
     /// square of the body's largest angular frequency may grow before the time step becomes unstable. Refuses
-    /// a negative radius, a stiffness that is not above 0, and NaN.
+    /// a negative radius, a stiffness that is not above 0, and NaN. Also refuses if there is no such margin,
+    /// if the backend does not support the tool, or if the present state is not finite.
     std::string take_hold(const glm::dvec3& place, double radius, double stiffness);
     static constexpr std::size_t max_held = 4096;
     bool holds() const { return holds_; }

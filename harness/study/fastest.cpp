@@ -22,12 +22,12 @@
 namespace voxspring {
 namespace {
 
-/// A row whose repetitions are split into two halves. The fastest row is chosen by the median of one half,
-/// and its reported time is the median of the other half. The least of many medians is partly luck, and the
-/// other half is free of that bias.
+/// A row whose repetitions, if there are enough, are split into two halves. The fastest row is chosen by the
+/// median of one half, and its reported time is the median of the other half. The least of many medians is
+/// partly luck, and the other half is free of that bias.
 struct SplitCase {
     Row row;
-    double chosen_by = 0;  ///< us per step, the median of the half that chooses
+    double chosen_by = 0;  ///< us per step, the median of the half that chooses or, if not split, of all
 };
 using SplitCases = std::vector<SplitCase>;
 

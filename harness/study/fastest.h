@@ -45,7 +45,9 @@ std::vector<nlohmann::json> fastest_of(const Result& result, const std::vector<T
 /// Reads the list `targets` of a study file. Throws BadInput.
 std::vector<Target> read_targets(const JsonValue& list);
 
-/// Prints one line per block, then one line per target, the limits, and what was skipped and what failed.
+/// Prints one line per block and notes on these lines. Then prints, for each block, the fastest of the
+/// paper's strategies, what `auto` takes, and one line per target. At the end come the limits, and what was
+/// skipped and what failed.
 void print_fastest(const Result& result, std::ostream& out, TableWidth width = 0);
 
 }  // namespace voxspring

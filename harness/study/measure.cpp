@@ -48,7 +48,7 @@ struct StrainedRun {
 struct MeasurementContext {
     const Scene& scene;
     const Batch& batch;
-    const std::optional<ReferenceSolution>& solution;  ///< empty until the first warm-ups have begun
+    const std::optional<ReferenceSolution>& solution;  ///< present once the first warm-up has ended
     SharedState& state;
     State& left;  ///< receives the state that a case left
     int edits;    ///< number of edits within a batch
@@ -89,7 +89,7 @@ public:
 
     const BackendSpec& spec() const { return case_.spec(); }
     std::string label() const { return spec().label(); }
-    /// Whether the journal has nothing that this case left.
+    /// Whether the journal has neither the repetitions of this case nor a failure.
     bool is_new() const { return !known("repetitions") && failure_.empty(); }
     /// Whether the case failed in a process that it shares with others. Then another one may be at fault: it
     /// may have ended the process, or written into this case's memory. The case has to be measured again,
@@ -102,7 +102,7 @@ public:
         const bool took_long = done() >= least && seconds_ >= batch.most_seconds;
         return has_failed() || took_long ? 0 : batch.repetitions - done();
     }
-    /// Whether the case needs no further measurement. Needs the reference only if no repetition is missing.
+    /// Whether the case has all that its rows need. Needs the reference only if no repetition is missing.
     bool finished() const {
         if (failed_beside_others_) return false;
         return has_failed() || (missing() == 0 && !unjudged_ && (context_.edits == 0 || known("edits")) &&
@@ -269,7 +269,8 @@ public:
     bool lacks_strained_start() const {
         return !has_failed() && needs_strained_start() && !known("strained");
     }
-    /// Starts a batch from the strained start in the case's process, after everything that is timed.
+    /// Starts a batch from the strained start in the case's process, after everything that is timed but
+    /// sustain().
     void begin_strained_start() {
         if (!lacks_strained_start()) return;
         attempt([&] {
@@ -319,7 +320,7 @@ private:
         repetitions_.push_back(std::move(repetition));
     }
     /// The index of the process that makes a repetition. A backend that steps on the host is timed in several
-    /// processes, since its time depends on where a process's memory and threads lie.
+    /// processes if batches rewind, since its time depends on where a process's memory and threads lie.
     int process_of(int repetition) const {
         const int processes = on_host() && context_.batch.rewind ? host_processes : 1;
         return repetition * processes / std::max(processes, context_.batch.repetitions);
@@ -584,7 +585,8 @@ void TimedCase::add_rows(StudyBench& bench, int number) {
     for (const Row& one : google_benchmark_rows(row, repetitions, number)) bench.add("benchmarks", one);
 }
 
-/// Makes every case compile, several at once, since a compiler uses one thread only.
+/// Makes the cases compile for which begin_compiling() saves time, several at once, since a compiler uses one
+/// thread only.
 void compile_together(StudyBench& bench, std::vector<TimedCase>& cases) {
     at_once(
         cases.size(), bench.side_by_side(),
@@ -643,7 +645,7 @@ int repeat_interleaved(StudyBench& bench, std::vector<TimedCase>& cases) {
 }
 
 /// Judges the states that the cases' last repetitions left. This is done after all `total` repetitions, since
-/// it takes all cores and gigabytes of memory. Until then each state stays in its case's process, which does
+/// it takes all cores and gigabytes of memory. Until then each state stays in its case's backend, which does
 /// nothing else. While one state is judged, the next one is read; more states of a large scene would not fit
 /// into memory.
 void judge_states(StudyBench& bench, std::vector<TimedCase>& cases, int total) {
@@ -761,7 +763,7 @@ using SustainedRanks = std::map<std::pair<Formulation, Precision>, Rank>;
 /// Makes the fastest of `cases` in each formulation and precision step without a pause, unless a case of an
 /// earlier group was faster. A case on the host counts only if none on a device was measured in that
 /// formulation and precision: where a result has a device, nobody asks for the host's sustained speed. If the
-/// case fails meanwhile it gets no row, and the next one takes its place.
+/// case fails meanwhile its row is in `failed`, and the next one takes its place.
 void sustain_fastest(StudyBench& bench, std::vector<TimedCase>& cases, int total, SustainedRanks& best) {
     std::vector<std::pair<Rank, TimedCase*>> order;
     for (TimedCase& one : cases) {

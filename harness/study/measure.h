@@ -12,8 +12,8 @@ namespace voxspring {
 void check_batch(const Study& study, const Scene& scene, const Batch& batch);
 constexpr int max_steps_in_all = 1000000000;
 
-/// The reference for the states that `specs` leave after all steps of `batch`. `last` is the problem after
-/// all edits. Must be called before anything is timed, since it takes all cores.
+/// The reference for the states that `specs` leave after steps_in_all() of `batch`. `last` is the problem
+/// after the edits within these steps. Must not be called while anything is timed, since it takes all cores.
 ReferenceSolution solution_of(StudyBench& bench, const Problem& last, const Batch& batch,
                               const std::vector<BackendSpec>& specs);
 
@@ -33,19 +33,19 @@ void add_verdict(Row& row, const ReferenceSolution& solution, const State& left,
 void add_spreads(StudyBench& bench, const Scene& scene, const std::vector<BackendSpec>& specs,
                  ReferenceSolution& solution);
 
-/// Runs every backend of the bench in batches of `batch.steps` steps: one to warm up and `batch.repetitions`
-/// that are timed, interleaved in random order. Each begins at the same state, unless `batch.rewind` is
-/// false. The state after the last batch is compared with float64 (errors.h); the other batches must have
-/// left the same bits. If the backend is not deterministic, the state after every batch is compared instead.
-/// If the scene's own start strains too few springs, a further batch from a start in which every spring is
-/// strained is compared as well. A DeviceError, the end of a case's process or a run that diverges fails that
-/// case only. What the journal has is not measured again. If there are more backends than
-/// StudyOptions::together, they are measured group by group, and interleaved within each group. The rows give
-/// reasons not to trust their times (noise.h). After an interruption, cases that are not finished are left
-/// out.
+/// Runs every backend of the bench in batches of `batch.steps` steps: one to warm up each process, and at
+/// most `batch.repetitions` that are timed, interleaved in random order. Each begins at the same state,
+/// unless `batch.rewind` is false. The state after the last batch is compared with float64 (errors.h). Timed
+/// batches that begin at the same state must have left the same bits or, if the backend is not deterministic,
+/// their states are compared with float64 as well. If the scene's own start strains too few springs, a
+/// further batch from a start in which every spring is strained is compared as well. A DeviceError, the end
+/// of a case's process or a run that diverges fails that case only. What the journal has is not measured
+/// again. The backends are measured group by group (StudyBench::groups()), and interleaved within each group.
+/// The rows give reasons not to trust their times (noise.h). After an interruption, cases that are not
+/// finished are left out.
 ///
 /// Lists: `benchmarks`, Google Benchmark's rows of the cases that passed; `verification`, one row per case
-/// that reached the last step; `failed`, cases that failed, each with a `reason`.
+/// whose states were judged, unless a measurement failed; `failed`, cases that failed, each with a `reason`.
 void measure(StudyBench& bench, const Batch& batch);
 
 }  // namespace voxspring

@@ -16,7 +16,7 @@ bool matches(const std::string& glob, const std::string& text);
 bool matches(const std::string& glob, const BackendSpec& spec);
 
 /// The specifications that a pattern GLOB[:options] stands for, in the registry's order. KEY=* stands for
-/// each value that the backend has for the key. Backends that do not take the options are left out. Throws
+/// each value that the backend lists for the key. Backends that do not take the options are left out. Throws
 /// BadSpecification if backends match but none of them takes the options.
 std::vector<BackendSpec> expand(const std::string& pattern);
 /// The specifications of all `patterns`, without repetition. Patterns may name backends that this build left
@@ -43,10 +43,10 @@ bool has_backends(const Study& study, const StudyScene& item);
 void select_scenes(Study& study, const std::vector<std::string>& globs);
 
 /// Distributes the globs of --backend over the study's scenes, as StudyOptions::backends says. A glob that
-/// matches backends of the study applies to the scenes that have these. Removes items that are left without
-/// a backend, and returns the names of the scenes that then have no item. Throws BadInput for a glob that no
-/// backend matches, for a "!GLOB" with options (NAME:key=value), and if all scenes are left without a
-/// backend.
+/// matches backends of the study applies to the scenes that have these, and a "!GLOB" to all scenes. Removes
+/// items that are left without a backend, and returns the names of the scenes that then have no item. Throws
+/// BadInput for a glob that no backend matches, for a "!GLOB" with options (NAME:key=value), and if all
+/// scenes are left without a backend. Also throws what expand() throws.
 std::vector<std::string> select_backends(Study& study, const std::vector<std::string>& globs);
 
 /// The globs "!GLOB" of --backend that leave nothing out: they match no backend of the study's scenes and

@@ -36,15 +36,15 @@ struct StudyScene {
 };
 
 /// What a study file says (results/study.schema.json). A backend pattern is `GLOB[:key=value,...]`: it stands
-/// for every registered backend whose name matches and that takes these options. `formulation=*` and
-/// `precision=*` stand for each formulation and each precision that the backend has. `auto[:key=value,...]`
-/// is what `--backend auto` chooses for the scene (auto_choice.h).
+/// for every registered backend whose name matches and that takes these options. `key=*`, for example
+/// `formulation=*`, stands for each value that the backend lists for the key. `auto[:key=value,...]` is what
+/// `--backend auto` chooses for the scene (auto_choice.h).
 struct Study {
     std::string name;
     std::string description;
     std::string kind = "timing";  ///< a registered kind (study_kind.h)
     int repetitions = 9;
-    int steps = 0;  ///< number of steps of scenes that the command line adds
+    int steps = 0;  ///< number of steps of scenes that do not state theirs or that the command line adds
     nlohmann::json settings = nlohmann::json::object();  ///< the kind's own keys in the study file
     std::vector<std::string> backends;
     std::vector<StudyScene> scenes;
@@ -103,13 +103,15 @@ struct StudyOptions {
 /// `options.scenes` is not empty. Two different scenes with the same name are refused, since results identify
 /// scenes by name.
 ///
-/// Each case is measured in a separate process. For each scene `options.worker` is started as a new program,
-/// which forks the processes of its cases. This process itself is never forked, so its threads may hold any
-/// locks. A process can run one study at a time, since it catches SIGINT and SIGTERM meanwhile.
+/// Cases are measured in other processes, which some cases share (EnterOptions::at_once). For each scene
+/// `options.worker` is started as a new program, which forks the processes of its cases. This process itself
+/// is never forked, so its threads may hold any locks. A process can run one study at a time, since it
+/// catches SIGINT and SIGTERM meanwhile.
 ///
-/// Throws std::logic_error, before anything else, if no worker can be started; BadInput for a mistake in the
-/// study or the options, before anything has run, for a worker of another build, and if a device changes
-/// during the study; Unwritten or std::system_error if the disk is full.
+/// Throws std::logic_error, before anything else, if `options.worker` is empty and main() has not called
+/// worker_main(); BadInput for a mistake in the study or the options, before anything has run, for a worker
+/// that cannot be started or is of another build, and if a device changes during the study; Unwritten or
+/// std::system_error if the disk is full.
 Result run_study(Study study, const StudyOptions& options);
 
 /// Whether a result comes from a study that was interrupted.

@@ -32,9 +32,9 @@ bool shares_process(const BackendSpec& spec) {
     return api != apis().end() && api->second.shares_process;
 }
 
-/// How many processes the cases of a group share. On a server with an H200, opening the card takes 0.18 s of
-/// each process and closing it 0.07 s, one process after the other. Kernels are compiled in as many threads
-/// as there are processes, so one process would be too few.
+/// The most processes that the cases of a group share. On a server with an H200, opening the card takes
+/// 0.18 s of each process and closing it 0.07 s, one process after the other. Kernels are compiled in as many
+/// threads as there are processes, so one process would be too few.
 constexpr std::size_t max_shared_processes = 4;
 
 /// The time-out of look_for_devices(): longer than a driver takes to report whether there is a device. A
@@ -197,7 +197,7 @@ std::vector<Case> StudyBench::enter_all(std::span<const BackendSpec> specs, cons
                                         EnterOptions how) {
     CaseProgram with_its_share = program;
     // omp_get_num_procs() counts only the processors that this process may use, for example under taskset or
-    // in a container.
+    // in a container with a set of processors.
     with_its_share.threads = std::max(1, omp_get_num_procs() / int(uploads_side_by_side()));
     std::vector<std::shared_ptr<SharedProcess>> processes(std::min(side_by_side(), max_shared_processes));
     for (auto& process : processes) process = std::make_shared<SharedProcess>();
@@ -305,8 +305,8 @@ std::mt19937& StudyBench::order() {
     return *order_;
 }
 
-/// Begins to watch the first card that a backend uses. A study uses only this card: refusal_of() refuses
-/// backends on others.
+/// Begins to watch the first card that a backend uses. A study uses only this card, unless it shares a scene
+/// among ranks: refusal_of() refuses backends on others.
 void StudyBench::watch_card(const std::string& uuid) {
     if (uuid.empty() || context().contains("card_watched")) return;
     try {

@@ -1,5 +1,5 @@
-// What a kind of study needs to measure one scene: the backends, each in a separate process, the references,
-// and the lists of the result.
+// What a kind of study needs to measure one scene: the backends, in other processes, the references, and the
+// lists of the result.
 #pragma once
 
 #include <concepts>
@@ -44,11 +44,12 @@ void at_once(std::size_t count, std::size_t most, Begin begin, Finish finish) {
 /// How a case, one backend on one scene, is made ready to be measured.
 struct EnterOptions {
     bool limits = false;  ///< also measure the limits of the case's device, once per device
-    /// Construct several cases at once, side_by_side() of them, and let those of an API that takes long to
-    /// open its device share a few processes (Api::shares_process). For studies that do not report the time
-    /// of construction. A case that fails in a shared process has to be measured again, with Case::alone().
+    /// For enter_all(): construct several cases at once, side_by_side() of them, and let those of an API that
+    /// takes long to open its device (Api::shares_process) share a few processes, if there are more such
+    /// cases than these processes. For studies that do not report the time of construction. A case that fails
+    /// in a shared process has to be measured again, alone.
     bool at_once = false;
-    bool alone = false;  ///< no case shares a process
+    bool alone = false;  ///< for enter_all(): no case shares a process
 };
 
 /// What a StudyKind measures with. It serves one study, scene after scene.
@@ -115,7 +116,7 @@ public:
     References& references() { return references_; }
     /// The generator that shuffles the repetitions of several cases. Its seed is in the result.
     std::mt19937& order();
-    /// The limits of all APIs that were measured on the card of a backend with these capabilities.
+    /// MeasuredLimits::on_card_of() for a backend with these capabilities.
     std::vector<DeviceLimits> limits_on_card_of(const Capabilities& capabilities) const {
         return limits_.on_card_of(capabilities);
     }

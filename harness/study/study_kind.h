@@ -28,8 +28,8 @@ public:
     StudyKind& operator=(const StudyKind&) = delete;
     virtual ~StudyKind() = default;
 
-    /// Reads those keys of a study file that belong to the kind. The keys that read() does not ask for are
-    /// refused.
+    /// Reads those keys of a study file that belong to the kind. Other keys are refused, unless every kind of
+    /// study has them.
     virtual void read(JsonObject&) {}
     /// The key of the list of scenes, usually "scenes"; with another key --scene is refused. read_scene()
     /// returns the scene that an item of the list names, and checks the keys of the item that belong to the
@@ -77,7 +77,7 @@ std::unique_ptr<StudyKind> kind_of(const Study& study);
 void print_result(const Result& result, std::ostream& out, TableWidth width = 0);
 
 /// Reads a result from the JSON of its file, which messages call `name`. Its kind of study must be
-/// registered. Throws BadInput for a row unlike results/schema.json.
+/// registered. Throws BadInput for a row that cannot be read.
 Result read_result(const nlohmann::json& file, const std::string& name = "result");
 /// Reads the result of a study of kind `kind`, whose rows are in a list of the same name. Throws BadInput if
 /// the file has no such result, a row that could not be printed or in which one of `figures` is not a number

@@ -1,4 +1,4 @@
-// The run of a study: one scene after the other, with each case in a separate process.
+// The run of a study: one scene after the other, with its cases in other processes.
 #include <fmt/format.h>
 #include <fmt/ranges.h>
 
@@ -39,7 +39,7 @@
 namespace voxspring {
 namespace {
 
-/// Whether the list of this name holds measurements.
+/// Whether the list of this name holds measurements, or a summary of them.
 bool is_measured(const std::string& list) { return list != "skipped" && list != "failed" && list != "auto"; }
 
 /// The backend of a label NAME/FORMULATION/PRECISION[/TUNING].
@@ -89,8 +89,9 @@ Study narrowed(Study study, const StudyOptions& options) {
 }
 
 /// Loads scenes and keeps them, since each is needed twice: to check the study, and to run it. The scenes
-/// kept have up to a quarter of the particles that this machine's memory can hold. If there are more, the
-/// largest scenes are kept, which take the longest to build.
+/// kept together have up to a quarter of the particles that this machine's memory can hold. A scene with more
+/// is not kept. If all others together have more, the smallest are dropped, which take the least time to
+/// build.
 class StudyScenes {
 public:
     /// `volume` has the options for scenes that are volume files or meshes.
@@ -303,7 +304,7 @@ void StudyRun::begin_result() {
 }
 
 /// The description that a journal must match to be resumed: everything that decides what is measured, except
-/// the devices.
+/// the devices and the number of ranks that mpirun starts.
 nlohmann::json StudyRun::description() {
     nlohmann::json scenes = nlohmann::json::array(), files = nlohmann::json::object();
     for (const StudyScene& item : study_.scenes) {
@@ -412,8 +413,8 @@ void StudyRun::run_scene(const StudyScene& item, std::size_t number) {
     kind_->run(*bench_);
 }
 
-/// The number of rows with measurements. The rows of `benchmarks` do not count: each case in that list also
-/// has a row of `verification`.
+/// The number of rows of lists that is_measured(). The rows of `benchmarks` do not count: each case in that
+/// list also has a row of `verification`.
 std::size_t StudyRun::row_count() const {
     std::size_t count = 0;
     for (const auto& [name, list] : result_.lists()) {

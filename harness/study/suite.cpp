@@ -25,8 +25,8 @@ public:
     /// Whether the suite runs on the processor's cores.
     bool is_on_processor() { return capabilities_of(case_.capabilities()).steps_on_host(); }
 
-    /// Starts, in the case's process, the measurements that the journal lacks, and returns at once. `known`
-    /// is what earlier cases have found out (SuiteHooks).
+    /// Starts, in the case's process, the measurements that the journal lacks, and does not wait for them.
+    /// `known` is what earlier cases have found out (SuiteHooks).
     void begin(const nlohmann::json& known) {
         if (scope().find("finished") != nullptr || scope().find("failed") != nullptr) return;
         attempt([&] {

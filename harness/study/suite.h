@@ -35,7 +35,7 @@ private:
 /// What measure_suites() needs for the cases of a scene.
 struct SuiteHooks {
     /// Makes the case of a backend; the runner of that case is a SuiteRunner. Returns empty if the case
-    /// cannot run, and has then added a row that says so.
+    /// cannot run, and has then added a row that says so, or if the study is interrupted.
     std::function<std::optional<Case>(const BackendSpec&)> enter;
     /// Returns what earlier cases have found out, as information for the next one. May be an empty function.
     std::function<nlohmann::json()> known = {};

@@ -45,8 +45,9 @@ void spread_threads() {
     }
 }
 
-/// While this object lives, each OpenMP thread is pinned to a processor that no other OpenMP thread uses. The
-/// system would otherwise move threads, or let two share a core, in some batches and not in others.
+/// While this object lives, each OpenMP thread is pinned to a processor that no other OpenMP thread uses,
+/// unless there are more threads than processors. The system would otherwise move threads, or let two share a
+/// core, in some batches and not in others.
 class PinnedThreads {
 public:
     PinnedThreads() {
@@ -151,7 +152,7 @@ private:
         return nullptr;
     }
 
-    /// Uploads and makes steps, so that shaders are compiled and the device's clocks are high before anything
+    /// Uploads and makes steps, so that shaders are compiled and the device's clocks are high before a batch
     /// is timed. The work is counted for the step after the batches, since right after an upload a backend
     /// does not know yet which tiles rest.
     nlohmann::json warm_up(Backend& backend, int batches) {
@@ -220,8 +221,8 @@ private:
 
     /// Uploads and runs batches without a pause: for a third of `seconds` until clocks settle, and then for
     /// `seconds`. Returns for those `seconds` the mean time of a step by the backend's clock, and what the
-    /// device's meter says, if it has one. If the backend is deterministic, the last batch must leave the
-    /// same state as the repetitions.
+    /// device's meter says, if it has one. If the backend is deterministic and batches rewind, the last batch
+    /// must leave the same state as the repetitions.
     nlohmann::json sustain(Backend& backend, double seconds) {
         std::optional<PinnedThreads> pinned;
         if (backend.capabilities().steps_on_host()) pinned.emplace();

@@ -53,7 +53,7 @@ struct Statistic {
     enum Kind : std::size_t { centre_of_mass, kinetic_energy, spring_energy, spectrum, count };
     double difference = 0;
     /// A magnitude of the reference (see statistics()). The tolerance of `difference` lies between two shares
-    /// of it (statistic_gate()).
+    /// of it, unless it is infinite (statistic_gate()).
     double size = 0;
 };
 using Statistics = std::array<Statistic, Statistic::count>;

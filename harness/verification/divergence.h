@@ -27,7 +27,8 @@ inline double largest_increment(const Scene& scene, int steps) {
     return largest_increment(scene, steps, scene.state);
 }
 
-/// The monitor of every run: every 64 steps it checks that no particle exceeds largest_increment().
+/// The monitor of a whole run: after about every 64 steps (DivergenceMonitor::every) it checks that no
+/// particle exceeds largest_increment().
 DivergenceMonitor divergence_monitor(const Scene& scene, int steps, const State& start);
 inline DivergenceMonitor divergence_monitor(const Scene& scene, int steps) {
     return divergence_monitor(scene, steps, scene.state);

@@ -1,4 +1,4 @@
-// The spread: how far rounding carries a scene, measured by runs of the reference with random rounding added.
+// The spread: how far rounding carries a scene, measured by runs of the reference with rounding added.
 // The gate: the bound above which an error is too large, in multiples of the spread and fractions of the
 // motion.
 #pragma once
@@ -45,8 +45,8 @@ struct Spread {
 /// error of three runs would be a matter of luck, and further runs take little time.
 int random_runs(std::size_t particles);
 
-/// No bound on an error exceeds this share of the motion, unless the reference does not move: a larger bound
-/// would pass a backend that computes something else.
+/// No finite bound by gate() or mean_gate() exceeds this share of the motion, unless the reference does not
+/// move: a larger bound would pass a backend that computes something else.
 constexpr double max_share_of_motion = 0.1;
 /// The gate in multiples of the spread. A spread is the largest error of a few runs, and a correct backend's
 /// error is about as large. docs/accuracy.md has the measurements.
@@ -57,7 +57,8 @@ constexpr double min_gate_in_spreads = 2;
 /// Lower limit of the bound on a statistic of a chaotic scene, as a share of Statistic::size. A statistic
 /// describes one moment of one trajectory, and is noisy because moments differ.
 constexpr double min_statistics_share = 0.25;
-/// Upper limit of statistic_gate() as a share of Statistic::size. A backend that does nothing differs by 1.
+/// Upper limit of a finite statistic_gate() as a share of Statistic::size. The spectrum of a backend that
+/// leaves a body at rest differs by 1.
 constexpr double max_statistics_share = 0.75;
 
 /// The bound on an error with the given spread and motion. `admitted`, a length, is the error that the

@@ -10,7 +10,7 @@ namespace voxspring {
 State random_start(const Problem& problem, double amplitude);
 
 /// random_start() with a tenth of the shortest spacing as its amplitude; without a lattice, a tenth of the
-/// shortest rest length. Strains every spring.
+/// shortest rest length. Strains every spring that has an end that can move.
 State strained_start(const Problem& problem);
 
 /// The longest increment: how far a particle moved in the last step. Infinite if any value is not finite.

@@ -35,6 +35,7 @@ namespace voxspring {
 /// step of acceleration, and the increments of refined starts are not zero.
 ///
 /// For scenes with edits or a tool every run is only of first order, because a force jumps between two steps.
+/// Edits keep their numbers of steps, so they come at other times.
 Scene at_time_step(const Scene& scene, double time_step);
 
 /// A span of time, as a number of time steps of a given size.

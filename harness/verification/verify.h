@@ -44,8 +44,8 @@ double forced_acceleration(const Problem& problem);
 /// Rounding errors of independent sign, of size d per step, drive a free mode as a doubly summed random walk,
 /// by d sqrt(n^3 / 3) / sqrt(3) in the mean. The tolerance is three times that, d n^1.5. n is `steps` + 2,
 /// since a start has two successive states, each rounded as a step would round it. Let u be half
-/// an ulp of 1, l the longest rest length, and U = max|displacement| + n max|increment|, which bounds how far
-/// any particle has been from rest. Then
+/// an ulp of 1, l the longest rest length, and U = max|displacement| + n max|increment|, which is taken for a
+/// bound on how far any particle has been from rest. Then
 ///
 /// | formulation | d / u | |
 /// | --- | --- | --- |

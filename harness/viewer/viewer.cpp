@@ -187,7 +187,7 @@ private:
         uploads_ = 0;
     }
 
-    /// Updates the displacements, and after a cut the mesh, from the simulation.
+    /// Updates the displacements, and after an edit the mesh, from the simulation.
     void take_displacements() {
         if (simulation_->springs_version() != springs_version_) take_mesh();
         if (simulation_->uploads() != uploads_) {

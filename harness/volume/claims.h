@@ -70,7 +70,7 @@ struct DataPlace {
     /// Offset of the encoded data from the start of its file. Absent: the data begins behind the header, or
     /// at the start of another file that the header names.
     std::optional<std::int64_t> begin{};
-    std::string bytes_key{"byte skip"};  ///< key in the header that gives skipped_bytes
+    std::string bytes_key{"byte skip"};  ///< key in the header that gives `begin` or skipped_bytes
     /// The number of decoded bytes before the data, which are skipped. at_end: the data is the last part of
     /// the decoded bytes.
     std::int64_t skipped_bytes = 0;

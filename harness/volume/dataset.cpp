@@ -13,8 +13,8 @@
 namespace voxspring {
 namespace {
 
-// The sides of the box in which the heart phantom is designed, a length within that box, and a factor of all
-// its lengths. x runs from the atria to the apex.
+// The sides of the box in which the heart phantom is designed, lengths within that box, and `size`, a factor
+// of its semi-axes and radii. x runs from the atria to the apex.
 constexpr glm::dvec3 design{60, 51, 46};
 constexpr double wall = 1.1285;
 constexpr double size = 0.9121;

@@ -86,7 +86,7 @@ struct VolumeFacts {
     std::optional<Placement> placement{};
     std::int64_t frame = 0, frames = 1;  ///< index of the value used, and number of values per voxel
     /// Name and number of voxels of each label that is in use; in a file with segments, of each segment in
-    /// use, including those without voxels.
+    /// use, including those without voxels. Empty if a threshold chooses the voxels.
     std::vector<std::pair<std::string, std::uint64_t>> labels{};
 };
 
@@ -122,8 +122,9 @@ std::string volume_endings();
 
 /// A label of a volume. The voxels that have it are of one material.
 struct Label {
-    std::string name;                ///< name of a segment, or the digits of a whole number
-    std::vector<std::string> words;  ///< names by which a scene may refer to the label; `name` is among them
+    std::string name;  ///< name of a segment, or the digits of a whole number
+    /// Names by which a scene may refer to the label. `name` is among them unless several segments have it.
+    std::vector<std::string> words;
 };
 
 /// A grid of voxels and its labels. A voxel with grid.label[v] = n belongs to labels[n - 1], or is inactive
@@ -141,20 +142,22 @@ Label numbered_label(std::int64_t number);
 /// The names of the labels, with commas between them.
 std::string names_of(const std::vector<Label>& labels);
 
-/// Makes the voxels active whose value exceeds `threshold` (NaN does not). All of them have label 1. Throws
-/// BadInput if no voxel is active, and for a segmentation with several layers.
+/// Makes the voxels active whose value exceeds `threshold` (NaN does not). A scaled value has to exceed it by
+/// more than the rounding of slope and intercept. All these voxels have label 1. Throws BadInput if no voxel
+/// is active, and for a segmentation with several layers.
 LabelledGrid above_threshold(const Volume& volume, double threshold);
 
 /// Makes the voxels active whose value is one of `labels` or, without `labels`, neither zero nor NaN. Each
 /// label is a material, in ascending order of the numbers. In a segmentation a label is a segment, given by
 /// its name, ID or value, and without `labels` all segments are used. A voxel in several segments belongs to
-/// the one that comes last. Throws BadInput if no voxel is active, if one of `labels` does not occur, if
-/// there are more than 255 labels and, without `labels`, if a value is not a whole number.
+/// the one that comes last. Throws BadInput if no voxel is active, if one of `labels` is repeated, names no
+/// label or does not occur, if there are more than 255 labels and, without `labels` and segments, if a value
+/// is not a whole number.
 LabelledGrid with_labels(const Volume& volume, const std::optional<std::vector<std::string>>& labels);
 
 /// Replaces the grid of `labelled` by a grid of cubes of edge `pitch` with the same middle. A new voxel is
 /// active if at least the share `fill` of it, in (0, 1], lies in active voxels of the old grid. Its label is
-/// the one that fills most of it; if two fill the same share, the smaller one. Adds a note. Returns the
+/// the one that fills most of it; if two fill the same share, the smaller one. Adds notes. Returns the
 /// offset from the centre of the old voxel (0, 0, 0) to that of the new one. Throws BadInput, which names
 /// `file` and --pitch, if the grid is too large for `limits` or no voxel is active.
 glm::dvec3 resample(LabelledGrid& labelled, double pitch, double fill, const std::string& file,

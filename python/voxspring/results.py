@@ -18,7 +18,7 @@ PROGRAM = pathlib.Path(__file__).parent / "bin" / "voxspring"
 
 
 def scene(argument: str | os.PathLike[str]) -> _core.Body:
-    """The body of a built-in scene ("heart", "box@64"), a scene file (*.json) or a volume file.
+    """The body of a built-in scene ("heart", "box@64"), a scene file (*.json), a volume file or a mesh.
 
     What the loader guessed, rounded or left out is in `notes` of the body. Raises BadInput.
     """
@@ -28,7 +28,7 @@ def scene(argument: str | os.PathLike[str]) -> _core.Body:
 class Result:
     """A result file: Google Benchmark's JSON with further fields (results/schema.json of the source).
 
-    Printing it gives the program's table.
+    Printing it gives the program's table of `benchmarks`, which is empty for kinds of study without such rows.
     """
 
     def __init__(self, text: str | dict[str, Any]):
@@ -108,7 +108,7 @@ class Result:
 def study(name: str | os.PathLike[str] = "default", body: _core.Body | None = None, *, steps: int | None = None,
           backends: Sequence[str] = (), scenes: Sequence[str] = (), repetitions: int | None = None,
           out: str | os.PathLike[str] | None = None) -> Result:
-    """Runs a built-in study or a study file, each backend in a separate process.
+    """Runs a built-in study or a study file, the backends in other processes.
 
     With `body`, this body is the study's only scene, and a batch has `steps` steps, 1000 by default. `backends` and `scenes` are
     globs, as after --backend and --scene of the program. The file `out` is written after every scene. Ctrl-C finishes the work in

@@ -3,8 +3,9 @@
 "$name" stands for the value that the first row of the panel has under the key `name`, and "{name}" within a text for that value as
 text. "$below" and "$end_labels" are layers. A field is written with its type, as "seconds:Q". A scale is "fit" (by scale()) or
 "exact" (by exact_scale()), over the field or over the keys that it lists. The order "first" is that of the rows; the ticks "values"
-are the field's values in the rows. The encodings "backend", "family", "region" and those in "marks" are by these keys, in the
-colours of the page's style, so that charts follow its light, dark and printed scheme. The tooltip "row" has the table's columns.
+are the field's values in the rows. The encodings "backend", "family", "region" and those in "marks" are by these keys, in shapes or
+in the colours of the page's style, so that charts follow its light, dark and printed scheme. The tooltip "row" has the table's
+columns.
 """
 
 import hashlib

@@ -224,7 +224,7 @@ MADE_BY = {}
 
 def figure_of(name, rows, below=None, by="machine"):
     """Registers how a figure of figures.vegalite is made. The decorated function is called with the rows of each machine, or of
-    each combination of the keys `by`. It returns (a line, the finding in full or an empty text)."""
+    each combination of the keys `by`; with all rows if `by` is empty. It returns (a line, the finding in full or an empty text)."""
     def register(tell):
         MADE_BY[name] = (rows, tell, by, below)
         return tell

@@ -235,7 +235,7 @@ def along_axes(row):
 def forecast(one, most):
     """Extends the model of harness/study/scaling_row.cpp to more ranks than the row `most` has, fitted to that
     row. Returns a list of (ranks, seconds per step, efficiency), and the number of ranks at which the
-    efficiency falls to one half, or None if it never does.
+    efficiency falls to one half, or None if the model gives no such number.
 
     `one` is the row of one rank. A rank computes its particles and its ghosts, which lie at two sides of a slab
     or at six of a brick, in the time that a particle takes on one rank. Then it exchanges one border per side, at

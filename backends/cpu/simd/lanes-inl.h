@@ -24,8 +24,8 @@ namespace voxspring::HWY_NAMESPACE {
 namespace hn = hwy::HWY_NAMESPACE;
 
 /// The largest relative error of the approximate reciprocal and the approximate reciprocal root of this
-/// target, as the processor's manual states it: for VRCP14PS with AVX-512, RCPPS on other x86, and FRECPE
-/// with NEON. On other targets it is that of Highway's emulation of the root.
+/// target, as the processor's manual states it: for VRCP14PS with AVX-512, RCPPS with AVX2, SSE4 and SSSE3,
+/// and FRECPE with NEON. For other targets it is that of Highway's emulation of the root.
 constexpr double approximation_error =
 #if HWY_ARCH_X86 && HWY_TARGET <= HWY_AVX3
     0x1p-14;

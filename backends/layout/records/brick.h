@@ -8,9 +8,9 @@
 
 namespace voxspring::layout {
 
-/// A block has wx x wy x wz threads, and each thread has one tile of tx x ty x tz particles. X, Y, Z are
-/// coordinates in the brick; i, j, k are coordinates in a tile. A coordinate of -1, or one more than the
-/// largest, lies in the frame of neighbouring points around the brick or tile.
+/// A block has wx x wy x wz threads with one tile of tx x ty x tz particles each. X, Y, Z are coordinates in
+/// the brick; i, j, k are coordinates in a tile. A coordinate of -1, or one more than the largest, lies in
+/// the frame of neighbouring points around the brick or tile.
 struct BrickShape {
     int tx, ty, tz;
     int wx, wy, wz;
@@ -44,8 +44,8 @@ struct BrickShape {
     VOXSPRING_HOST_DEVICE constexpr int axis() const { return (nz() + 2) * plane(); }
     /// The number of words in each half of the shared memory for points. Steps use the two halves in turn.
     VOXSPRING_HOST_DEVICE constexpr int half() const { return 3 * axis(); }
-    /// The number of words before the first row: the word before the row may be read in place of a point at X
-    /// = -1.
+    /// The number of words before the first row: if tx is 1, the word before the row may be read in place of
+    /// a point at X = -1.
     static constexpr int guard = 1;
     VOXSPRING_HOST_DEVICE constexpr int shared_words() const { return guard + 2 * half(); }
     VOXSPRING_HOST_DEVICE constexpr int shared_bytes() const { return int(sizeof(float)) * shared_words(); }
@@ -64,8 +64,8 @@ struct BrickShape {
     }
 
     /// The sides of a tile, as bits, that a spring from the tile to point (i, j, k) crosses. The sides at j =
-    /// -1 and k = -1 do not count: tiles are mirrored (TilePlace), so that the body goes on there unless the
-    /// brick is one tile thick.
+    /// -1 and k = -1 do not count: tiles are mirrored (TilePlace), so that the brick goes on there unless it
+    /// is one tile thick.
     VOXSPRING_HOST_DEVICE constexpr std::uint32_t crossed(int i, int j, int k) const {
         return (i < 0 ? 1U : 0U) | (i == tx ? 2U : 0U) | (j == ty ? 4U : 0U) | (k == tz ? 8U : 0U);
     }
@@ -87,9 +87,9 @@ struct BrickBlock {
     bool operator==(const BrickBlock&) const = default;
 };
 
-/// Where a thread's tile lies. A tile is mirrored along y or z if that puts the surface of the brick at the
-/// tile's far end (j = ty - 1, k = tz - 1). So along y and z points of other blocks are needed only beyond
-/// the far end, and the springs to these points are added late in a step.
+/// Where a thread's tile lies. Tiles are mirrored along y or z so that every side of the brick with another
+/// brick beside it is at a tile's far end (j = ty - 1, k = tz - 1). So along y and z points of other blocks
+/// are needed only beyond the far end, and the springs to these points are added late in a step.
 struct TilePlace {
     int slot;                 ///< slot of the tile's particle (0, 0, 0) (BrickShape::slot())
     int sy, sz;               ///< slots from one j to the next, and from one k to the next
@@ -177,8 +177,8 @@ struct BrickMask {
 };
 
 /// Summarises the masks of a thread. Bit `plain` is set if the tile has all its particles and has all
-/// springs, except those across some of its sides. Then bit n is set if the tile has the springs for which
-/// BrickShape::crossed() is n. If the tile is not plain, no bit is set.
+/// springs, except those across some of its sides. Then bit n > 0 is set if the tile has the springs for
+/// which BrickShape::crossed() is n. If the tile is not plain, no bit is set.
 struct TileSides {
     static constexpr std::uint32_t plain = 1U << 31U;
     std::uint32_t bits;
@@ -189,7 +189,8 @@ struct TileSides {
     }
 };
 
-/// Everything that a launch needs besides where the particles are. `items` of the base class is not used.
+/// What the brick kernel is launched with, besides the state, the number of steps and two counters. Members
+/// `nx`, `ny`, `nz`, `items` and `words` of the base class are not used.
 struct BrickStep : MarchStep<float> {
     const BrickBlock* blocks;
     const std::uint32_t* masks;  ///< BrickMask::words_in_all() per lane, `lane_count` apart
@@ -199,14 +200,14 @@ struct BrickStep : MarchStep<float> {
     /// is indexed by lattice element.
     TaggedPoint* exchange;
     float* increments;  ///< BrickTile::increment_words per block; used if not in registers
-    /// How many blocks have read the state with which their launch starts, counted over all launches.
+    /// How many blocks have read the state with which their launch starts, counted since the upload.
     std::uint32_t* started_blocks;
     WaitLimit wait;
     bool operator==(const BrickStep&) const = default;
 };
 
-/// Whether a neighbour at offset (x, y, z), each -1, 0 or 1, shares a face or an edge with a voxel. Bricks
-/// have no other springs.
+/// Whether a voxel at offset (x, y, z) from another shares a face or an edge with it. Bricks and tiles have
+/// no other springs.
 VOXSPRING_HOST_DEVICE constexpr bool is_face_or_edge(int x, int y, int z) {
     const int squared = x * x + y * y + z * z;
     return squared == 1 || squared == 2;

@@ -58,13 +58,14 @@ struct alignas(16) RowDeltas {
     bool operator==(const RowDeltas&) const = default;
 };
 
-/// Everything a step needs besides positions: an ImplicitStep, whose grid is not used, and the lists.
+/// Everything a step needs besides the particles' state: an ImplicitStep, whose grid is not used, and the
+/// lists.
 template <class Real>
 struct DeltaStep : ImplicitStep<Real> {
     int particles;  ///< particle i is word first + i
     const Slice* slices;
     const RowDeltas* lists;
-    // Springs beyond the lattice; null if there are none. Slot s of particle l of a slice is element
+    // Springs beyond the lattice; null: there are none. Slot s of particle l of a slice is element
     // (off_lattice_begin + s) slice_particles + l. In an unused slot the neighbour is the particle itself, at
     // stiffness 0.
     const std::uint32_t* off_lattice_neighbour;

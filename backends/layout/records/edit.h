@@ -13,14 +13,15 @@ struct alignas(8) EditedWord {
 };
 
 /// New neighbour lists of some particles, one list after the other, each with as many slots as a list on the
-/// device.
+/// device. With delta-compressed lists, columns of springs beyond the lattice (OffLatticeLists) take the
+/// place of these lists, and `bits` is null.
 template <class Real>
 struct EditedRows {
     const std::uint32_t* particle;
     const std::uint32_t* bits;
     const std::uint32_t* neighbour;
     const SpringConstants<Real>* constants;    ///< null if constants are stored per spring group
-    const SpringRest<Real>* off_lattice_rest;  ///< null if the device has no such array
+    const SpringRest<Real>* off_lattice_rest;  ///< null if there is none to write
     bool squared;  ///< `constants` has squares of rest lengths; the kernel measures the lengths
 };
 

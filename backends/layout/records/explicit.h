@@ -20,7 +20,7 @@ struct ListShape {
     bool operator==(const ListShape&) const = default;
 };
 
-/// Everything a step needs besides positions.
+/// Everything a step needs besides the particles' state.
 template <class Real>
 struct ExplicitStep {
     int particles;
@@ -55,8 +55,9 @@ struct GroupCounters {
     }
 };
 
-/// The number of slots that a thread reads at a time. If constants are stored per spring, the number of slots
-/// per particle is a multiple of this.
+/// The number of springs whose neighbours a thread fetches together, unless it takes short_chunk of them
+/// (cuda/kernels/explicit.h) or, with rows (ListRows), one by one. If constants are stored per spring, the
+/// number of slots per particle is a multiple of this.
 inline constexpr int list_chunk = 6;
 
 /// Rows that may stand before the lists, as in the paper. A row has one element per particle and begins on a

@@ -15,10 +15,10 @@ struct alignas(16) BlockOrigin {
     bool operator==(const BlockOrigin&) const = default;
 };
 
-/// The blocks that are not at rest, if blocks at rest are skipped: a step takes the blocks in the list `now`,
-/// and fills the list `next` for the next step. The place of a block is its number in the grid of blocks.
-/// This grid has a frame of blocks around the lattice, so that each block has 26 neighbouring places. A place
-/// without particles stays marked, so it is never listed.
+/// The blocks that may not be at rest, if blocks at rest are skipped: a step takes the blocks in the list
+/// `now`, and fills the list `next` for the next step. The place of a block is its number in the grid of
+/// blocks. This grid has a frame of blocks around the lattice, so that each block has 26 neighbouring places.
+/// A place without particles stays marked, so it is never listed.
 struct ActiveBlocks {
     int row, slice;          ///< places from a block to the next one along y, and along z
     const BlockOrigin* now;  ///< origins of the blocks to step, in any order
@@ -35,21 +35,21 @@ struct ActiveBlocks {
     bool operator==(const ActiveBlocks&) const = default;
 };
 
-/// Everything a step needs besides positions. An array over the grid has guard words before and after it:
-/// voxel (x, y, z) is element first + x + nx (y + ny z), and each of its 26 neighbours is an element that may
-/// be read, even if it lies outside of the lattice.
+/// Everything a step needs besides the particles' state. An array over the grid has guard words before and
+/// after it: voxel (x, y, z) is element first + x + nx (y + ny z), and each of its 26 neighbours is an
+/// element that may be read, even if it lies outside of the lattice.
 template <class Real>
 struct ImplicitStep {
     int nx, ny, nz;
     int first;
-    /// Origins of the blocks that have an active voxel; null: blocks cover the whole lattice.
+    /// Origins of the blocks to step, each with an active voxel; null: blocks cover the whole lattice.
     const BlockOrigin* origins;
     std::uint32_t group_bits;
     Vector<Real> spacing;
     Real rest_length[13];    ///< element b: for mask bits 2 b and 2 b + 1; as in SpringConstants
     Real deficit[13];        ///< element b: RestSpring::deficit for mask bits 2 b and 2 b + 1
     Real stiffness[3];       ///< of each spring group, if there is one material
-    const Real* compliance;  ///< if there are several materials: 1 / stiffness per voxel
+    const Real* compliance;  ///< if there are several materials: 1 / stiffness per word
     Motion<Real> motion;
     ActiveBlocks active;  ///< for kernels that skip blocks at rest
     bool operator==(const ImplicitStep&) const = default;

@@ -1,5 +1,5 @@
-// Pragmas before a loop. UNROLLED repeats the body of the loop, so that arrays that the body indexes may be
-// in registers. ROLLED keeps the loop.
+// Pragmas before a loop of a kernel; on the host they are empty. UNROLLED repeats the body of the loop, so
+// that arrays that the body indexes may be in registers. ROLLED keeps the loop.
 #pragma once
 
 #ifdef __CUDACC__

@@ -87,7 +87,7 @@ VOXSPRING_HOST_DEVICE constexpr int spring_class(int dx, int dy, int dz) {
 /// The mask bits of the spring group (face or edge springs) to which class k belongs.
 VOXSPRING_HOST_DEVICE constexpr std::uint32_t bits_of_class(int k) { return k < 3 ? FACE_BITS : EDGE_BITS; }
 
-/// Everything that a step needs besides where the particles are.
+/// Everything that a step needs besides the particles' state.
 template <class Real>
 struct MarchStep {
     int nx, ny, nz;
@@ -100,8 +100,7 @@ struct MarchStep {
     Real rest_length[spring_classes];
     Real deficit[spring_classes];  ///< l^2 - |offset|^2 of each class (RestSpring)
     /// For each class the stiffness in formulations by increments; otherwise stiffness times rest length. If
-    /// this product is equal for all edge springs (the kernel's EQUAL_EDGES), the elements are in units of
-    /// it.
+    /// this number is equal for all edge springs (the kernel's EQUAL_EDGES), the elements are in units of it.
     Real stiffness[spring_classes];
     Real scale;            ///< the unit of `stiffness`, or 1, times dt^2 / mass
     Vector<Real> gravity;  ///< acceleration times dt^2

@@ -11,7 +11,7 @@ struct Motion {
     Vector<Real> gravity;
     Real inverse_mass;           ///< 1 / mass of every particle, if inverse_masses is null
     const Real* inverse_masses;  ///< 1 / mass, one per word; null: all particles have one mass
-    const Vector<Real>* load;    ///< constant force, one per word; null: none
+    const Vector<Real>* load;    ///< force, one per word; a tool may change it; null: none
     Real damping;                ///< lambda
     Real retained;               ///< 1 - lambda
     Real doubled;                ///< 2 - lambda

@@ -39,9 +39,10 @@ VOXSPRING_HOST_DEVICE Vector<Real> fused(Vector<Real> a, Real s, Vector<Real> b)
 inline constexpr std::uint32_t upper_half_of_one = 0x3FF00000u;
 
 /// A position (or displacement; formulation.h) and the bits that go with it, in one word of 16 or 32 bytes.
-/// In backends with implicit addressing the bits are a neighbour mask; with explicit addressing they count
-/// the entries of the particle's list. In either case they include ACTIVE_BIT and PINNED_BIT of neighbours.h.
-/// In the word for a position's low part (`compensated`) the bits are 0.
+/// With implicit addressing and with delta-compressed lists the bits are a neighbour mask; with other
+/// neighbour lists they count the entries of the particle's list. In every case they include ACTIVE_BIT and,
+/// if the particle is pinned, PINNED_BIT of neighbours.h. In the word for a displacement's low part
+/// (`compensated`) particle_bits() is 0.
 ///
 /// Shaders and kernels move words as vectors of numbers, and the fourth number has the bits. It must be a
 /// normal number, so that no hardware flushes it to zero. In float32 ACTIVE_BIT makes it one. In float64 the

@@ -7,8 +7,8 @@
 
 namespace voxspring::layout {
 
-/// A particle's position or displacement on its way from one block to another. The tag tells the reader
-/// whether the point has arrived (cuda/kernels/exchange.h).
+/// A particle's position or displacement, or 12 bytes of one (cuda/kernels/border.h), on its way from one
+/// block to another. The tag tells the reader whether the point has arrived (cuda/kernels/exchange.h).
 struct alignas(16) TaggedPoint {
     Vector<float> point;
     std::uint32_t tag;
@@ -19,11 +19,11 @@ struct alignas(16) TaggedPoint {
 /// springs at dz = 1 wait if z is 1 (Across<y, z>). In kind mixed_border all springs wait.
 inline constexpr int mixed_border = 4;
 inline constexpr int border_kinds = 5;
-/// The kinds above have no border at dy = -1 or dz = -1. A warp with a border at dy = -1 is mirrored along y:
-/// in its tables dy has the opposite sign. A warp with a border at dz = -1 is mirrored along z. So the warps
-/// of a block share the code of a few kinds, which the instruction cache holds. An element of
-/// ResidentStep::border is the kind, in the bits `border_kind_bits`, plus mirrored_y and mirrored_z if the
-/// warp is mirrored along these axes.
+/// Kinds 0 to 3 have no border at dy = -1 or dz = -1. A warp that would fit one of them if its border were at
+/// dy = 1 instead of dy = -1 is mirrored along y: in its tables dy has the opposite sign. Warps are mirrored
+/// along z likewise. So the warps of a block share the code of a few kinds, which the instruction cache
+/// holds. An element of ResidentStep::border is the kind, in the bits `border_kind_bits`, plus mirrored_y and
+/// mirrored_z if the warp is mirrored along these axes.
 inline constexpr int border_kind_bits = 7;
 inline constexpr int mirrored_y = 8;
 inline constexpr int mirrored_z = 16;
@@ -51,8 +51,8 @@ VOXSPRING_HOST_DEVICE constexpr std::size_t slot_index(int bit, std::size_t at, 
 /// particles.
 inline constexpr std::uint16_t pinned_slot = 1U << 15;
 
-/// Stands for "none" in every table of indices: for example in that of a lane without a particle, or of a
-/// poll (a wait for one point of another block) that waits for nothing.
+/// Stands for "none" in tables of indices of 32 bits: for example in that of a lane without a particle, or of
+/// a poll (a wait for one point of another block) that waits for nothing.
 inline constexpr std::uint32_t resident_none = 0xFFFFFFFFu;
 
 /// The bit of an element of ResidentStep::polled_word that makes a thread store a ghost in memory at the end
@@ -65,9 +65,10 @@ inline constexpr std::uint32_t resident_word_bits = keeps_ghost - 1;
 /// neighbouring parts.
 inline constexpr std::uint32_t second_neighbour = 1U << 31;
 
-/// The block that waited in vain for another block, and the step that it waited for, counted from the latest
-/// upload. If it waited for another part of the body, `step` is the number of the message instead. Both are
-/// packed into one word of 64 bits, so that they are written together.
+/// The block that waited in vain, and the step whose points it waited for or, if it waited for no points, the
+/// latest step, counted from the latest upload. If it waited in the kernel `exchange_borders`, `step` is the
+/// number of the message instead. Both are packed into one word of 64 bits, so that they are written
+/// together.
 struct ResidentStall {
     std::uint32_t block, step;
     static constexpr std::uint64_t set = std::uint64_t(1) << 63;
@@ -88,11 +89,11 @@ struct WaitLimit {
 /// step takes only microseconds.
 inline constexpr std::uint64_t max_wait_nanoseconds = 10'000'000'000;
 
-/// What the resident kernel is launched with, besides the state and the number of steps. Of the base class,
-/// `nx` to `origins` are not used.
+/// What the resident kernel is launched with, besides the state, the number of steps and two counters. Of the
+/// base class, `nx` to `origins` and `active` are not used.
 struct ResidentStep : ImplicitStep<float> {
-    // Arrays with one element per lane. A lane is a thread's place for one particle; all threads have the
-    // same number of lanes.
+    // Arrays with one element per lane, except `slot` and `border`. A lane is a thread's place for one
+    // particle; all threads but pollers have the same number of lanes.
     const std::uint32_t* particle;  ///< index of the particle's word
     /// The index in `exchange` of a particle that other blocks need; resident_none for other particles.
     const std::uint32_t* published;
@@ -100,7 +101,7 @@ struct ResidentStep : ImplicitStep<float> {
     /// For each mask bit (slot_index()): the slot of the neighbour, or the lane's own slot if no spring leads
     /// there.
     const std::uint16_t* slot;
-    const std::uint8_t* border;  ///< one per warp: kind of border, and how the warp is mirrored
+    const std::uint8_t* border;  ///< one per 32 lanes: kind of border, and how they are mirrored
     // Arrays with one element per poll. A poller is a thread that waits for one point of another block in
     // each round. The polls are ordered by round, then by block, then by poller.
     const std::uint32_t* polled;       ///< index in `exchange`
@@ -110,7 +111,7 @@ struct ResidentStep : ImplicitStep<float> {
     /// The number of points in each half of `exchange`. Steps use the two halves in turn.
     std::uint32_t published_count;
     TaggedPoint* exchange;  ///< 2 x published_count points
-    /// How many blocks have read the state with which their launch starts, counted over all launches.
+    /// How many blocks have read the state with which their launch starts, counted since the upload.
     std::uint32_t* started_blocks;
     WaitLimit wait;
     bool operator==(const ResidentStep&) const = default;
@@ -124,7 +125,7 @@ enum class ToolMode : std::uint8_t { none, launch, ticks };
 struct HeldResidentStep : ResidentStep {
     const std::uint32_t* held_by_lane;  ///< per lane: index of its particle in `held`, or resident_none
     const HeldWord<float>* held;
-    ToolState<float> tool;     ///< where the tool is, in ToolMode::launch
+    ToolState<float> tool;     ///< `moved` is used only in ToolMode::launch
     HeldForce<float>* forces;  ///< the tool's forces in the last step of a launch
     TickLine line;             ///< used in ToolMode::ticks
 };

@@ -1,5 +1,5 @@
-// The argument of the scatter kernels (cuda/kernels/scatter.h), in which a thread adds the force of one
-// spring to both of its particles.
+// The argument of the scatter kernels (cuda/kernels/scatter.h). In the first a thread adds the force of one
+// spring to both of its particles; the second moves the particles.
 #pragma once
 
 #include "backends/layout/records/motion.h"
@@ -7,7 +7,7 @@
 
 namespace voxspring::layout {
 
-/// Everything a step needs besides positions.
+/// Everything a step needs besides the particles' state.
 template <class Real>
 struct ScatterStep {
     int particles;

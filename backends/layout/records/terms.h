@@ -5,13 +5,13 @@
 
 namespace voxspring::layout {
 
-inline constexpr std::uint32_t term_materials = 1;  ///< springs between several materials
+inline constexpr std::uint32_t term_materials = 1;  ///< several materials, with own stiffnesses and masses
 inline constexpr std::uint32_t term_damping = 2;
 inline constexpr std::uint32_t term_gravity = 4;
 inline constexpr std::uint32_t term_pins = 8;
 inline constexpr std::uint32_t term_loads = 16;
 inline constexpr std::uint32_t term_off_lattice_rests = 32;  ///< springs beyond the lattice have rest offsets
-/// Threads skip the tests of mask bits if no particle of their warp lacks a neighbour.
+/// Threads may skip the tests of mask bits if no particle of their warp lacks a neighbour.
 inline constexpr std::uint32_t term_full_stencil = 128;
 /// The kernel of delta-compressed lists (delta.h) also evaluates springs that no lattice direction describes.
 inline constexpr std::uint32_t term_off_lattice_springs = 256;

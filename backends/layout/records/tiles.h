@@ -7,8 +7,8 @@
 namespace voxspring::layout {
 
 inline constexpr int tile_particles = 8;
-/// Memory holds tiles in groups. Each group is stepped by one warp, or by two successive warps if a tile has
-/// two threads.
+/// Memory holds tiles in groups. Each group but the first and the last, which are padding, is stepped by one
+/// warp, or by two successive warps if a tile has two threads.
 inline constexpr std::uint32_t group_tiles = 32;
 /// The distance in elements from a particle's x to its y, and from its y to its z. A group stores the x of
 /// all its particles, then all y, then all z.
@@ -33,14 +33,16 @@ VOXSPRING_HOST_DEVICE constexpr std::uint32_t tile_row(int dy, int dz) {
 /// What a tile T knows of one row of tiles beside it. A tile is active if it has a particle. The record holds
 /// the number of the first active tile that comes at the place beside T (dx = 0) or after it in the order of
 /// the list, and whether it is at that place. The active tiles of a row have consecutive numbers, so this
-/// gives the numbers of the neighbours at dx = -1, 0 and 1.
+/// gives the numbers of the neighbours at dx = -1, 0 and 1. For a row outside of the lattice the record holds
+/// the number of a tile of padding.
 struct TileRow {
     std::uint32_t entry;
 
     static VOXSPRING_HOST_DEVICE constexpr TileRow make(std::uint32_t tile, bool beside) {
         return {tile << 1 | (beside ? 1U : 0U)};
     }
-    /// The number of the neighbour at `dx` in this row. That neighbour must be active.
+    /// The number of the neighbour at `dx` in this row. If that neighbour is not active, the result is the
+    /// number of another tile that may be read.
     VOXSPRING_HOST_DEVICE constexpr std::uint32_t at(int dx) const {
         const std::uint32_t tile = entry >> 1;
         return dx < 0 ? tile - 1 : dx == 0 ? tile : tile + (entry & 1U);
@@ -62,7 +64,7 @@ struct alignas(16) TileMask {
     bool operator==(const TileMask&) const = default;
 };
 
-/// Everything that a step needs besides where the particles are. `items` and the strides of the base class
+/// Everything that a step needs besides the particles' state. The members `nx` to `words` of the base class
 /// are not used.
 template <class Real>
 struct TileStep : MarchStep<Real> {

@@ -193,9 +193,9 @@ public:
     }
 
 private:
-    // The mean power is computed from one update of the energy counter to another (measure_energy()). Power
-    // is reported as the mean of a second, so in five seconds there are five independent samples to check it
-    // with.
+    // The mean power is computed from one update of the energy counter to another (measure_energy()). Recent
+    // cards report power as the mean of a second, so in five seconds there are five independent samples to
+    // check it with.
     static constexpr double min_seconds = 5;
     double seconds_ = min_seconds;  ///< how long each case is measured
 };

@@ -1,7 +1,7 @@
 // The kind of study `haptic`: plays a recorded motion of a hand in real time, in ticks (the tool moves, a
 // step is made, the force is read), and measures when the force comes back. Before that, steps of the same
-// motion are compared with float64. After it, the state that was left is compared with that of the same ticks
-// without waiting.
+// motion are compared with float64. After it, if the backend is deterministic, the state that was left is
+// compared with that of the same ticks without waiting.
 #include <sched.h>
 
 #include <algorithm>
@@ -41,7 +41,7 @@ namespace {
 
 /// Seconds from one edit to the next, if a motion is played with edits.
 constexpr double edit_seconds = 0.1;
-/// How many forces of a case are compared with the reference, at even intervals of its steps.
+/// The most forces of a run that are compared with the reference, at even intervals of its steps.
 constexpr int compared_forces = 20;
 
 /// One playing of the motion: `hertz` ticks per second for `seconds`. `edited`: springs are cut and sutured
@@ -102,7 +102,7 @@ struct HapticRow : Row {
     }
 };
 
-/// The percentile, if at least ten values exceed it; otherwise empty, since it would just be one of the
+/// The percentile, if about ten values or more exceed it; otherwise empty, since it would just be one of the
 /// largest values.
 std::optional<double> percentile_of_many(const std::vector<double>& sorted, double fraction) {
     constexpr long least_beyond = 10;
@@ -110,7 +110,7 @@ std::optional<double> percentile_of_many(const std::vector<double>& sorted, doub
     return enough ? std::optional(percentile(sorted, fraction)) : std::nullopt;
 }
 
-/// A cut beside the particles that the tool holds, and the suture that undoes it.
+/// A cut around one of the particles that the tool holds, and the suture that undoes it.
 using CutAndSuture = std::array<SpringEdit, 2>;
 CutAndSuture cut_and_suture_of(const Scene& scene) {
     Problem problem = scene.problem;
@@ -288,8 +288,8 @@ private:
     /// ended are left out.
     ///
     /// The latency of a tick, played or left out, is the time from when it is due until the next force is
-    /// there. If only played ticks counted, one long tick would hide the delay of the ticks that are left out
-    /// because of it.
+    /// there or, if no tick follows, until the last tick has ended. If only played ticks counted, one long
+    /// tick would hide the delay of the ticks that are left out because of it.
     HapticRow play(Backend& backend, const Playing& playing, Played& played) {
         HapticRow row;
         row.playing = playing;
@@ -355,7 +355,8 @@ private:
         return row;
     }
 
-    /// Plays the same ticks without waiting and without drawing, and throws unless they leave the same state.
+    /// If the backend is deterministic, plays the same ticks without waiting and without drawing, and throws
+    /// unless they leave the same state.
     void check(Backend& backend, const Played& played) {
         if (played.left.empty()) return;
         stand_at_start(backend, false);
@@ -411,10 +412,10 @@ private:
         return backend.tool()->tool_force();
     }
 
-    /// The largest number of steps per tick for which a tick takes at most `period` seconds; 0 if one step
-    /// takes longer. Ticks run back to back, with pictures if the motion had some. The median of a few ticks
-    /// brackets the number. Within the bracket the mean over a longer time, in which pictures are drawn,
-    /// decides.
+    /// The largest number of steps per tick, within a few percent and up to 65536, for which a tick takes at
+    /// most `period` seconds; 0 if one step takes longer. Ticks run back to back, with pictures if the motion
+    /// had some. The median of a few ticks brackets the number. Within the bracket the mean over a longer
+    /// time, in which pictures are drawn, decides.
     int steps_that_fit(Backend& backend, double period) {
         constexpr int most = 1 << 16, least_ticks = 9;
         const double long_enough = drawing_ ? 0.1 : 0.03;
@@ -531,7 +532,7 @@ struct Motions {
             rates.clear();
             for (const JsonValue& item : listed->array(1, 16)) {
                 const double rate = item.number(1, 1e5);
-                // Rows and the journal name a rate with three decimals.
+                // The journal names a rate with three decimals.
                 if (std::any_of(rates.begin(), rates.end(),
                                 [&](double other) { return std::abs(other - rate) < 1e-3; }))
                     item.refuse("a rate that differs by 0.001 or more from those before it");

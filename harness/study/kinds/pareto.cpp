@@ -55,8 +55,8 @@ void print_front(std::vector<ParetoRow> rows, std::ostream& out, TableWidth widt
         width, out);
 }
 
-/// Prints the front of each scene and device, fastest first, then the scenes without an error against the
-/// converged solution, and the runs that diverged.
+/// Prints the front of each scene and device, fastest first, then the reasons not to trust times, the scenes
+/// without an error against the converged solution, and the runs that diverged.
 void print_fronts(const Result& result, std::ostream& out, TableWidth width) {
     std::vector<std::string> order, diverged;
     std::map<std::string, std::vector<ParetoRow>> fronts;
@@ -212,8 +212,8 @@ void compile_all(StudyBench& bench, std::vector<Case>& cases, int steps, int tot
         });
 }
 
-/// Measures one row. Throws what the case throws, and std::runtime_error if the last state does not agree
-/// with the reference.
+/// Measures one row. Throws what the case throws, and std::runtime_error if the last state of a run that did
+/// not diverge does not agree with the reference.
 ParetoRow run_step(const StudyBench& bench, Case& benchmark_case, const Step& step,
                    const std::string& device) {
     const Scene& scene = step.scene;

@@ -148,7 +148,7 @@ const std::vector<std::string> known_ways = {
     "memory", "mpi", "peer", "peer_overlap", "stores", "stores_overlap", "nccl", "nccl_overlap"};
 
 /// The ways to cut a scene into subdomains (Decomposition). `slabs` cut across the longest axis; `layers`
-/// always cut across z, so that a border is contiguous in memory (every backend stores the particles of one
+/// always cut across z, so that a border is contiguous in memory (most backends store the particles of one
 /// layer side by side); `bricks` cut along several axes.
 const std::vector<std::string> known_cuts = {"slabs", "layers", "bricks"};
 
@@ -307,7 +307,7 @@ struct Found {
 
 /// The reference for the whole body, or for one brick of a Sample.
 struct Judgement {
-    Problem problem;  ///< after all edits
+    Problem problem;  ///< after the edits within the steps
     State start;
     std::vector<std::uint32_t> particle;  ///< indices in the scene, ascending; empty: the whole body
     std::vector<std::uint32_t> place;     ///< indices of `particle` in the state that ranks leave
@@ -452,8 +452,9 @@ Found RankedCase::run_by_mpi(Case& entered, const RankTask& task, const SharedMe
     return found;
 }
 
-/// Judges `found` and returns the journal's entry: the row and the hash of the state. Throws if the state is
-/// wrong, or if `keeps_bits` is set and the bits of the state are not those that one rank left.
+/// Judges `found` and returns the journal's entry: the row and the hash of the state. Throws if the ranks are
+/// on devices of different names, if the state is wrong, or if `keeps_bits` is set and the bits of the state
+/// are not those that one rank left.
 nlohmann::json RankedCase::judged(const Found& found, const RankPlan& plan, const std::string& way,
                                   bool keeps_bits) {
     if (const std::string reason = different_devices(found.reports); !reason.empty())
@@ -540,8 +541,8 @@ void RankedCase::measure(glm::ivec3 cut, const std::string& way) {
     bench_.add("scaling", kept->at("row"));
 }
 
-/// Reports as skipped the study's ways that are not in `ways`. For a backend that exchanges borders within
-/// its steps, and therefore has no ways but `ways`.
+/// Reports as skipped the study's ways that are not in `ways`, but not "mpi" without mpirun. For a backend
+/// that exchanges borders within its steps, and therefore has no ways but `ways`.
 void ScalingStudy::skip_other_ways(StudyBench& bench, const BackendSpec& spec, int ranks,
                                    const std::vector<std::string>& ways) const {
     std::vector<std::string> others = known_ways_of(bench.item());

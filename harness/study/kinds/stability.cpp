@@ -73,8 +73,8 @@ double shortest_spacing(const Problem& problem) {
     return std::min({s.x, s.y, s.z});
 }
 
-/// Pins the particles that lack a neighbour. The other particles of a uniformly stretched lattice are in
-/// equilibrium.
+/// Pins the particles that lack a neighbour. The other particles of a uniformly stretched lattice of one
+/// material are in equilibrium.
 void pin_surface(Problem& problem) {
     std::vector<std::uint8_t> pinned(problem.particle_count());
     for (std::size_t i = 0; i < pinned.size(); ++i)

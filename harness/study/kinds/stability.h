@@ -24,16 +24,17 @@ std::vector<double> stability_limits(const Scene& scene);
 /// | stretched to twice the size, +-0.001 | 0 | theory about the stretched state; the surface is pinned |
 ///
 /// If the stretched body is not in equilibrium, between materials for example, constant loads hold it there:
-/// theory requires a state of equilibrium. A backend that does not support loads skips the stretched start.
+/// theory requires a state of equilibrium. A backend that does not support loads then skips the stretched
+/// start.
 ///
 /// A time step counts as stable if, after a number of steps, no particle moves more than 30 times the start's
 /// amplitude per step. Where theory holds, a mode of a random start grows to that size in these steps if the
 /// time step exceeds theory by 0.1%. With `map` there is also a map: for each damping and time step, whether
 /// a run stays bounded, gains energy or diverges.
 ///
-/// Lists: `stability`, one row per start and damping; `stability_map`; and `failed`, the starts and dampings
-/// whose result differs from theory by more than 0.2%. Rows are as in results/schema.json. `limits` are
-/// stability_limits() of the scene. Throws what the backend throws.
+/// Lists: `stability`, one row per start and damping; `stability_map`; `skipped`; and `failed`, the starts
+/// and dampings for which theory holds but whose result differs from it by more than 0.2%. Rows are as in
+/// results/schema.json. `limits` are stability_limits() of the scene. Throws what the backend throws.
 void run_stability(const BackendSpec& spec, Backend& backend, const Scene& scene,
                    const std::vector<double>& limits, bool map, const Once& once);
 

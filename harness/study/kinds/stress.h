@@ -12,8 +12,8 @@
 namespace voxspring {
 
 /// How long the suite runs and how large its scenes are. `full`: the lengths at which the thresholds were
-/// measured; takes seconds on a GPU or on all cores. `brief`: fewer steps, for cpu_reference or for OpenGL on
-/// the processor. `shortest`: for tests, on small boxes.
+/// measured; takes seconds on a GPU or on all cores. `brief`: fewer steps and some smaller boxes, for
+/// cpu_reference or for OpenGL on the processor. `shortest`: for tests, on small boxes.
 enum class StressLengths : std::uint8_t { full, brief, shortest };
 
 /// The float64 states that errors are measured against. Each is computed once, by cpu_parallel in formulation

@@ -157,8 +157,8 @@ TruthLattice truth_lattice(const TruthCase& of, double load, int across, bool co
         const glm::dvec3 place = problem.rest_position[i];
         pinned[i] = place.z == 0;
         if (place.z < top) continue;
-        // Four voxels meet at a corner on the highest side. Each gives the particle there an eighth of its
-        // mass and a quarter of its face.
+        // Up to four voxels meet at a corner on the highest side. Each gives the particle there an eighth of
+        // its mass and a quarter of its face.
         const double share = problem.material_of(i).mass / pitch * (corners ? 2 : 1);
         const glm::dvec3 pattern = pattern_at(of.pattern, place + shift);
         lattice.end.push_back(i);

@@ -105,7 +105,8 @@ struct TruthRow : Row {
 };
 
 /// Fills in the orders and rounding errors of one scene's rows. Returns a text per row: why the row fails, or
-/// empty. A row fails if it has the finest pitch and its order is below the claimed one.
+/// empty. A row fails if it has the finest pitch and its order is below the claimed one by more than a
+/// tolerance, unless its error is too small to be known.
 std::vector<std::string> judge_truth(std::vector<TruthRow>& rows);
 
 /// The fastest row at small strain of the case `name` whose `model_error`, rounding included, is at most
