@@ -153,6 +153,35 @@ protected:
     ExportOptions options_;
 };
 
+TEST_F(ExportedSeries, HasAFileAfterEachMultipleWhereverItBegins) {
+    options_.every = 10;
+    const Exports exports(options_, 15);
+    EXPECT_EQ(exports.next(0), 10);
+    EXPECT_EQ(exports.next(9), 10) << "fewer steps are left than lie between two files";
+    EXPECT_EQ(exports.next(10), 15);
+    EXPECT_EQ(Exports(options_, 20).next(10), 20);
+    constexpr int most = std::numeric_limits<int>::max();
+    EXPECT_EQ(Exports(options_, most).next(most - 1), most);
+}
+
+TEST_F(ExportedSeries, IsNotOverwrittenByTheForcesOfATool) {
+    options_.every = 10;
+    options_.out = {folder_.path() / "a.csv"};
+    for (const auto& [name, refused] : {std::pair{"a_000010.csv", true},
+                                        {"a_000015.csv", true},
+                                        {"a.csv", false},
+                                        {"a_000005.csv", false},
+                                        {"a_10.csv", false},
+                                        {"b_000010.csv", false}}) {
+        options_.tool_force = folder_.path() / name;
+        if (refused) {
+            EXPECT_THROW(Exports(options_, 15), BadInput) << name;
+        } else {
+            EXPECT_NO_THROW(Exports(options_, 15)) << name;
+        }
+    }
+}
+
 TEST_F(ExportedSeries, ListsAFileOnceIfTheRunIsInterruptedRightAfterIt) {
     Exports exports(options_, 10);
     write(exports, {2, 4});

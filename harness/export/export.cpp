@@ -57,7 +57,8 @@ Colouring parse_colouring(const std::string& text) {
 
 /// The next multiple of `every` beyond `step`, or `last` if that comes before it. Nothing here overflows.
 int next_multiple(int step, int every, int last) {
-    return every <= last - step ? std::min(last, step + every - step % every) : last;
+    const int left = every - step % every;
+    return left <= last - step ? step + left : last;
 }
 
 std::filesystem::path collection_of(std::filesystem::path path) { return path.replace_extension(".pvd"); }
@@ -126,10 +127,10 @@ Exports::Exports(const ExportOptions& options, int steps)
                            "a different name for each series: " + collection_of(path).filename().string() +
                                " lists another series already");
         }
-        if (!every && options.tool_force && in_full(path) == in_full(*options.tool_force))
+        files_.push_back({path, &writer, every, {}});
+        if (options.tool_force && is_written_to(files_.back(), *options.tool_force))
             throw BadInput("command line", "--tool-force", options.tool_force->string(),
                            "another file than that of --out, which would be overwritten");
-        files_.push_back({path, &writer, every, {}});
     }
     if (options.frames) {
         const std::filesystem::path path = *options.frames / "frame.png";
@@ -147,6 +148,16 @@ Exports::Exports(const ExportOptions& options, int steps)
     const Colouring colouring = options.colour ? parse_colouring(*options.colour) : Colouring::displacement;
     const glm::ivec2 size = options.size ? parse_size(*options.size) : default_size;
     if (any) pictures_ = std::make_unique<Pictures>(colouring, size);
+}
+
+bool Exports::is_written_to(const File& file, const std::filesystem::path& path) const {
+    const std::filesystem::path asked = in_full(path), own = in_full(file.path);
+    if (!file.every) return asked == own;
+    const std::string name = asked.filename().string();
+    const std::size_t at = name.rfind('_');
+    if (at == std::string::npos || asked.parent_path() != own.parent_path()) return false;
+    const long long step = std::strtoll(name.c_str() + at + 1, nullptr, 10);
+    return step > 0 && step <= steps_ && is_due(file, step) && name == name_in_series(file, step);
 }
 
 Exports::~Exports() = default;

@@ -99,6 +99,8 @@ private:
         std::optional<int> every;
         std::string listed;  ///< entries so far of the .pvd file of the series
     };
+    /// Whether write() writes `file`, or one of its series, to `path`.
+    bool is_written_to(const File& file, const std::filesystem::path& path) const;
     static bool is_picture(const File& file) { return file.writer->contents == nullptr; }
     std::string name_in_series(const File& file, std::int64_t step) const;
     bool is_due(const File& file, std::int64_t step) const;
