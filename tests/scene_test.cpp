@@ -266,7 +266,7 @@ TEST(Scene, EditsPlayBetweenTheirSteps) {
     // A backend that cannot follow the edits says so before the run.
     const auto implicit = BackendSpec::parse("cpu_parallel").make();
     EXPECT_EQ(runner.unsupported(*implicit),
-              "some springs join particles that are not grid neighbours, which needs neighbour lists "
+              "some springs are not those of the lattice, which needs neighbour lists "
               "(edit after step 7)");
 }
 
@@ -671,6 +671,19 @@ TEST(Scene, VoxelsThatShareACornerAreOnePartIfParticlesAreThere) {
                                      R"(, "pinned": {"side": "x-"}, "particles": "corners")");
     EXPECT_EQ(scene.problem.particle_count(), 18u);
     EXPECT_THAT(scene.notes, Contains("1 voxel in 1 of 2 parts is left out (parts: largest)"));
+}
+
+// With particles at corners, springs of the surface have a part of the stiffness of others. A suture gives
+// lattice neighbours a whole spring in their place.
+TEST(Scene, TheTimeStepAllowsForSuturesThatAreStifferThanWhatWasCut) {
+    const Scene scene =
+        parse(R"({"dataset": {"type": "box", "dims": [4, 4, 4]}, "particles": "corners", "edits": [
+        {"step": 1, "cut": {"plane": {"point": [0, 0, 1.5], "normal": [0, 0, 1]}}},
+        {"step": 2, "suture": {"plane": {"point": [0, 0, 1.5], "normal": [0, 0, 1]}, "within": 1.5}}]})");
+    Problem edited = scene.problem;
+    for (const ScheduledEdit& scheduled : scene.edits) apply(edited, scheduled.edit);
+    EXPECT_LT(stable_time_step(edited), stable_time_step(scene.problem));
+    EXPECT_LE(scene.stable_time_step, stable_time_step(edited));
 }
 
 // With particles at corners, springs of the labels after the first are not those of the lattice.

@@ -131,8 +131,8 @@ Scene parse_scene(const std::string& text, const std::string& file, const SceneS
 /// outside its range, or masks, pins, voxels and rest positions contradict each other.
 Scene scene_of(const std::string& name, Problem problem, State state = {});
 
-/// The scene's problem with every spring that any of its edits adds beyond the lattice. The stable time step
-/// is computed for this problem.
+/// The scene's problem with every spring that any of its edits adds. The stable time step is computed for
+/// this problem.
 Problem with_all_springs(const Scene& scene);
 
 /// A scene or a study that is built into the program.
