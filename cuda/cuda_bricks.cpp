@@ -213,7 +213,7 @@ const Registered entry({
     .summary =
         "One launch for thousands of steps: bricks of the lattice in shared memory, one tile of "
         "particles per thread, borders of bricks through L2. Only one material, face and edge springs.",
-    .strength = "shared memory of all multiprocessors holds the state from step to step",
+    .strength = "shared memory of all multiprocessors holds the positions from step to step",
     .formulations = {Formulation::increment, Formulation::position, Formulation::displacement},
     .tuning = {{"tile", tile_names()}},
     .make = [](const Options& options) { return std::make_unique<BricksBackend>(options); },

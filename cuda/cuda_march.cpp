@@ -201,6 +201,9 @@ private:
         if (std::string why = class_refusal(problem, precision, this->formulation(), "the march");
             !why.empty())
             return why;
+        if (const std::size_t elements = march_strides(problem.lattice, sizeof(Real)).axis;
+            !problem.ghosts.empty() && !border_index_refusal(elements).empty())
+            return border_index_refusal(elements);
         std::size_t needed = std::numeric_limits<std::size_t>::max();
         for (const MarchTile& tile : tiles_)
             needed = std::min(needed, std::size_t(tile.shape.shared_bytes(sizeof(Real))));
@@ -307,7 +310,7 @@ const Registered entry({
     .summary =
         "Blocks march along z, two to four columns per thread, planes copied ahead into shared memory. "
         "Only one material, face and edge springs.",
-    .strength = "each thread marches along a column and reads a particle once",
+    .strength = "each thread marches along columns, and a block reads each particle of its windows once",
     .precisions = {Precision::float32, Precision::float64},
     .formulations = {Formulation::increment, Formulation::position, Formulation::displacement},
     // How windows are filled. `auto`: by the tensor copy engine from compute capability 9.0 on, otherwise by

@@ -458,7 +458,7 @@ const Registered entry({
     .api = "cuda",
     .addressing = Addressing::by_grid,
     .summary = "One launch for thousands of steps, particles in registers, borders of blocks through L2.",
-    .strength = "state stays on the chip from step to step",
+    .strength = "positions stay on the chip from step to step",
     .formulations = {Formulation::increment, Formulation::position, Formulation::displacement,
                      Formulation::paper},
     .tuning = tuning({{"partition", {"auto", "rows", "bisection"}},

@@ -63,13 +63,16 @@ public:
     void edit(const Problem& edited, const SpringEdit& edit) override {
         this->set_problem(edited);
         const std::vector<EditedSpring<Real>> springs = slots_.template slots_of<Real>(edit);
-        const bool needs_off_lattice_rest = !edited.springs.empty() && !on_positions(this->formulation());
-        if (slots_.used() > ends_.size() || (needs_off_lattice_rest && off_lattice_rest_.size() == 0)) {
+        // The kernels write and read this array for every slot once it exists, even if the springs that
+        // needed it are cut.
+        const bool has_rests =
+            off_lattice_rest_.size() > 0 || (!edited.springs.empty() && !on_positions(this->formulation()));
+        if (slots_.used() > ends_.size() || (has_rests && off_lattice_rest_.size() == 0)) {
             // Allocate spare room as well, which stays empty until a later edit needs it.
             const std::size_t size = slots_.used() + std::max<std::size_t>(slots_.used() / 8, 1024);
             ends_.grow(size, this->stream());
             constants_.grow(size, this->stream());
-            if (needs_off_lattice_rest) off_lattice_rest_.grow(size, this->stream());
+            if (has_rests) off_lattice_rest_.grow(size, this->stream());
             typename ScatterBackend::Launch launch = this->launch();
             launch.step.springs = size;
             point_at_springs(launch.step);

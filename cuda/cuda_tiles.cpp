@@ -130,7 +130,10 @@ private:
     }
 
     std::string refused(const Problem& problem) const override {
-        return class_refusal(problem, precision, this->formulation(), "tiles");
+        if (std::string why = class_refusal(problem, precision, this->formulation(), "tiles");
+            !why.empty() || problem.ghosts.empty())
+            return why;
+        return border_index_refusal(tile_elements(ActiveTiles(problem), block_threads));
     }
     std::uint64_t bytes_needed(const Problem& problem) const override {
         return needed_bytes<Real>(problem, this->formulation());

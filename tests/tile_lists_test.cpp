@@ -222,6 +222,7 @@ TEST(TileLists, LiesWithinItsArrays) {
             EXPECT_LT(element + 2 * tile_axis, lists.elements());
             EXPECT_TRUE(elements.insert(element).second);
         }
+        EXPECT_EQ(lists.elements(), tile_elements(ActiveTiles(problem), block_tiles));
         EXPECT_EQ(
             tile_bytes<float>(problem, block_tiles, 2),
             listed * (sizeof(TileMask) + tile_rows * sizeof(TileRow)) + 2 * lists.elements() * sizeof(float));

@@ -190,6 +190,10 @@ std::vector<EditedWord> TileLists::edit(const SpringEdit& edit) {
 
 unsigned threads_per_tile(std::size_t tiles, std::size_t resident) { return tiles <= resident ? 2 : 1; }
 
+std::size_t tile_elements(const ActiveTiles& active, std::uint32_t block_tiles) {
+    return 3 * std::size_t(tile_particles) * listed_tiles(active.count, block_tiles);
+}
+
 template <class Real>
 std::uint64_t tile_bytes(const Problem& problem, std::uint32_t block_tiles, int arrays) {
     const std::uint64_t listed = listed_tiles(ActiveTiles(problem).count, block_tiles);

@@ -72,6 +72,9 @@ private:
     std::uint32_t blocks_ = 0;
 };
 
+/// TileLists::elements() of lists for blocks of `block_tiles` tiles, without making them.
+std::size_t tile_elements(const ActiveTiles& active, std::uint32_t block_tiles);
+
 /// How many threads the kernel should have per tile: one or two. Two threads evaluate a tenth more springs in
 /// all, but keep the whole card busy if the body has few tiles. `resident`: the number of tiles that the card
 /// steps at once with one thread per tile.

@@ -45,14 +45,17 @@ inline std::string class_refusal(const Problem& problem, Precision precision, Fo
         return strategy + " cannot step springs whose rest length is zero or nearly zero";
     if (!has_class_lengths(problem))
         return strategy + " cannot step the two diagonals of a plane with different rest lengths";
-    const std::size_t elements = march_strides(problem.lattice, scalar_bytes(precision)).axis;
-    if (!problem.ghosts.empty() && elements > std::numeric_limits<std::uint32_t>::max())
-        return "the arrays of this part have " + std::to_string(elements) +
-               " elements per axis, but a border can index at most " +
-               std::to_string(std::numeric_limits<std::uint32_t>::max());
     if (problem.has_materials()) return strategy + " can step one material only";
     if (!problem.load.empty()) return strategy + " cannot apply loads";
     return {};
+}
+
+/// Empty, or why a border cannot have indices into arrays whose largest index is below `elements`.
+inline std::string border_index_refusal(std::size_t elements) {
+    constexpr std::size_t most = std::numeric_limits<std::uint32_t>::max();
+    if (elements <= most) return {};
+    return "the arrays of this part have " + std::to_string(elements) +
+           " elements that a border indexes, but it can index at most " + std::to_string(most);
 }
 
 /// The macros REAL, FETCH, TERMS and EQUAL_EDGES for a kernel that has code per spring_class().
