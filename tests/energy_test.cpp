@@ -112,8 +112,14 @@ TEST(Energy, OfACounterThatStandsStillIsNotKnown) {
 
 TEST(Energy, OfADeviceWithoutAMeterIsNotKnown) {
     Capabilities no_card;
+    no_card.family = "opengl";
     no_card.uuid = "GPU-that-nobody-has";
     EXPECT_THROW((void)energy_meter_of(no_card), UnknownEnergy);
+    // The processor's meter would give a card's rows the energy of the processor.
+    no_card.uuid.clear();
+    no_card.device = "a card of some driver";
+    EXPECT_THAT(testing::message_of<UnknownEnergy>([&] { (void)energy_meter_of(no_card); }),
+                ::testing::HasSubstr("a card of some driver has no UUID"));
 }
 
 TEST(Energy, OfABrokenMeterIsNotKnown) {

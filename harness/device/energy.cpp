@@ -178,7 +178,9 @@ std::unique_ptr<EnergyMeter> rapl_meter(const std::string& folder) {
 }
 
 std::unique_ptr<EnergyMeter> energy_meter_of(const Capabilities& capabilities) {
-    if (capabilities.uuid.empty()) return rapl_meter();
+    if (capabilities.steps_on_host() || capabilities.is_software) return rapl_meter();
+    if (capabilities.uuid.empty())
+        throw UnknownEnergy(capabilities.device + " has no UUID, by which NVML finds a card");
     try {
         return std::make_unique<CardMeter>(capabilities.uuid);
     } catch (const std::runtime_error& reason) {

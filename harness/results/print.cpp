@@ -201,8 +201,8 @@ void print_thresholds(const std::vector<Row>& rows, const Verdicts& verdicts, st
     if (last_alone) out << "Only the state after the last repetition of each time was judged.\n";
     if (unverified.count() > 0)
         out << fmt::format(
-            "{} of {} not verified, since no run strains half of the springs by more than the threshold: "
-            "{}\n",
+            "{} of {} not verified, since no run that is not chaotic strains half of the springs by more "
+            "than the threshold: {}\n",
             unverified.count(), counted(rows.size(), "time"), unverified.text());
 }
 

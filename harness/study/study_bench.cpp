@@ -136,8 +136,8 @@ Case StudyBench::case_of(const BackendSpec& spec, const CaseProgram& program,
                 std::move(shared));
 }
 
-std::optional<Case> StudyBench::enter(const BackendSpec& spec, const CaseProgram& program, EnterOptions how) {
-    return entered(case_of(spec, program), how.limits);
+std::optional<Case> StudyBench::enter(const BackendSpec& spec, const CaseProgram& program) {
+    return entered(case_of(spec, program), false);
 }
 
 std::optional<Case> StudyBench::entered(Case one, bool limits) {

@@ -82,7 +82,7 @@ public:
 
     /// The case of a backend, ready to be asked. Empty if the backend cannot run the scene or fails, in which
     /// case the result has the reason, or if the study is interrupted.
-    std::optional<Case> enter(const BackendSpec& spec, const CaseProgram& program, EnterOptions how = {});
+    std::optional<Case> enter(const BackendSpec& spec, const CaseProgram& program);
     /// The cases of `specs` that can run the scene. If they are constructed at once, each process uses an
     /// equal share of the processors from then on; a backend that steps on the processor uses all of them.
     std::vector<Case> enter_all(std::span<const BackendSpec> specs, const CaseProgram& program,

@@ -328,7 +328,7 @@ nlohmann::json StudyRun::description() {
             {"--devices", options_.devices},
             {"settings", study_.settings},
             {"commit", build.at("commit")},
-            {"program", fingerprint_of_executable()},
+            {"program", fingerprint_of_code()},
             {"cpu", build.at("cpu")}};
 }
 
@@ -413,12 +413,12 @@ void StudyRun::run_scene(const StudyScene& item, std::size_t number) {
     kind_->run(*bench_);
 }
 
-/// The number of rows of lists that is_measured(). The rows of `benchmarks` do not count: each case in that
-/// list also has a row of `verification`.
+/// The number of rows with measurements. The rows of `benchmarks` do not count: each case in that list also
+/// has a row of `verification`. Nor do those of `fastest`, which sum up other rows.
 std::size_t StudyRun::row_count() const {
     std::size_t count = 0;
     for (const auto& [name, list] : result_.lists()) {
-        if (is_measured(name) && name != "benchmarks") count += list->size();
+        if (is_measured(name) && name != "benchmarks" && name != "fastest") count += list->size();
     }
     return count;
 }

@@ -45,18 +45,26 @@ void spread_threads() {
     }
 }
 
+/// The number of threads that the user has chosen for a backend on the processor; 0: none.
+int threads_of(const BackendSpec& spec) {
+    const auto chosen = spec.options.tuning.find("threads");
+    return chosen == spec.options.tuning.end() || chosen->second == "auto" ? 0 : std::stoi(chosen->second);
+}
+
 /// While this object lives, each OpenMP thread is pinned to a processor that no other OpenMP thread uses,
 /// unless there are more threads than processors. The system would otherwise move threads, or let two share a
 /// core, in some batches and not in others.
 class PinnedThreads {
 public:
-    PinnedThreads() {
+    /// `threads`: how many threads step, if that is more than OpenMP's default. Threads that start later would
+    /// share the processor of the thread that starts them.
+    explicit PinnedThreads(int threads) {
         std::vector<int> processors;
         if (sched_getaffinity(0, sizeof before_, &before_) != 0) return;
         for (int n = 0; n < CPU_SETSIZE; ++n) {
             if (CPU_ISSET(n, &before_)) processors.push_back(n);
         }
-        if (processors.empty() || std::size_t(omp_get_max_threads()) > processors.size()) return;
+        if (std::size_t(std::max(threads, omp_get_max_threads())) > processors.size()) return;
         pinned_ = true;
 #pragma omp parallel
         {
@@ -196,7 +204,7 @@ private:
         if (runner_.edits_within(batch_.steps) > 0) all.emplace();
         std::optional<PinnedThreads> pinned;
         if (backend.capabilities().steps_on_host()) {
-            pinned.emplace();
+            pinned.emplace(threads_of(spec_));
             spread_threads();
         }
         const std::optional<double> plain_seconds = plain(backend);
@@ -225,7 +233,7 @@ private:
     /// must leave the same state as the repetitions.
     nlohmann::json sustain(Backend& backend, double seconds) {
         std::optional<PinnedThreads> pinned;
-        if (backend.capabilities().steps_on_host()) pinned.emplace();
+        if (backend.capabilities().steps_on_host()) pinned.emplace(threads_of(spec_));
         const bool comparable = batch_.rewind && backend.capabilities().deterministic;
         SceneRunner& runner = sustained_.emplace(scene_);
         runner.rewind(backend);

@@ -687,10 +687,10 @@ void HapticStudy::add_rows(StudyBench& bench, const BackendSpec& spec, const Jou
 
 void HapticStudy::print(const Result& result, std::ostream& out, TableWidth width) const {
     const auto& rows = result.rows<HapticRow>("haptic");
-    bool real_time = true;
+    std::size_t real_time = 0;
     std::vector<double> hand_overs, pictures;
     for (const HapticRow& row : rows) {
-        real_time = real_time && row.real_time;
+        real_time += row.real_time ? 1 : 0;
         if (row.hand_over_seconds) hand_overs.push_back(*row.hand_over_seconds);
         if (row.picture_seconds) pictures.push_back(*row.picture_seconds);
     }
@@ -718,9 +718,10 @@ void HapticStudy::print(const Result& result, std::ostream& out, TableWidth widt
          {{"threshold/motion", 4}, [](const auto& row) { return threshold_text(row.verdict); }}},
         width, out);
     if (!rows.empty())
-        out << "The thread that steps was " << (real_time ? "" : "not ")
-            << "real-time (SCHED_FIFO). Missed: ticks that were left out, since they were due before "
-               "the force of the tick before was there. Pictures/s: of the body, drawn on the same card.\n";
+        out << "The thread that steps was real-time (SCHED_FIFO) in " << real_time << " of "
+            << counted(rows.size(), "row")
+            << ". Missed: ticks that were left out, since they were due before "
+               "the tick before had ended. Pictures/s: of the body, drawn by OpenGL at the same time.\n";
     if (!pictures.empty())
         out << "A picture takes " << si(median(pictures), "s")
             << ", and handing its displacements over takes " << si(median(hand_overs), "s")

@@ -320,7 +320,7 @@ public:
         bool map = bench.item().settings.value("map", false);  // only the first case makes the map
         const auto enter = [&](const BackendSpec& spec) {
             std::optional<Case> entered =
-                bench.enter(spec, {"stability", {{"limits", limits}, {"map", map}}}, {.at_once = true});
+                bench.enter(spec, {"stability", {{"limits", limits}, {"map", map}}});
             if (entered && empty) {
                 bench.refuse(spec, "nothing oscillates, or the frequency is not known");
                 entered.reset();

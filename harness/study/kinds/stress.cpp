@@ -599,13 +599,12 @@ public:
     /// The references that the first case computes are passed on to the later ones.
     void run(StudyBench& bench) override {
         const std::string lengths = bench.item().settings.at("lengths");
-        measure_suites(
-            bench, {.enter =
-                        [&](const BackendSpec& spec) {
-                            return bench.enter(spec, {"stress", {{"lengths", lengths}}}, {.at_once = true});
-                        },
-                    .known = [&] { return references_.known(); },
-                    .on_event = [&](const nlohmann::json& event) { references_.take(event); }});
+        measure_suites(bench, {.enter =
+                                   [&](const BackendSpec& spec) {
+                                       return bench.enter(spec, {"stress", {{"lengths", lengths}}});
+                                   },
+                               .known = [&] { return references_.known(); },
+                               .on_event = [&](const nlohmann::json& event) { references_.take(event); }});
     }
     void make_lists(Result& result) const override { result.rows<StressRow>("stress"); }
     void print(const Result& result, std::ostream& out, TableWidth width) const override {
