@@ -33,6 +33,7 @@
 #include "harness/simulation/simulation.h"
 #include "harness/study/kernel_trial.h"
 #include "harness/study/study.h"
+#include "harness/study/study_kind.h"
 
 namespace nb = nanobind;
 using namespace nb::literals;
@@ -383,8 +384,7 @@ struct CardArray {
 // --- Studies and results ----------------------------------------------------------------------------------
 
 /// A result read from its JSON, as far as a table needs it.
-Result result_of(const std::string& text) {
-    const nlohmann::json json = nlohmann::json::parse(text);
+Result result_of(const nlohmann::json& json) {
     Result result;
     result.context = json.at("context");
     for (const char* list : {"benchmarks", "verification", "skipped", "failed"}) {
@@ -420,10 +420,17 @@ std::string study_json(const std::string& name, const std::optional<Body>& body,
     return text;
 }
 
-std::string table_of(const std::string& json, int width) {
-    std::ostringstream text;
-    print_table(result_of(json), text, TableWidth(width));
-    return text.str();
+std::string table_of(const std::string& text, int width) {
+    const nlohmann::json json = nlohmann::json::parse(text);
+    const nlohmann::json study = json.at("context").at("voxspring").value("study", nlohmann::json::object());
+    const std::vector<std::string> kinds = study_kind_names();
+    std::ostringstream table;
+    if (std::count(kinds.begin(), kinds.end(), study.value("kind", "")) > 0) {
+        print_result(read_result(json), table, TableWidth(width));
+    } else {
+        print_table(result_of(json), table, TableWidth(width));  // of kind judge, or of an older file
+    }
+    return table.str();
 }
 
 // --- A trial of a kernel ----------------------------------------------------------------------------------
@@ -751,9 +758,9 @@ NB_MODULE(_core, m) {
                 const auto [address, device] = running.on_card();
                 return CardArray{nb::borrow(self), address, device, running.body().count()};
             },
-            "Displacements in CUDA's memory, a CardArray. Backends keep positions, in an order and in "
-            "buffers "
-            "that suit their threads: the card computes displacements from them, in the order of particles. "
+            "Displacements in CUDA's memory, a CardArray. Backends keep positions or displacements, in an "
+            "order and in buffers that suit their threads: the card computes this array from them, in the "
+            "order of particles. "
             "Nothing passes through the host. Raises Unavailable if the backend's state is not in CUDA's "
             "memory.")
         .def(
@@ -825,8 +832,8 @@ NB_MODULE(_core, m) {
             "switch_to",
             [](Running& self, const std::string& backend) {
                 const nb::gil_scoped_release free;
-                self.forget_feed();
-                require_done(self.simulation().switch_to(BackendSpec::parse(backend)));
+                require_done(self.simulation().switch_to(BackendSpec::parse(backend),
+                                                         [&self] { self.forget_feed(); }));
             },
             "backend"_a, "Goes on with another backend from the present state. Raises BadInput and Refused.")
         .def(

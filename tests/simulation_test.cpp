@@ -183,8 +183,7 @@ TEST_P(SimulationOn, AStitchIsMadeOrRefused) {
         EXPECT_EQ(stitch.springs, 1u);
     }
     if (GetParam().find("implicit") != std::string::npos) {
-        EXPECT_EQ(stitch.refused,
-                  "some springs join particles that are not grid neighbours, which needs neighbour lists");
+        EXPECT_EQ(stitch.refused, "some springs are not those of the lattice, which needs neighbour lists");
     }
     if (stitch.springs == 1) {
         ASSERT_EQ(simulation.problem().springs.size(), 1u);
@@ -226,7 +225,15 @@ TEST_P(SimulationOn, AnotherBackendGoesOn) {
     simulation.drag({0, 0, 1});
     simulation.step(5);
     const State before = simulation.state();
-    ASSERT_EQ(simulation.switch_to(BackendSpec::parse("cpu_reference")), "");
+    int replaced = 0;
+    const Backend* const replaced_backend = &simulation.backend();
+    ASSERT_EQ(simulation.switch_to(BackendSpec::parse("cpu_reference"),
+                                   [&] {
+                                       ++replaced;
+                                       EXPECT_EQ(&simulation.backend(), replaced_backend);
+                                   }),
+              "");
+    EXPECT_EQ(replaced, 1);
     EXPECT_EQ(simulation.backend_label(), BackendSpec::parse("cpu_reference").label());
     EXPECT_EQ(simulation.steps(), 10);
     EXPECT_FALSE(simulation.holds());
@@ -420,7 +427,11 @@ TEST_F(SimulationOfOne, WhatIsRefusedChangesNothing) {
     EXPECT_EQ(cut.springs, 0u);
     EXPECT_EQ(cut.refused, "it does not want to");
     expect_alike(simulation, twin);
-    EXPECT_EQ(twin.switch_to(bad()), "it does not want to");
+    // An array on the card that belongs to the present backend stays, because that backend does.
+    int replaced = 0;
+    const auto count = [&] { ++replaced; };
+    EXPECT_EQ(twin.switch_to(bad(), count), "it does not want to");
+    EXPECT_EQ(replaced, 0);
     faults = {.absent = true};
     EXPECT_EQ(twin.switch_to(bad()), "it is not here");
     faults = {.in_upload = true};

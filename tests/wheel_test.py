@@ -332,6 +332,9 @@ class Studies(unittest.TestCase):
         packed = gzip.compress(pathlib.Path("joined.json").read_bytes())
         pathlib.Path("joined.json.gz").write_bytes(packed)
         self.assertEqual(voxspring.Result.load("joined.json.gz").json, joined.json)
+        # Rows of another kind of study than timing have other columns.
+        pareto = voxspring.Result.load(pathlib.Path(__file__).parents[1] / "results/amd-epyc/pareto.json.gz")
+        self.assertRegex(str(pareto), r"box@32[^\n]*cpu_parallel")
         for content, reason in ((packed[:-9], "ended before"), (b"{", "Expecting property name"), (b"\x93NUMPY", "decode"),
                                 (b"[1]", "key benchmarks")):
             pathlib.Path("broken.json").write_bytes(content)

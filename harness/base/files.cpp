@@ -1,6 +1,8 @@
 #include "harness/base/files.h"
 
+#include <dlfcn.h>
 #include <fcntl.h>
+#include <link.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -155,14 +157,27 @@ void check_writable(const std::filesystem::path& path, const std::string& option
     unlink(probe.c_str());
 }
 
-const std::string& fingerprint_of_executable() {
+std::filesystem::path file_of_this_code() {
+    Dl_info info{};
+    void* map = nullptr;
+    const auto* const here = reinterpret_cast<const void*>(&file_of_this_code);
+    if (dladdr1(here, &info, &map, RTLD_DL_LINKMAP) != 0) {
+        // The program itself has no name in this list, a shared library has its path.
+        const char* const library = static_cast<const link_map*>(map)->l_name;
+        if (library != nullptr && *library != 0) return library;
+    }
+    return "/proc/self/exe";
+}
+
+const std::string& fingerprint_of_code() {
     static const std::string fingerprint = [] {
-        std::ifstream program("/proc/self/exe", std::ios::binary);
+        const std::filesystem::path file = file_of_this_code();
+        std::ifstream program(file, std::ios::binary);
         std::vector<char> piece(std::size_t(1) << 16);
         Hash hash;
         while (program.read(piece.data(), std::streamsize(piece.size())) || program.gcount() > 0)
             hash.add(piece.data(), std::size_t(program.gcount()));
-        if (!program.eof()) throw std::runtime_error("cannot read /proc/self/exe");
+        if (!program.eof()) throw std::runtime_error("cannot read " + file.string());
         return hash.text();
     }();
     return fingerprint;

@@ -32,8 +32,11 @@ void occupy_standard_descriptors();
 void check_writable(const std::filesystem::path& path, const std::string& option,
                     const std::string& extension);
 
-/// The hash of the file of this program. Unlike the commit's hash, this hash also changes with the compiler,
-/// the flags and code that is not committed. The file is read once per process.
-const std::string& fingerprint_of_executable();
+/// The file that holds the code of this function: the program, or the shared library that Python loads.
+std::filesystem::path file_of_this_code();
+
+/// The hash of file_of_this_code(). Unlike the commit's hash, this hash also changes with the compiler, the
+/// flags and code that is not committed. The file is read once per process.
+const std::string& fingerprint_of_code();
 
 }  // namespace voxspring

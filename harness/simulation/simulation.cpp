@@ -341,7 +341,7 @@ void Simulation::reset() {
     if (compares()) other_.upload(not_owned(scene_.problem), state());
 }
 
-std::string Simulation::switch_to(const BackendSpec& spec) {
+std::string Simulation::switch_to(const BackendSpec& spec, const std::function<void()>& before_replaced) {
     if (!failure_) {
         try {
             if (is_broken()) return not_finite;
@@ -363,6 +363,7 @@ std::string Simulation::switch_to(const BackendSpec& spec) {
         return error.what();
     }
     if (compares()) other_.upload(uploaded, failure_ ? kept_.state : other_.backend->download());
+    if (before_replaced) before_replaced();
     main_ = std::move(next);
     spec_ = spec;
     failure_.reset();

@@ -6,6 +6,7 @@
 #include <cstddef>
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <glm/vec3.hpp>
 #include <memory>
 #include <optional>
@@ -104,8 +105,8 @@ public:
     /// Goes on with another backend from the present state or, after a DeviceError, from the state that was
     /// kept last, with its step and its springs. The hand lets go. Refuses if the new backend is unavailable,
     /// fails, or does not support the problem or one of the scene's later edits, or if the present state is
-    /// not finite.
-    std::string switch_to(const BackendSpec& spec);
+    /// not finite. Otherwise calls `before_replaced` while the present backend still exists.
+    std::string switch_to(const BackendSpec& spec, const std::function<void()>& before_replaced = {});
     /// Writes the state that was kept last (at first the scene's start) to the file `npz`, as `voxspring run
     /// --out FILE.npz` does. `voxspring run --resume FILE.npz` continues from this state, with the springs in
     /// the file and with the scene's own tool. Throws std::system_error.

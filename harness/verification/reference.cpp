@@ -145,7 +145,7 @@ void add(Hash& hash, const Scene& scene, int steps) {
 /// Name of a cached result: a hash of the scene, the program and the kind of result.
 std::string name_of(const Scene& scene, int steps, const std::string& what) {
     Hash hash;
-    hash.add(fingerprint_of_executable());
+    hash.add(fingerprint_of_code());
     hash.add(what);
     add(hash, scene, steps);
     return hash.text();
@@ -163,7 +163,7 @@ std::uint64_t seed_of(const std::string& hash) { return std::stoull(hash.substr(
 /// Calls hash_of_model() for all models in parallel, since hashing a large scene takes long.
 std::vector<std::string> hashes_of(const std::vector<RoundingModel>& models,
                                    const std::function<std::string(const RoundingModel&)>& hash_of_model) {
-    (void)fingerprint_of_executable();  // called here first because it may throw
+    (void)fingerprint_of_code();  // called here first because it may throw
     std::vector<std::string> hashes(models.size());
 #pragma omp parallel for schedule(dynamic) if (models.size() > 1)
     for (std::ptrdiff_t n = 0; n < std::ptrdiff_t(models.size()); ++n)

@@ -134,7 +134,8 @@ private:
     int computed_ = 0;
 };
 
-/// A hash of the scene and of this executable. Scenes equal in every number have the same hash.
+/// A hash of the scene and of this code (fingerprint_of_code()). Scenes equal in every number have the same
+/// hash.
 std::string fingerprint_of(const Scene& scene);
 
 /// The name of the backend that is the plain, single-threaded reference.

@@ -28,7 +28,7 @@ def scene(argument: str | os.PathLike[str]) -> _core.Body:
 class Result:
     """A result file: Google Benchmark's JSON with further fields (results/schema.json of the source).
 
-    Printing it gives the program's table of `benchmarks`, which is empty for kinds of study without such rows.
+    Printing it gives the program's table of its kind of study.
     """
 
     def __init__(self, text: str | dict[str, Any]):
