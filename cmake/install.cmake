@@ -28,12 +28,13 @@ set(include_folder ${CMAKE_INSTALL_INCLUDEDIR}/voxspring)
 target_include_directories(voxspring_harness INTERFACE $<INSTALL_INTERFACE:${include_folder}>)
 install(DIRECTORY backends harness DESTINATION ${include_folder} COMPONENT development
     FILES_MATCHING PATTERN *.h
-    PATTERN kernel.h EXCLUDE PATTERN tiles.h EXCLUDE PATTERN simd EXCLUDE PATTERN backends/gl EXCLUDE
-    PATTERN backends/glsl EXCLUDE PATTERN backends/vulkan EXCLUDE PATTERN backends/layout EXCLUDE
+    PATTERN kernel.h EXCLUDE PATTERN tiles.h EXCLUDE PATTERN padded_state.h EXCLUDE PATTERN parallel_options.h EXCLUDE
+    PATTERN simd EXCLUDE PATTERN backends/gl EXCLUDE PATTERN backends/glsl EXCLUDE PATTERN backends/vulkan EXCLUDE
+    PATTERN backends/layout EXCLUDE
     # Excluded because it is a program.
     PATTERN harness/viewer EXCLUDE
-    # Excluded because it includes backends/layout, for stepping a slab.
-    PATTERN rank_backend.h EXCLUDE
+    # Excluded because it includes backends/layout, for cutting a body into parts.
+    PATTERN harness/ranks EXCLUDE
     PATTERN scenes EXCLUDE PATTERN studies EXCLUDE)
 # A program that draws, such as voxspring-view, needs an OpenGL context and what a painter keeps in it.
 install(FILES backends/gl/context.h backends/gl/handles.h backends/gl/program.h

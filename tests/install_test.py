@@ -6,6 +6,7 @@ CMAKE, BUILD and CXX name CMake, the build folder and the compiler; the current 
 import json
 import os
 import pathlib
+import re
 import shutil
 import tempfile
 import unittest
@@ -99,6 +100,14 @@ class Install(Program):
         share = self.prefix / "share/voxspring"
         self.assertIn("dataset", json.loads((share / "harness/scenes/heart.json").read_text()))
         self.assertIn("properties", json.loads((share / "results/schema.json").read_text()))
+
+    def test_installs_no_header_that_includes_one_that_is_not_installed(self):
+        headers = self.prefix / "include/voxspring"
+        installed = sorted(headers.rglob("*.h"))
+        self.assertGreater(len(installed), 100)
+        for header in installed:
+            for name in re.findall(r'^#include "([^"]+)"', header.read_text(), re.MULTILINE):
+                self.assertTrue((headers / name).exists() or (header.parent / name).exists(), f"{header}: {name}")
 
     def test_installs_the_scripts_that_the_program_starts_and_what_shells_complete(self):
         # The system's Python has the packages; another one on the PATH may not.
