@@ -297,6 +297,10 @@ void FragmentBackend::reset_to_step_zero() {
         glNamedBufferStorage(found_.get(), sizeof(GLuint), nullptr, GL_DYNAMIC_STORAGE_BIT);
     }
     monitor_program_.set("inverse_largest", float(glsl::inverse_largest(monitor_.largest_increment)));
+    // A check before this may still run, and NVIDIA's driver lets copies overtake dispatches
+    // (StorageBuffer::upload()).
+    glMemoryBarrier(GL_BUFFER_UPDATE_BARRIER_BIT);
+    glFinish();
     glNamedBufferSubData(found_.get(), 0, sizeof(never_found), &never_found);
 }
 

@@ -20,6 +20,7 @@ void StorageBuffer::upload(const Context& context, std::span<const std::byte> va
     }
     // Despite barriers, NVIDIA's driver (580.159) lets copies overtake dispatches that read the buffer. So
     // the host waits for these.
+    glMemoryBarrier(GL_BUFFER_UPDATE_BARRIER_BIT);
     glFinish();
     glNamedBufferSubData(get(), 0, GLsizeiptr(bytes_), values.data());
 }
@@ -28,6 +29,7 @@ void StorageBuffer::copy(const Context& context, const StorageBuffer& from) {
     if (bytes_ != from.bytes_) allocate(context, from.bytes_);
     if (bytes_ == 0) return;
     // The host waits because NVIDIA's driver lets copies overtake dispatches (upload()).
+    glMemoryBarrier(GL_BUFFER_UPDATE_BARRIER_BIT);
     glFinish();
     glCopyNamedBufferSubData(from.get(), get(), 0, 0, GLsizeiptr(bytes_));
     glFinish();
