@@ -172,7 +172,7 @@ TEST(Decompositions, RefuseWhatTheyCannotCut) {
     EXPECT_THAT(refusal(random_network(10, 20, 1), 2), HasSubstr("lattice"));
     Problem beyond = bodies_to_cut()[0];
     beyond.springs.push_back({0, 7, 1, 2});
-    EXPECT_THAT(refusal(beyond, 2), HasSubstr("springs between particles that are not grid neighbours"));
+    EXPECT_THAT(refusal(beyond, 2), HasSubstr("springs that are not those of its lattice"));
 }
 
 TEST(Decompositions, AreNeverEmptyWhereLayersAre) {

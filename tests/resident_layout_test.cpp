@@ -549,7 +549,7 @@ TEST(ResidentRefusal, IsOfBodiesThatNoLayoutHolds) {
 
     problem.springs.push_back({0, 2000, 1, 1});
     EXPECT_EQ(resident_refusal(problem, 132, true),
-              "some springs join particles that are not grid neighbours, which needs neighbour lists");
+              "some springs are not those of the lattice, which needs neighbour lists");
 }
 
 }  // namespace

@@ -78,7 +78,7 @@ std::string list_entry_refusal(std::size_t particles, Formulation formulation) {
 
 std::string grouped_list_refusal(const Problem& problem) {
     if (problem.lattice.voxel_count() == 0) return "the network lies on no regular grid";
-    if (!problem.springs.empty()) return "some springs join particles that are not grid neighbours";
+    if (!problem.springs.empty()) return "some springs are not those of the lattice";
     if (problem.has_materials())
         return "several materials give springs of the same group different stiffnesses";
     for (const Direction& a : directions()) {

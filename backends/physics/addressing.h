@@ -13,7 +13,7 @@ inline std::string implicit_refusal(const Problem& problem) {
     if (problem.lattice.voxel_count() == 0)
         return "implicit addressing needs a lattice, but the particles of this scene lie on none";
     if (!problem.springs.empty())
-        return "some springs join particles that are not grid neighbours, which needs neighbour lists";
+        return "some springs are not those of the lattice, which needs neighbour lists";
     return {};
 }
 

@@ -226,9 +226,13 @@ void print(const Scene& scene, const nlohmann::json& facts, std::ostream& out) {
     row(out, "pinned particles", number("pinned_particles"));
     row(out, "materials", problem.materials.size());
     const auto springs = facts.at("springs").get<std::map<std::string, std::size_t>>();
+    const std::size_t of_groups = springs.at("face") + springs.at("edge") + springs.at("corner");
     row(out, "springs",
-        fmt::format("{} (face {}, edge {}, corner {})", springs.at("total"), springs.at("face"),
-                    springs.at("edge"), springs.at("corner")));
+        fmt::format("{} (face {}, edge {}, corner {}{})", springs.at("total"), springs.at("face"),
+                    springs.at("edge"), springs.at("corner"),
+                    springs.at("total") > of_groups
+                        ? fmt::format(", not of the lattice {}", springs.at("total") - of_groups)
+                        : ""));
     if (scene.world) print_world(*scene.world, out);
     row(out, "damping",
         fmt::format("{:g}", problem.damping) +

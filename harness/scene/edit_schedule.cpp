@@ -44,7 +44,7 @@ void check_sizes(const std::vector<EditSpec>& specs, const Lattice& lattice, con
         if (work > limits.edit_work) {
             spec.source.refuse("fewer or smaller edits: together the edits test more than " +
                                std::to_string(std::int64_t(limits.edit_work)) +
-                               " pairs of a voxel and a triangle");
+                               " pairs of a voxel and a triangle or other shape");
         }
         if (spec.within > max_suture_voxels * std::min({spacing.x, spacing.y, spacing.z}))
             spec.source.refuse("\"within\" of at most " + std::to_string(max_suture_voxels) +

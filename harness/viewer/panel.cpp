@@ -66,8 +66,8 @@ void draw_run(const Figures& figures, const std::vector<std::string>& backends, 
         ImGui::EndCombo();
     }
     ImGui::TextWrapped("%s", figures.device.c_str());
-    ImGui::TextWrapped(
-        "%s", figures.from_device ? "drawn from the device's memory" : "drawn through the host's memory");
+    ImGui::TextWrapped("%s", figures.from_device ? "displacements stay on the device"
+                                                 : "displacements pass through the host's memory");
     ImGui::Separator();
     ImGui::Checkbox("pause (space)", &controls.paused);
     ImGui::SameLine();

@@ -462,7 +462,7 @@ int view_scene(const std::string& scene, const ViewOptions& options, std::ostrea
     say_notes(loaded);
     try {
         return Viewer(std::move(loaded), options, out).run();
-    } catch (const Unavailable& absent) {
+    } catch (const NoWindow& absent) {
         throw Unavailable(
             fmt::format("view: {}\nWithout a display: {} --frames frames draws pictures of a run.",
                         absent.what(), run_command_of(scene, options.volume, options.backend)));

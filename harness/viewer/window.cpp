@@ -27,7 +27,7 @@ std::string glfw_error() {
 }  // namespace
 
 Window::Glfw::Glfw() {
-    if (glfwInit() == GLFW_FALSE) throw Unavailable("no window: " + glfw_error());
+    if (glfwInit() == GLFW_FALSE) throw NoWindow("no window: " + glfw_error());
 }
 
 Window::Glfw::~Glfw() { glfwTerminate(); }
@@ -43,7 +43,7 @@ Window::Window(const std::string& title, glm::ivec2 size) {
     glfwWindowHint(GLFW_CONTEXT_VERSION_MINOR, 5);
     glfwWindowHint(GLFW_OPENGL_PROFILE, GLFW_OPENGL_CORE_PROFILE);
     window_.reset(glfwCreateWindow(size.x, size.y, title.c_str(), nullptr, nullptr));
-    if (!window_) throw Unavailable("no window with OpenGL 4.5 by EGL: " + glfw_error());
+    if (!window_) throw NoWindow("no window with OpenGL 4.5 by EGL: " + glfw_error());
     glfwMakeContextCurrent(window_.get());
     context_ = std::make_unique<gl::Context>(gl::SurfaceContext{
         glfwGetEGLDisplay(), glfwGetEGLSurface(window_.get()), glfwGetEGLContext(window_.get())});

@@ -15,10 +15,15 @@ namespace voxspring {
 /// The character that Window::typed() holds for the escape key.
 inline constexpr char32_t escape_key = 0x1B;
 
+/// Thrown where no window can be opened.
+class NoWindow : public Unavailable {
+    using Unavailable::Unavailable;
+};
+
 /// A process may have one window at a time, on its first thread.
 class Window {
 public:
-    /// `size` is in the window system's units. Throws Unavailable if there is no display, or no OpenGL 4.5 on
+    /// `size` is in the window system's units. Throws NoWindow if there is no display, or no OpenGL 4.5 on
     /// it.
     Window(const std::string& title, glm::ivec2 size);
     ~Window();
