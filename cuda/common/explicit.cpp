@@ -86,9 +86,8 @@ public:
     StepWork step_work(const Problem& problem) const override {
         const bool secondary = options_.has_secondary(problem);
         StepWork work = explicit_work<Real>(problem, secondary, this->formulation());
-        // With counters=rows a step also reads the rows (ListRows): where each list begins, and how many
-        // entries it has. That count is one number with the secondary list, otherwise one number per spring
-        // group.
+        // By counters=rows, ListRows are read too: where each list begins, and how many entries it has.
+        // That count is one number with the secondary list, otherwise one number per spring group.
         const int groups = int((problem.group_bits & FACE_BITS) != 0) +
                            int((problem.group_bits & EDGE_BITS) != 0) +
                            int((problem.group_bits & CORNER_BITS) != 0);

@@ -56,8 +56,8 @@ int threads_of(const BackendSpec& spec) {
 /// core, in some batches and not in others.
 class PinnedThreads {
 public:
-    /// `threads`: how many threads step, if that is more than OpenMP's default. Threads that start later would
-    /// share the processor of the thread that starts them.
+    /// `threads`: how many threads step, if that is more than OpenMP's default. Threads that start later
+    /// would share the processor of the thread that starts them.
     explicit PinnedThreads(int threads) {
         std::vector<int> processors;
         if (sched_getaffinity(0, sizeof before_, &before_) != 0) return;
