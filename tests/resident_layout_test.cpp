@@ -520,9 +520,11 @@ TEST(ResidentLayout, SaysWhatIsTooMuch) {
     const Problem problem = make_lattice_problem(solid({32, 8, 8}), FACE_BITS);
     const ResidentCard small = card_of(1, 256);
     const ResidentLayout one = lay_out_resident(problem, small, 256, Partition::automatic, true);
-    EXPECT_EQ(block_refusal(one, small), "a block would have 2048 particles, and may have at most 1024");
+    EXPECT_EQ(block_refusal(one, small),
+              "a block would have 2048 places for particles, and may have at most 1024");
     const ResidentLayout few = lay_out_resident(problem, card_of(4), 16, Partition::rows, true);
-    EXPECT_NE(block_refusal(few, card_of(4)).find("neighbours in other blocks, and may have at most 128"),
+    EXPECT_NE(block_refusal(few, card_of(4))
+                  .find("places for neighbours in other blocks, and may have at most 128"),
               std::string::npos)
         << block_refusal(few, card_of(4));
 }

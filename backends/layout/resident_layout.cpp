@@ -576,10 +576,12 @@ std::string block_refusal(const ResidentLayout& layout, const ResidentCard& card
                std::to_string(most);
     };
     const int turns = layout.turns > 1 ? max_resident_turns : 1;
-    if (layout.lanes > card.threads * turns) return beyond(layout.lanes, card.threads * turns, "particles");
+    if (layout.lanes > card.threads * turns)
+        return beyond(layout.lanes, card.threads * turns, "places for particles");
     const int rounds = layout.turns > 1 ? max_rounds_in_turns : max_resident_rounds;
     if (layout.rounds > rounds)
-        return beyond(layout.rounds * layout.pollers, rounds * layout.pollers, "neighbours in other blocks");
+        return beyond(layout.rounds * layout.pollers, rounds * layout.pollers,
+                      "places for neighbours in other blocks");
     const int slots = tool == ToolMode::ticks ? max_slots_in_ticks : max_resident_slots;
     if (layout.turns == 1 && layout.slots > slots) return beyond(layout.slots, slots, "points");
     if (layout.shared_bytes(tool) > card.shared_bytes)

@@ -165,10 +165,12 @@ void Carrier::judge_own(std::future<nlohmann::json>& answer) {
     }
 }
 
-/// Sends this rank's verdict to the other ranks, once none of its borders is on its way any more: so all
-/// borders arrive before the verdict.
+/// Sends this rank's verdict to the other ranks, once none of its borders is on its way or waits to be sent:
+/// so all borders arrive before the verdict.
 void Carrier::announce() {
-    const auto is_idle = [](const Link& link) { return link.sending == nullptr; };
+    const auto is_idle = [this](const Link& link) {
+        return link.sending == nullptr && !mailroom_.box(mpi_.rank(), link.rank).has_message();
+    };
     if (announced_ || is_own_missing() || !std::all_of(links_.begin(), links_.end(), is_idle)) return;
     for (int other = 0; other < task_.plan.ranks(); ++other) {
         if (other != mpi_.rank()) mpi_.send_json(other, tag_verdict, verdicts_[std::size_t(mpi_.rank())]);
