@@ -963,6 +963,21 @@ TEST(Study, MeasuresNothingAgainThatWasAlone) {
     EXPECT_EQ(result.at("verification").size(), 1u);
 }
 
+TEST(Study, ARowSaysThatItsProcessServedOtherCases) {
+    for (const bool start_times : {false, true}) {
+        Study study = study_of({"sharing_one", "sharing_two", "test_sound"});
+        study.settings = {{"start_times", start_times}};
+        StudyOptions options;
+        options.side_by_side = 1;
+        const nlohmann::json result = run_study(study, options);
+        EXPECT_THAT(values_of(result.at("benchmarks"), "backend"),
+                    ElementsAre("sharing_one", "sharing_two", "test_sound"));
+        for (const auto& row : result.at("benchmarks"))
+            EXPECT_EQ(row.value("shared_process", false), !start_times && row.at("backend") != "test_sound")
+                << row;
+    }
+}
+
 // Catches a fault that costs other backends of the same process their rows, or counts against them.
 TEST(Study, MeasuresAgainAloneWhatFailedBesideOthers) {
     for (const std::string harmful : {"sharing_ends", "sharing_spoils"}) {

@@ -29,6 +29,7 @@ void common_fields(Self& row, Fields& fields) {
     fields.list("noisy", row.noisy);
     fields.counters(row.counters);
     fields.optional("min_card_mhz", row.min_card_mhz);
+    fields.optional("shared_process", row.shared_process);
     fields.optional("max_card_mhz", row.max_card_mhz);
     fields.optional("reason", row.reason);
     fields.optional("pattern", row.pattern);

@@ -242,6 +242,8 @@ struct Row {
     std::vector<std::string> noisy = {};  ///< reasons not to trust the time
     /// Range of the card's clock, which is read after each repetition.
     std::optional<unsigned> min_card_mhz = {}, max_card_mhz = {};
+    /// Whether the process that measured the row served other cases too.
+    std::optional<bool> shared_process = {};
     std::optional<std::string> reason = {};   ///< why the case was skipped, failed, diverged or was chosen
     std::optional<std::string> pattern = {};  ///< "auto..." as asked for; only in the list `auto`
 

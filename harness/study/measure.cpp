@@ -168,7 +168,8 @@ public:
     void finish_warming_up() {
         if (!std::exchange(warming_up_, false)) return;
         attempt([&] {
-            const nlohmann::json warm = case_.finish("warming up");
+            nlohmann::json warm = case_.finish("warming up");
+            if (case_.shares_process()) warm["shared_process"] = true;
             if (!known("warm")) case_.scope().keep("warm", warm);
         });
     }
@@ -566,7 +567,9 @@ void TimedCase::add_rows(StudyBench& bench, int number) {
     }
     row.limit = limit_part(bench, row.counters);
     if (context_.batch.start_times) row.start = start_part(row.counters);
-    if (const nlohmann::json& warm = kept("warm"); warm.contains("chosen"))
+    const nlohmann::json& warm = kept("warm");
+    if (warm.contains("shared_process")) row.shared_process = true;
+    if (warm.contains("chosen"))
         row.choice = ChoicePart{warm.at("chosen"), warm.contains("predicted_seconds")
                                                        ? std::optional<double>(warm.at("predicted_seconds"))
                                                        : std::nullopt};
