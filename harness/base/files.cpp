@@ -109,8 +109,8 @@ void write_atomically(const std::filesystem::path& asked, const std::string& tex
     const std::string temporary = unused_name_beside(path);
     // The path is registered before the file exists, since a signal may come as soon as the file is created.
     const Unfinished unfinished(temporary);
-    // The kernel removes the bits of the umask from 0666. This program cannot do so itself, since umask()
-    // cannot read the umask without changing it for all threads.
+    // The kernel removes the bits of the umask from 0666. This program cannot do so itself, since no
+    // call reads the umask without changing it for all threads.
     const int file = open(temporary.c_str(), O_WRONLY | O_CREAT | O_EXCL | O_CLOEXEC, 0666);
     if (file < 0) fail("cannot write");
     const bool done = write_all(file, text) && fsync(file) == 0;
