@@ -201,9 +201,10 @@ private:
         if (std::string why = class_refusal(problem, precision, this->formulation(), "the march");
             !why.empty())
             return why;
-        if (const std::size_t elements = march_strides(problem.lattice, sizeof(Real)).axis;
-            !problem.ghosts.empty() && !border_index_refusal(elements).empty())
-            return border_index_refusal(elements);
+        if (!problem.ghosts.empty()) {
+            std::string why = border_index_refusal(march_strides(problem.lattice, sizeof(Real)).axis);
+            if (!why.empty()) return why;
+        }
         std::size_t needed = std::numeric_limits<std::size_t>::max();
         for (const MarchTile& tile : tiles_)
             needed = std::min(needed, std::size_t(tile.shape.shared_bytes(sizeof(Real))));

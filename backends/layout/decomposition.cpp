@@ -371,9 +371,8 @@ std::string Decomposition::refusal(const Problem& problem, glm::ivec3 subdomains
     if (problem.lattice.voxel_count() == 0)
         return "only a lattice can be cut into parts, but the particles of this scene lie on none";
     if (!problem.springs.empty())
-        return "a body with springs that are not those of its lattice cannot be cut into parts, because a "
-               "part "
-               "may not know both of their particles";
+        return "a body with springs that are not those of its lattice cannot be cut into parts, because "
+               "a part may not know both of their particles";
     if (glm::any(glm::lessThan(subdomains, glm::ivec3(1))))
         return "a lattice must be cut into at least one part along each axis";
     return Bricks(problem.lattice, subdomains).refusal();

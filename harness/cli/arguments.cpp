@@ -164,9 +164,8 @@ void add_device(CLI::App& command, const Api& api) {
                 setenv(device_variable(api.name).c_str(), wanted.c_str(), 1);
             },
             "Device of " + api.title +
-                "'s backends, by number or part of its name (default: the card that CUDA measures, or else "
-                "the "
-                "first that can be used)")
+                "'s backends, by number or part of its name (default: the card that CUDA measures, or "
+                "else the first that can be used)")
         ->type_name("DEVICE");
 }
 void add_devices(CLI::App& command) {
@@ -544,11 +543,10 @@ int run_command_line(int argc, char** argv, std::ostream& out, const ViewScene& 
     app.require_subcommand(1);
     app.set_version_flag("--version", version_text());
     app.footer(
-        "Exit codes: 0 done; 1 a backend failed or is not available, an error exceeded its tolerance, "
-        "nothing\n"
-        "was measured, or advise or diff found nothing good; 2 bad input or usage; 130 interrupted. Progress "
-        "goes to standard error: one line on a terminal,\n"
-        "elsewhere one every ten seconds (VOXSPRING_PROGRESS_SECONDS).");
+        "Exit codes: 0 done; 1 a backend failed or is not available, an error exceeded its tolerance,\n"
+        "nothing was measured, advise found no run, or diff found something worse; 2 bad input or usage;\n"
+        "130 interrupted. Progress goes to standard error: one line on a terminal, elsewhere one every ten\n"
+        "seconds (VOXSPRING_PROGRESS_SECONDS).");
     Values values;
     add_list(app, values, out);
     add_limits(app, values, out);

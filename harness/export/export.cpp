@@ -63,6 +63,12 @@ int next_multiple(int step, int every, int last) {
 
 std::filesystem::path collection_of(std::filesystem::path path) { return path.replace_extension(".pvd"); }
 
+/// The number after the last '_' of a name in a series, which is its step; -1 if there is no '_'.
+long long step_in(const std::string& name) {
+    const std::size_t at = name.rfind('_');
+    return at == std::string::npos ? -1 : std::strtoll(name.c_str() + at + 1, nullptr, 10);
+}
+
 /// One spelling for all paths of a file: "a.csv", "./a.csv", "/home/me/a.csv" and a link to it. A path that
 /// cannot be followed stays as it is; check_writable() refuses it.
 std::filesystem::path in_full(const std::filesystem::path& path) {
@@ -154,10 +160,9 @@ bool Exports::is_written_to(const File& file, const std::filesystem::path& path)
     const std::filesystem::path asked = in_full(path), own = in_full(file.path);
     if (!file.every) return asked == own;
     const std::string name = asked.filename().string();
-    const std::size_t at = name.rfind('_');
-    if (at == std::string::npos || asked.parent_path() != own.parent_path()) return false;
-    const long long step = std::strtoll(name.c_str() + at + 1, nullptr, 10);
-    return step > 0 && step <= steps_ && is_due(file, step) && name == name_in_series(file, step);
+    const long long step = step_in(name);
+    return asked.parent_path() == own.parent_path() && step > 0 && step <= steps_ && is_due(file, step) &&
+           name == name_in_series(file, step);
 }
 
 Exports::~Exports() = default;
@@ -198,10 +203,7 @@ void Exports::resume_from(int step) {
         if (!file.every || !file.writer->collected) continue;
         std::ifstream collection(collection_of(file.path));
         for (std::string line; std::getline(collection, line);) {
-            // The name of a file in a series ends in its step and the writer's ending.
-            const std::size_t at = line.rfind('_');
-            if (at != std::string::npos && std::strtoll(line.c_str() + at + 1, nullptr, 10) <= step)
-                file.listed += line + "\n";
+            if (const long long of = step_in(line); of >= 0 && of <= step) file.listed += line + "\n";
         }
     }
 }

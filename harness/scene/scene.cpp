@@ -719,7 +719,8 @@ std::string VolumeOptions::text() const {
     if (fill) text += fmt::format(" --fill {}", *fill);
     if (gravity) text += " --gravity " + vector(*gravity);
     if (parts) text += " --parts " + parts->text();
-    if (young) text += fmt::format(" --young {} --density {}", *young, *density);
+    if (young) text += fmt::format(" --young {}", *young);
+    if (density) text += fmt::format(" --density {}", *density);
     if (unit) text += " --unit " + shell_word(*unit);
     if (damping) text += fmt::format(" --damping {}", *damping);
     if (corners) text += " --corners";
@@ -751,7 +752,7 @@ Scene load_scene(const std::string& argument, const VolumeOptions& volume, const
     if (volume.any())
         throw BadInput(
             argument, "scene", argument,
-            "a volume file or a mesh with" + volume.text() + ": another scene has its own file for that");
+            "a volume file or a mesh, with" + volume.text() + ": a scene file says such things itself");
     const Resize resize = split_resize(argument);
     const std::string_view* builtin = builtin_text(resize.base);
     if (builtin == nullptr && !resize.base.ends_with(".json")) {
