@@ -238,6 +238,28 @@ TEST_P(Resting, FlushingRestsMoreForAnErrorOfWhatItFlushes) {
     EXPECT_LT(compare(poked.problem, flushed, exact, spec.options.precision, 231).relative_l2, 1e-6);
 }
 
+// Lengths in metres or in voxels: the same body at a spacing of 2^-10 rests in the same tiles, and its state
+// is the same times 2^-10, to the bit. A flush below a length that does not follow the spacing fails.
+TEST_P(Resting, FlushingFollowsTheSpacing) {
+    if (!by_increments(spec.options.formulation)) GTEST_SKIP() << "does not flush";
+    constexpr double scale = 1.0 / 1024;
+    const Poked poked({64, 32, 32}), small({64, 32, 32}, scale);
+    const auto run = [&](const Poked& body, std::uint64_t& stepped) {
+        const auto backend = make("rest=flush");
+        backend->upload(body.problem, body.start);
+        backend->step(30);
+        stepped = backend->count_work().at("tiles_stepped");
+        return backend->download();
+    };
+    std::uint64_t of_large = 0, of_small = 0;
+    State large = run(poked, of_large);
+    const State after = run(small, of_small);
+    EXPECT_EQ(of_small, of_large);
+    for (std::vector<glm::dvec3>* vectors : {&large.displacement, &large.increment})
+        for (glm::dvec3& v : *vectors) v *= scale;
+    expect_same_bits(after, large);
+}
+
 INSTANTIATE_TEST_SUITE_P(Backends, Resting, ::testing::ValuesIn(in_every_formulation("rest")), test_name);
 
 }  // namespace

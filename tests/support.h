@@ -114,12 +114,12 @@ struct Poked {
     Problem problem;
     State start;
 
-    explicit Poked(glm::ivec3 dims = {64, 24, 24})
-        : problem(make_lattice_problem(solid(dims), FACE_BITS | EDGE_BITS)) {
+    explicit Poked(glm::ivec3 dims = {64, 24, 24}, double spacing = 1)
+        : problem(make_lattice_problem(solid(dims, glm::dvec3(spacing)), FACE_BITS | EDGE_BITS)) {
         problem.damping = 0.01;
         problem.time_step = 0.28;
         start = state_at_rest(problem);
-        start.displacement[0] = {-0.5, -0.25, 0.125};
+        start.displacement[0] = spacing * glm::dvec3(-0.5, -0.25, 0.125);
     }
 };
 

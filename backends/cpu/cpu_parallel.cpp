@@ -493,8 +493,7 @@ private:
         task.shortest_squared = T(problem_->shortest_squared());
         task.uniform_inverse_mass = T(1 / problem_->materials[0].mass);
         task.gravity = {T(g.x), T(g.y), T(g.z)};
-        const glm::dvec3 spacing = problem_->lattice.spacing;
-        const double shortest = std::min({spacing.x, spacing.y, spacing.z});
+        const double shortest = problem_->shortest_spacing();
         task.slow = T(sleep_ * shortest);
         task.flush = T(flush_ * shortest);
         task.damping = T(problem_->damping);

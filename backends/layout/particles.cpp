@@ -132,7 +132,8 @@ Motion<Real> make_motion(const Problem& problem) {
             .retained = Real(1 - problem.damping),
             .doubled = Real(2 - problem.damping),
             .time_step_squared = Real(problem.time_step * problem.time_step),
-            .shortest_squared = Real(problem.shortest_squared())};
+            .shortest_squared = Real(problem.shortest_squared()),
+            .flushed_below = Real(flushed_below * problem.shortest_spacing())};
 }
 
 std::vector<std::uint32_t> state_bits(const Problem& problem) {

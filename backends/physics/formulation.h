@@ -38,8 +38,8 @@ std::string to_string(Formulation formulation);
 #endif
 
 /// With the tuning parameter rest=flush, formulations by increments set components of u and v to zero if
-/// their absolute value is less than this length. Without this, the faint tails of a motion, which reach
-/// everywhere, would keep particles from ever coming to rest exactly.
+/// their absolute value is less than this many spacings (Problem::shortest_spacing()). Without this, the
+/// faint tails of a motion, which reach everywhere, would keep particles from ever coming to rest exactly.
 inline constexpr double flushed_below = 1e-12;
 
 /// Whether the state consists of positions x; otherwise it consists of displacements u.

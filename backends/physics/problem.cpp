@@ -43,7 +43,7 @@ double Problem::spring_stiffness(std::size_t particle, std::size_t neighbour,
     return series_stiffness(1 / material_of(particle).stiffness, 1 / material_of(neighbour).stiffness);
 }
 
-double Problem::shortest_squared() const {
+double Problem::shortest_spacing() const {
     double shortest = std::numeric_limits<double>::infinity();
     if (lattice.voxel_count() > 0) {
         shortest = std::min({lattice.spacing.x, lattice.spacing.y, lattice.spacing.z});
@@ -52,7 +52,12 @@ double Problem::shortest_squared() const {
             if (spring.rest_length > 0) shortest = std::min(shortest, spring.rest_length);
         }
     }
-    return std::isfinite(shortest) ? 1e-12 * shortest * shortest : 1e-12;
+    return std::isfinite(shortest) ? shortest : 1;
+}
+
+double Problem::shortest_squared() const {
+    const double shortest = shortest_spacing();
+    return 1e-12 * shortest * shortest;
 }
 
 SpringCounts count_springs(const Problem& problem) {

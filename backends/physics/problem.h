@@ -123,9 +123,11 @@ struct Problem {
     bool has_tool() const { return !tool.particles.empty(); }
     /// Stiffness of the lattice spring from `particle` along `direction` to `neighbour`.
     double spring_stiffness(std::size_t particle, std::size_t neighbour, const Direction& direction) const;
+    /// The shortest spacing of the lattice or, without a lattice, the shortest rest length that is not 0; 1
+    /// if there is none.
+    double shortest_spacing() const;
     /// The force of a spring is computed with at least this squared distance between its ends, so that
-    /// coincident particles give no NaN (spring.h). It is (1e-6 s)^2, where s is the shortest spacing of the
-    /// lattice or, without a lattice, the shortest rest length that is not 0; if there is none, s is 1.
+    /// coincident particles give no NaN (spring.h). It is (1e-6 shortest_spacing())^2.
     double shortest_squared() const;
 };
 

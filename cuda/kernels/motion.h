@@ -127,10 +127,10 @@ VOXSPRING_HOST_DEVICE PreviousOrVelocity<Real> load_before(const Output<Real>& o
     }
 }
 
-/// `v`, with each component set to zero whose magnitude is below flushed_below.
+/// `v`, with each component set to zero whose magnitude is less than `below`.
 template <class Real>
-VOXSPRING_HOST_DEVICE Vector<Real> flushed(Vector<Real> v) {
-    const auto far = [](Real a) { return a < Real(flushed_below) && a > -Real(flushed_below) ? Real(0) : a; };
+VOXSPRING_HOST_DEVICE Vector<Real> flushed(Vector<Real> v, Real below) {
+    const auto far = [below](Real a) { return a < below && a > -below ? Real(0) : a; };
     return {far(v.x), far(v.y), far(v.z)};
 }
 /// `low`, with each component set to zero whose component in `high` is zero.
@@ -181,8 +181,8 @@ VOXSPRING_HOST_DEVICE Integrated<Real, Terms::split> integrate(const Motion<Real
             Vector<Real> u = split_high(at, self.point.low, v, v_low);
             Vector<Real> u_low = split_low(at, self.point.low, v, v_low);
             if constexpr (Terms::compiled(term_flush)) {
-                v = flushed(v);
-                u = flushed(u);
+                v = flushed(v, motion.flushed_below);
+                u = flushed(u, motion.flushed_below);
                 v_low = low_of(v, v_low);
                 u_low = low_of(u, u_low);
             }
@@ -192,8 +192,8 @@ VOXSPRING_HOST_DEVICE Integrated<Real, Terms::split> integrate(const Motion<Real
             if (pinned) v = {0, 0, 0};
             Vector<Real> u = at + v;
             if constexpr (Terms::compiled(term_flush)) {
-                v = flushed(v);
-                u = flushed(u);
+                v = flushed(v, motion.flushed_below);
+                u = flushed(u, motion.flushed_below);
             }
             return {{pinned ? at : u}, {v, {}}};
         }

@@ -17,6 +17,7 @@ struct Motion {
     Real doubled;                ///< 2 - lambda
     Real time_step_squared;
     Real shortest_squared;
+    Real flushed_below;  ///< a length: the constant of this name times the shortest spacing
     bool operator==(const Motion&) const = default;
 };
 
