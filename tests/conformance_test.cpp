@@ -244,18 +244,18 @@ TEST_P(Conformance, FollowsEditsAfterItsLastSpringBeyondTheLatticeIsCut) {
     ASSERT_EQ(problem.springs.size(), 1u);
     if (!backend->unsupported(problem).empty() && may_refuse(spec, problem)) GTEST_SKIP();
     backend->upload(problem, random_state(problem, 0.05, 8));
-    Problem edited = problem;
-    SpringEditor editor(edited);
+    Problem ahead = problem, edited = problem;
+    SpringEditor editor(ahead);
     for (const SpringEdit& edit : {editor.cut(far), editor.suture(plane, 1.5), editor.suture(far, 0.25)}) {
         ASSERT_FALSE(edit.empty());
-        apply(problem, edit);
-        backend->edit(problem, edit);
+        apply(edited, edit);
+        backend->edit(edited, edit);
         backend->step(1);
     }
     const State midway = backend->download();
     backend->step(4);
     const auto reference = BackendSpec::parse("cpu_reference").make();
-    reference->upload(problem, midway);
+    reference->upload(edited, midway);
     reference->step(4);
     // Four steps of float32 are off by some 1e-6. A spring that pulls from a wrong place moves its ends
     // farther.
