@@ -395,6 +395,11 @@ private:
         if (mode == ToolMode::ticks && device().ends_long_kernels)
             return "ticks=resident: on a device with a display the driver ends kernels that run for "
                    "seconds; use ticks=launch";
+        if (mode == ToolMode::ticks) {
+            if (const std::string why = launches_block(); !why.empty())
+                return "ticks=resident: " + why +
+                       ", and the host could order nothing while its kernel runs; use ticks=launch";
+        }
         return block_refusal(*layout_of(problem, stressed_at_rest(problem)), card(), mode);
     }
     /// Empty, or why `problem`, if it is a part of a body, cannot be stepped.

@@ -287,6 +287,14 @@ TEST(Serialisers, AreTold) {
               "under compute-sanitizer kernels run one at a time");
     EXPECT_EQ(serialised_by(2, unset, {"/opt/nvidia/ncu/libcuda-injection.so"}),
               "under Nsight Compute kernels run one at a time");
+    // A launch that blocks would keep the host from ordering a tick. Under compute-sanitizer it returns at
+    // once.
+    EXPECT_EQ(launches_block(unset, usual), "");
+    EXPECT_EQ(launches_block(with("CUDA_LAUNCH_BLOCKING", "1"), usual),
+              "with CUDA_LAUNCH_BLOCKING=1 kernels run one at a time");
+    EXPECT_EQ(launches_block(unset, {"/opt/nvidia/compute-sanitizer/libsanitizer-collection.so"}), "");
+    EXPECT_EQ(launches_block(unset, {"/opt/nvidia/ncu/libcuda-injection.so"}),
+              "under Nsight Compute kernels run one at a time");
     EXPECT_EQ(serialised_by(9, unset, usual),
               "the streams of a process share 8 queues (environment variable CUDA_DEVICE_MAX_CONNECTIONS), "
               "but 9 kernels need one queue each");

@@ -1,4 +1,4 @@
-// Finds out what would keep kernels that wait for each other from running at the same time.
+// Finds out what would keep kernels that wait for each other, or for the host, from running.
 #pragma once
 
 #include <functional>
@@ -16,5 +16,13 @@ std::string serialised_by(int kernels);
 /// (null: not set), and `libraries` are the file names of the libraries that the process has loaded.
 std::string serialised_by(int kernels, const std::function<const char*(const char* name)>& value_of,
                           const std::vector<std::string>& libraries);
+
+/// Empty, or the reason why a launch returns only when its kernel has ended, so that a kernel cannot wait for
+/// the host's orders: "with CUDA_LAUNCH_BLOCKING=1 kernels run one at a time". To be called once CUDA is in
+/// use.
+std::string launches_block();
+/// launches_block() for a given environment, as above.
+std::string launches_block(const std::function<const char*(const char* name)>& value_of,
+                           const std::vector<std::string>& libraries);
 
 }  // namespace voxspring::cuda
