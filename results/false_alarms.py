@@ -55,12 +55,29 @@ def alarms_of(old, new, rule):
     return rows, [one for one in rows + shifts if one["verdict"] in ALARMS]
 
 
+def slowed(result, chosen):
+    """The result with one row, (identity, place), 10% slower."""
+    other = copy.copy(result)
+    other.rows = {**result.rows, chosen: [dataclasses.replace(row, times=[1.1 * time for time in row.times]) for row in result.rows[chosen]]}
+    return other
+
+
+def finds_slowed(old, new, chosen, rule):
+    """Whether the comparison of two results finds a row of the second that is made 10% slower."""
+    return any(one["verdict"] == "slower" and tuple(one.get(key) for key in comparison.IDENTITY) == chosen[0]
+               for one in alarms_of(old, slowed(new, chosen), rule)[1])
+
+
 def of_pairs(results, in_pairs, rule):
-    """Compares pairs of results, prints their false alarms, and returns the number of these."""
+    """Compares pairs of results, prints their false alarms and how often one row that is made 10% slower is found, and returns the
+    number of false alarms."""
     pairs = list(zip(results[::2], results[1::2])) if in_pairs else list(itertools.combinations(results, 2))
-    counts, number, failing = collections.Counter(), 0, 0
+    counts, number, failing, found, tried = collections.Counter(), 0, 0, 0, 0
     for old, new in pairs:
         rows, alarms = alarms_of(old, new, rule)
+        places = [place for place, (row, *_) in new.rows.items() if len(row.times) > 1]
+        tried += len(places)
+        found += sum(finds_slowed(old, new, place, rule) for place in places)
         counts.update(row["verdict"] for row in rows)
         number += len(alarms)
         failing += bool(alarms)
@@ -70,7 +87,8 @@ def of_pairs(results, in_pairs, rule):
             print(f"{one['verdict']}: {name}{f', x {ratio:.3f}' if ratio else ''} ({old.path.name} -> {new.path.name})")
     rest = "".join(f"; {count} {verdict}" for verdict, count in counts.items() if verdict not in JUDGED)
     print(f"{len(pairs)} pairs of {results[0].study} (commit {results[0].context['commit']}): {failing} with a false alarm, {number} "
-          f"false alarms in {sum(counts[verdict] for verdict in JUDGED)} rows, {counts['too noisy to tell']} of them too noisy to tell{rest}")
+          f"false alarms in {sum(counts[verdict] for verdict in JUDGED)} rows, {counts['too noisy to tell']} of them too noisy to tell{rest}; "
+          f"one row made 10% slower: found {found} of {tried} times")
     return number
 
 
@@ -123,10 +141,7 @@ def of_resampled(results, count, drift, rule):
             whose.update(one.get("backend", "a whole API") for one in alarms)
             failing += bool(alarms)
             can += sum(row["time"]["least"] is not None and row["time"]["least"] <= 0.1 for row in rows) / len(rows)
-            chosen = generator.choice(places)
-            new.rows[chosen] = [dataclasses.replace(row, times=[1.1 * time for time in row.times]) for row in new.rows[chosen]]
-            found += any(one["verdict"] == "slower" and tuple(one.get(key) for key in comparison.IDENTITY) == chosen[0]
-                         for one in alarms_of(old, new, rule)[1])
+            found += finds_slowed(old, new, generator.choice(places), rule)
         if places:
             print(f"{result.path.parent.name}/{result.study}: {len(places)} rows, {count} pairs: {failing} with a false alarm "
                   f"({failing / count:.1%}){''.join(f', {of} of {name}' for name, of in whose.items())}; one row 10% slower: found in "
