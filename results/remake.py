@@ -31,7 +31,7 @@ import result_files
 
 HERE = pathlib.Path(__file__).resolve().parent
 
-# The studies of the first tables come first, so that an interrupted run has measured them. haptic plays in real time, for some four
+# The studies of the first tables come first, so that an interrupted run has measured them. haptic plays in real time, for some six
 # minutes.
 GPU_STUDIES = ("table1", "fastest", "figure8", "figure7", "as_paper", "edits", "skips", "formulations", "tuning", "pareto", "stability",
                "stress", "overhead", "energy", "haptic")

@@ -217,6 +217,15 @@ def name_of(row):
     return row["name"].split("/iterations:")[0]
 
 
+def aim_verdict(target, row):
+    """Whether a measured target of the study fastest is "met" or "missed" by the row that was measured for it (None if the file has
+    no such row). It is "not decided" if it lies within the spread of that row's starts."""
+    spread = (row or {}).get("ready_spread") or 0 if target["quantity"] == "ready_seconds" else 0
+    if spread and abs(target["value"] - target["measured"]) <= spread * target["measured"]:
+        return "not decided"
+    return "met" if target["met"] else "missed"
+
+
 def study_of(path):
     """The name of a file's study: fastest for nvidia-h200/fastest.json.gz."""
     return path.name.removesuffix(".gz").removesuffix(".json")

@@ -725,6 +725,7 @@ class FalseAlarms(InTemporaryFolder):
         found = self.compare(*(result(PLAIN, seed=seed) for seed in range(1, 8)))
         self.assertEqual((found.returncode, found.stderr), (0, ""))
         self.assertIn("21 pairs of s (commit 1): 0 with a false alarm, 0 false alarms in 126 rows", found.stdout)
+        self.assertIn("one row made 10% slower: found 126 of 126 times", found.stdout)
 
     def test_a_row_that_differs_is_one_in_each_of_its_pairs(self):
         found = self.compare(result(PLAIN, seed=3), result(PLAIN, seed=4), changed(time=11))

@@ -1167,10 +1167,13 @@ class Parts(Reports):
                  "measured": 0.9846, "reached": 1.03, "met": True}
         rate = {"quantity": "spring_updates_per_second", "value": 1e12, "backends": "cuda_*", "name": None, "measured": 928.2e9,
                 "reached": 0.9, "met": False}
+        start = {"quantity": "ready_seconds", "value": 0.5, "backends": "cuda_*", "name": best["name"].split("/iterations:")[0],
+                 "measured": 0.4, "reached": 1.25, "met": True}
         unmeasured = {**target, "measured": None, "reached": None, "met": None}
         identity = {key: best[key] for key in ("scene", "backend", "formulation", "precision")}
         result["fastest"] = [{**winner(best), **identity,
-                              "paper": {**winner(other), "ratio": 12.34}, "targets": [target, ratio, rate, unmeasured]}]
+                              "paper": {**winner(other), "ratio": 12.34}, "targets": [target, ratio, rate, start, unmeasured]}]
+        best["ready_spread"] = 0.3
         best["noisy"] = ["its clock moved (by 12%)"]
         times = [row for row in result["benchmarks"] if row["run_type"] == "iteration" and row["run_name"] == best["run_name"]]
         self.assertEqual(len(times), 9)
@@ -1190,6 +1193,7 @@ class Parts(Reports):
         self.assertEqual(rows[1], ["box@32|position, float32", "gl_compute_implicit", "speed|as a multiple of cuda_implicit_*", "0.95",
                                    "0.985", "met"])
         self.assertEqual(rows[2][2:5], ["springs per second", "1 T springs/s", "928 G springs/s"])
+        self.assertEqual(rows[3][3:], ["500 ms", "400 ms", "not decided"])  # 400 ms and 30% more are above the aim
         self.assertIn("1 more target was not measured here.", text)
 
     def alternatives(self):

@@ -132,9 +132,11 @@ def template():
 
 def answer(own, entries, runs):
     """What the page says of a machine before any figure."""
-    blocks = next((result.lists["fastest"] for result in reversed(own) if result.lists["fastest"]), [])
-    targets = [(block, target) for block in blocks for target in block["targets"]]
-    measured = [both for both in targets if both[1].get("met") is not None and both[1].get("measured") is not None]
+    latest = next((result for result in reversed(own) if result.lists["fastest"]), None)
+    targets = [(block, target) for block in latest.lists["fastest"] for target in block["targets"]] if latest else []
+    rows = {result_files.name_of(row): row for row in latest.lists["benchmarks"]} if latest else {}
+    measured = [(block, target, result_files.aim_verdict(target, rows.get(target["name"]))) for block, target in targets
+                if target.get("met") is not None and target.get("measured") is not None]
     return {"entries": entries, "runs": runs, "targets": (measured, len(targets) - len(measured))}
 
 

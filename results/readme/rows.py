@@ -8,7 +8,7 @@ import pathlib
 import statistics
 
 import result_files
-from result_files import distinct, groups, listed, name_of
+from result_files import aim_verdict, distinct, groups, listed, name_of
 
 RESULTS = pathlib.Path(__file__).resolve().parent.parent
 GPU, CPU = "nvidia-h200", "amd-epyc"
