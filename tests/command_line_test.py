@@ -192,6 +192,12 @@ class Run(InTemporaryFolder):
             ran = voxspring("run", "box@6", "--backend", f"{backend}:threads=2", env=os.environ | {"OMP_THREAD_LIMIT": "1"})
             self.assert_refused(ran, f"{backend}: threads=2 is more than the maximum, 1, which OMP_THREAD_LIMIT sets")
 
+    def test_takes_no_more_threads_than_openmp_survives(self):
+        """With a million threads OpenMP overflowed the stack, in the program and in its workers."""
+        for arguments in (("run", "box@6", "--backend", "cpu_parallel", "--steps", 1), ("list",)):
+            ran = voxspring(*arguments, env=os.environ | {"OMP_NUM_THREADS": "1000000"})
+            self.assertEqual((ran.returncode, ran.stderr.count("OMP_NUM_THREADS is 1000000; 1024 threads are used at most")), (0, 1))
+
     def test_auto_says_what_it_takes_and_why(self):
         result = succeeds("run", "box@6", "--backend", "auto:formulation=position", "--steps", 3)
         said, ran = result.stdout.splitlines()

@@ -11,10 +11,6 @@
 
 namespace voxspring::cpu_parallel {
 
-/// The largest accepted number of threads, and the largest that threads=auto means; OMP_THREAD_LIMIT may
-/// lower it. The system may refuse to start more, and OpenMP would then end the process.
-constexpr int max_threads = 1024;
-
 int thread_count(const Options& options, const std::string& backend) {
     const std::string& threads = options.tuning.at("threads");
     const int most = std::min(omp_get_thread_limit(), max_threads);

@@ -11,6 +11,10 @@
 
 namespace voxspring::cpu_parallel {
 
+/// The largest accepted number of threads, and the largest that threads=auto means; OMP_THREAD_LIMIT may
+/// lower it. The system may refuse to start more, and OpenMP would then end the process.
+inline constexpr int max_threads = 1024;
+
 /// The number of threads. Throws BadSpecification, which names the backend, if the option asks for too many.
 int thread_count(const Options& options, const std::string& backend);
 

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 #include <malloc.h>
+#include <omp.h>
 
 #include <CLI/CLI.hpp>
 #include <algorithm>
@@ -20,6 +21,7 @@
 #include <vector>
 
 #include "backends/api.h"
+#include "backends/cpu/parallel_options.h"
 #include "backends/registry.h"
 #include "backends/suggestion.h"
 #include "completion_scripts.h"  // generated
@@ -610,7 +612,13 @@ int run_program(int argc, char** argv, const ViewScene& view) {
     // The program may have inherited that this signal is ignored. waitpid() and pclose() would then not
     // report how a process ended, and every Python would seem to fail.
     std::signal(SIGCHLD, SIG_DFL);
+    // OpenMP overflows the stack if it is asked for very many threads.
+    const int threads = omp_get_max_threads();
+    if (threads > cpu_parallel::max_threads) omp_set_num_threads(cpu_parallel::max_threads);
     worker_main(argc, argv);
+    if (threads > cpu_parallel::max_threads)
+        std::cerr << fmt::format("voxspring: OMP_NUM_THREADS is {}; {} threads are used at most\n", threads,
+                                 cpu_parallel::max_threads);
     const int code = exit_code_of(argc, argv, view);
     // That a disk is full may show only when buffered output is written.
     if (!std::cout.flush()) {
