@@ -96,6 +96,11 @@ def provenance():
     return f"{of_commits} and of {'one card' if len(cards) == 1 else f'{len(cards)} cards'}"
 
 
+def cards_without(study):
+    """The cards of the results of the page's machine, without one study."""
+    return {uuid for name, one in studies().items() if name != study for uuid in card_ids(one)}
+
+
 def above_limit(rows):
     """The rows that are faster than their measured limit."""
     return [one for one in rows if (one["fraction_of_limit"] or 0) > 1]
