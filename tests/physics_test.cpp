@@ -20,10 +20,8 @@
 namespace voxspring::testing {
 namespace {
 
-class Physics : public ::testing::TestWithParam<std::string> {
+class Physics : public BackendTest {
 protected:
-    void SetUp() override { make_or_skip(spec, backend); }
-
     State run(const Problem& problem, const State& start, int steps) {
         EXPECT_EQ(backend->unsupported(problem), "");
         backend->upload(problem, start);
@@ -35,9 +33,6 @@ protected:
         const Comparison comparison = compare(problem, state, expected, spec.options.precision, steps);
         EXPECT_TRUE(comparison.passed()) << "after " << steps << " steps: " << comparison.reason;
     }
-
-    const BackendSpec spec = BackendSpec::parse(GetParam());
-    std::unique_ptr<Backend> backend;
 };
 
 /// z_{n+1} = z_n + (1 - lambda)(z_n - z_{n-1}) - w z_n is the integrator's form of z'' = -omega^2 z with w =

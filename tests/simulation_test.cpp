@@ -61,25 +61,19 @@ std::filesystem::path file_called(const std::string& name) {
     return std::filesystem::path(::testing::TempDir()) / name;
 }
 
-class SimulationOn : public ::testing::TestWithParam<std::string> {
+class SimulationOn : public BackendTest {
 protected:
-    void SetUp() override { make_or_skip(spec(), made_); }
-
-    static BackendSpec spec() { return BackendSpec::parse(GetParam()); }
-    static Simulation start(Scene scene = box()) { return {std::move(scene), spec()}; }
-    static bool is_double() { return spec().options.precision == Precision::float64; }
+    Simulation start(Scene scene = box()) const { return {std::move(scene), spec}; }
+    bool is_double() const { return spec.options.precision == Precision::float64; }
 
     /// Takes steps. Expects the bits of a new backend that continues from the present state.
     void expect_goes_on(Simulation& simulation, int steps) {
         const Problem problem = simulation.problem();
-        made_->upload(problem, simulation.state());
-        made_->step(steps);
+        backend->upload(problem, simulation.state());
+        backend->step(steps);
         simulation.step(steps);
-        expect_same_bits(simulation.state(), made_->download());
+        expect_same_bits(simulation.state(), backend->download());
     }
-
-private:
-    std::unique_ptr<Backend> made_;
 };
 
 TEST_P(SimulationOn, AHandPullsWhatItHolds) {
@@ -242,7 +236,7 @@ TEST_P(SimulationOn, AnotherBackendGoesOn) {
     expect_same_bits(simulation.state(), before);  // float64 of `increment` keeps all bits
     simulation.step(5);
     const State reached = simulation.state();
-    ASSERT_EQ(simulation.switch_to(spec()), "");
+    ASSERT_EQ(simulation.switch_to(spec), "");
     EXPECT_EQ(simulation.steps(), 15);
     for (std::size_t i = 0; i < reached.displacement.size(); ++i) {
         // One rounding of float32, at lengths below 1 if a backend keeps displacements.
@@ -264,12 +258,11 @@ TEST_P(SimulationOn, WhatIsSavedIsWhatARunSaves) {
     EXPECT_EQ(saved.step, 12);
     expect_same_bits(saved.state, simulation.state());
     SceneRunner runner(scene);
-    const auto backend = spec().make();
     runner.rewind(*backend);
     runner.run(*backend, 12);
     const State state = backend->download();
     EXPECT_TRUE(contents_of(file) ==
-                npz({scene, scene.problem, state, 12, 12 * scene.problem.time_step, spec().label()}));
+                npz({scene, scene.problem, state, 12, 12 * scene.problem.time_step, spec.label()}));
     runner.start_from(saved.step, saved.state);
     runner.rewind(*backend);
     runner.run(*backend, 10);
@@ -313,7 +306,7 @@ TEST_P(SimulationOn, ErrorsAreNoneAtFirstAndSmallLater) {
     simulation.drag({0, 0, 0.5});
     simulation.step(20);
     expect_small("sewn and held elsewhere");
-    ASSERT_EQ(simulation.switch_to(spec()), "");
+    ASSERT_EQ(simulation.switch_to(spec), "");
     simulation.step(20);
     expect_small("on another backend");
     simulation.reset();

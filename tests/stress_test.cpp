@@ -22,13 +22,9 @@
 namespace voxspring::testing {
 namespace {
 
-class Stress : public ::testing::TestWithParam<std::string> {
+class Stress : public BackendTest {
 protected:
-    void SetUp() override { make_or_skip(spec_, backend_); }
-    bool has_gates() const { return by_increments(spec_.options.formulation); }
-
-    const BackendSpec spec_ = BackendSpec::parse(GetParam());
-    std::unique_ptr<Backend> backend_;
+    bool has_gates() const { return by_increments(spec.options.formulation); }
 };
 
 /// The rows of a suite; checks that names of measurements are unique.
@@ -54,7 +50,7 @@ INSTANTIATE_TEST_SUITE_P(, Stress, ::testing::ValuesIn(in_every_formulation()), 
 TEST_P(Stress, EveryGateHolds) {
     static StressReferences references;
     Collected collected;
-    run_stress(spec_, *backend_, StressLengths::shortest, references, collected.once());
+    run_stress(spec, *backend, StressLengths::shortest, references, collected.once());
     const Rows& lists = collected.rows();
     EXPECT_FALSE(lists.contains("skipped")) << nlohmann::json(lists.at("skipped")).dump(1);
     EXPECT_FALSE(lists.contains("failed")) << nlohmann::json(lists.at("failed")).dump(1);
@@ -66,7 +62,7 @@ TEST_P(Stress, EveryGateHolds) {
         EXPECT_TRUE(row.at("part") != 9 || row.at("gate").is_number() == has_gates()) << row;
     }
     for (const int part : {1, 2, 3, 4, 5, 6, 7, 9}) EXPECT_TRUE(parts.contains(part)) << part;
-    EXPECT_EQ(parts.contains(8), spec_.entry->tuning.contains("terms"));
+    EXPECT_EQ(parts.contains(8), spec.entry->tuning.contains("terms"));
 }
 
 // Under a sanitizer it takes twenty times as long.
@@ -243,18 +239,18 @@ std::vector<Degenerate> degenerate_inputs() {
 
 TEST_P(Stress, DegenerateInputIsTheSameEverywhere) {
     // After 60 steps: rounding of float32 and the order of sums, amplified by up to 100 where springs meet.
-    const double tolerance = spec_.options.precision == Precision::float32 ? 2e-4 : 1e-10;
+    const double tolerance = spec.options.precision == Precision::float32 ? 2e-4 : 1e-10;
     const auto oracle = BackendSpec::parse("cpu_reference").make();
     for (const Degenerate& input : degenerate_inputs()) {
         SCOPED_TRACE(input.name);
-        if (const std::string why = backend_->unsupported(input.problem); !why.empty()) {
+        if (const std::string why = backend->unsupported(input.problem); !why.empty()) {
             // Kinds of lists without a stiffness per spring, and the march, whose forces are in units of rest
             // lengths, refuse this.
             EXPECT_TRUE(input.problem.has_materials() || input.name == "zero_rest_length") << why;
             continue;
         }
         const State expected = run_from(input.start, input.problem, *oracle, 60);
-        const State state = run_from(input.start, input.problem, *backend_, 60);
+        const State state = run_from(input.start, input.problem, *backend, 60);
         double worst = 0;
         for (std::size_t i = 0; i < state.displacement.size(); ++i) {
             const double off = glm::length(state.displacement[i] - expected.displacement[i]);
