@@ -106,7 +106,7 @@ const Registered backends[] = {
     backend("faulty_hangs_when_constructed", hang, nothing),
     backend("wears_out", nothing, wear_out),
     backend("slow", nothing, take_time),
-    registered_for_test("slow_device", [] { return std::make_unique<SlowDevice>(); }),
+    registered_as<SlowDevice>("slow_device"),
     backend("part_crashes", nothing, crash, Where::not_in_the_lowest_slab),
     backend("part_hangs", nothing, hang, Where::not_in_the_lowest_slab),
     registered_for_test("has_threads_per_tile",

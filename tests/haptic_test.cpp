@@ -140,15 +140,13 @@ public:
 };
 
 const std::vector<Registered> wrong_ones = register_wrong_backends();
-const Registered force_is_no_number =
-    registered_for_test("force_is_no_number", [] { return std::make_unique<ForceIsNoNumber>(); });
-const Registered force_of_nothing =
-    registered_for_test("force_of_nothing", [] { return std::make_unique<ForceOfNothing>(); });
-const Registered loses = registered_for_test("loses", [] { return std::make_unique<Loses>(); });
-const Registered withheld = registered_for_test("withheld", [] { return std::make_unique<Withheld>(); });
-const Registered brought = registered_for_test("brought", [] { return std::make_unique<Brought>(); });
-const Registered stalled = registered_for_test("stalled", [] { return std::make_unique<Stalled>(); });
-const Registered stopped = registered_for_test("interrupted", [] { return std::make_unique<Interrupted>(); });
+const Registered force_is_no_number = registered_as<ForceIsNoNumber>("force_is_no_number");
+const Registered force_of_nothing = registered_as<ForceOfNothing>("force_of_nothing");
+const Registered loses = registered_as<Loses>("loses");
+const Registered withheld = registered_as<Withheld>("withheld");
+const Registered brought = registered_as<Brought>("brought");
+const Registered stalled = registered_as<Stalled>("stalled");
+const Registered stopped = registered_as<Interrupted>("interrupted");
 
 // --- Tests -----------------------------------------------------------------------------------------------
 

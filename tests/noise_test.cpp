@@ -215,14 +215,11 @@ private:
     double seconds_ = 0;
 };
 
-const Registered torn = registered_for_test("torn_on_card", [] { return std::make_unique<Torn>(); });
-const Registered tiring = registered_for_test("tiring_on_card", [] { return std::make_unique<Tiring>(); });
-const Registered on_card =
-    registered_for_test("on_card", [] { return std::make_unique<OnCard>("CUDA 13.0"); });
-const Registered wrong_on_card =
-    registered_for_test("wrong_on_card", [] { return std::make_unique<WrongOnCard>(); });
-const Registered drawn_on_card =
-    registered_for_test("drawn_on_card", [] { return std::make_unique<OnCard>("OpenGL 4.6"); });
+const Registered torn = registered_as<Torn>("torn_on_card");
+const Registered tiring = registered_as<Tiring>("tiring_on_card");
+const Registered on_card = registered_as<OnCard>("on_card", "CUDA 13.0");
+const Registered wrong_on_card = registered_as<WrongOnCard>("wrong_on_card");
+const Registered drawn_on_card = registered_as<OnCard>("drawn_on_card", "OpenGL 4.6");
 
 nlohmann::json result_of_study(const std::string& kind, const std::vector<std::string>& backends,
                                const nlohmann::json& settings = nlohmann::json::object(),

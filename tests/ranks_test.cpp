@@ -440,16 +440,12 @@ public:
     Placed() { devices.push_back(DeviceOfThread::now().among(4, "test")); }
     static inline thread_local std::vector<int> devices;
 };
-template <class Made, class... With>
-Registered registered(const std::string& name, With... with) {
-    return registered_for_test(name, [=] { return std::make_unique<Made>(with...); });
-}
 
 const Registered backends[] = {
-    registered<Placed>("rank_placed"),           registered<Numbered>("rank_numbered"),
-    registered<Faulty>("rank_throws", "throws"), registered<Faulty>("rank_fails", "fails"),
-    registered<Faulty>("rank_hangs", "hangs"),   registered<Faulty>("rank_without", "without"),
-    registered<Forgetful>("rank_forgetful")};
+    registered_as<Placed>("rank_placed"),           registered_as<Numbered>("rank_numbered"),
+    registered_as<Faulty>("rank_throws", "throws"), registered_as<Faulty>("rank_fails", "fails"),
+    registered_as<Faulty>("rank_hangs", "hangs"),   registered_as<Faulty>("rank_without", "without"),
+    registered_as<Forgetful>("rank_forgetful")};
 
 /// Borders that a simulated device exchanges, which waits for its neighbours: `within_steps`, or after a step
 /// without its host.
@@ -571,8 +567,8 @@ private:
     std::atomic<int> calls_ = 0;
 };
 
-const Registered within_steps[] = {registered<WithinSteps>("rank_within_steps", true),
-                                   registered<WithinSteps>("rank_replays", false)};
+const Registered within_steps[] = {registered_as<WithinSteps>("rank_within_steps", true),
+                                   registered_as<WithinSteps>("rank_replays", false)};
 
 /// Records the largest number of steps in one call, over all ranks.
 class Counting final : public Wrapped {
@@ -587,7 +583,7 @@ private:
     }
 };
 
-const Registered counting = registered<Counting>("rank_counting");
+const Registered counting = registered_as<Counting>("rank_counting");
 
 /// The error with which a run of two ranks ends; it has to end within seconds.
 std::string error_of(const std::string& backend, const std::string& way = "memory") {

@@ -375,7 +375,7 @@ private:
     std::vector<std::uint32_t> mask_;
 };
 
-const Registered wayward = registered_for_test("wayward", [] { return std::make_unique<Wayward>(); });
+const Registered wayward = registered_as<Wayward>("wayward");
 
 class SimulationOfOne : public ::testing::Test {
 protected:

@@ -148,9 +148,6 @@ private:
     bool is_strained_ = false;
 };
 
-Registered disguised(const std::string& name, const std::string& family) {
-    return registered_for_test(name, [family] { return std::make_unique<Disguised>(family); });
-}
 /// A cpu_reference that claims borders within steps, between devices that do not exist.
 class OnDevices final : public WrappedBackend {
 public:
@@ -180,8 +177,7 @@ public:
 private:
     bool idle_ = false;
 };
-const Registered makes_no_edit_by_itself =
-    registered_for_test("no_edit_by_itself", [] { return std::make_unique<MakesNoEditByItself>(); });
+const Registered makes_no_edit_by_itself = registered_as<MakesNoEditByItself>("no_edit_by_itself");
 /// A backend that does not take more than a hundred particles.
 class TakesSmallOnes final : public WrappedBackend {
 public:
@@ -189,13 +185,10 @@ public:
         return problem.particle_count() > 100 ? "too many particles" : "";
     }
 };
-const Registered takes_small_ones =
-    registered_for_test("takes_small_ones", [] { return std::make_unique<TakesSmallOnes>(); });
+const Registered takes_small_ones = registered_as<TakesSmallOnes>("takes_small_ones");
 const std::vector<Registered> wrong_ones = register_wrong_backends();
-const Registered edited_with_all =
-    registered_for_test("edited_with_all", [] { return std::make_unique<EditedWithAll>(); });
-const Registered with_devices =
-    registered_for_test("on_devices", [] { return std::make_unique<OnDevices>(); });
+const Registered edited_with_all = registered_as<EditedWithAll>("edited_with_all");
+const Registered with_devices = registered_as<OnDevices>("on_devices");
 
 /// A cpu_reference that displaces one layer of voxels.
 class Nudged final : public WrappedBackend {
@@ -217,14 +210,13 @@ private:
     const double z_;
     const Problem* problem_ = nullptr;
 };
-Registered nudged(const std::string& name, double z) {
-    return registered_for_test(name, [z] { return std::make_unique<Nudged>(z); });
-}
-const Registered nudged_in_sample = nudged("nudged_12", 12), nudged_beside = nudged("nudged_7", 7);
+const Registered nudged_in_sample = registered_as<Nudged>("nudged_12", 12),
+                 nudged_beside = registered_as<Nudged>("nudged_7", 7);
 
-const Registered all[] = {disguised("device_1", "opengl"), disguised("device_2", "opengl"),
-                          disguised("device_3", "opengl"), disguised("device_killed", "opengl"),
-                          disguised("processor", "cpu")};
+const Registered all[] = {
+    registered_as<Disguised>("device_1", "opengl"), registered_as<Disguised>("device_2", "opengl"),
+    registered_as<Disguised>("device_3", "opengl"), registered_as<Disguised>("device_killed", "opengl"),
+    registered_as<Disguised>("processor", "cpu")};
 
 /// Leaves a mark; two of the devices wait for each other's mark.
 class MeetingRunner final : public SuiteRunner {

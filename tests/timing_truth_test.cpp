@@ -193,22 +193,18 @@ const std::vector<Registered> registered = [] {
                 return batch < repetitions ? truth.microseconds[std::size_t(batch)] : 0;
             });
         }));
-    all.push_back(registered_for_test("sustain_hot", [] { return std::make_unique<ByBatch>(&throttled); }));
-    all.push_back(registered_for_test("sustain_slow",
-                                      [] { return std::make_unique<ByBatch>([](int) { return 101; }); }));
-    all.push_back(registered_for_test("hot_wrong", [] { return std::make_unique<WrongWhenHot>(); }));
-    all.push_back(registered_for_test("rival_wrong", [] { return std::make_unique<WrongAndFast>(); }));
-    all.push_back(registered_for_test("rival_hot_wrong", [] { return std::make_unique<WrongWhenHot>(); }));
-    all.push_back(registered_for_test("rival_right",
-                                      [] { return std::make_unique<ByBatch>([](int) { return 100; }); }));
-    all.push_back(
-        registered_for_test("host_processes", [] { return std::make_unique<OnHost>(&of_process); }));
-    all.push_back(
-        registered_for_test("sustain_host", [] { return std::make_unique<OnHost>([](int) { return 50; }); }));
-    all.push_back(registered_for_test("start_compiling", [] { return std::make_unique<Compiling>(); }));
-    all.push_back(registered_for_test("once_wrong", [] { return std::make_unique<WrongOnce>(true); }));
-    all.push_back(registered_for_test("once_wrong_any", [] { return std::make_unique<WrongOnce>(false); }));
-    all.push_back(registered_for_test("once_any_order", [] { return std::make_unique<InAnyOrder>(); }));
+    all.push_back(registered_as<ByBatch>("sustain_hot", &throttled));
+    all.push_back(registered_as<ByBatch>("sustain_slow", [](int) { return 101; }));
+    all.push_back(registered_as<WrongWhenHot>("hot_wrong"));
+    all.push_back(registered_as<WrongAndFast>("rival_wrong"));
+    all.push_back(registered_as<WrongWhenHot>("rival_hot_wrong"));
+    all.push_back(registered_as<ByBatch>("rival_right", [](int) { return 100; }));
+    all.push_back(registered_as<OnHost>("host_processes", &of_process));
+    all.push_back(registered_as<OnHost>("sustain_host", [](int) { return 50; }));
+    all.push_back(registered_as<Compiling>("start_compiling"));
+    all.push_back(registered_as<WrongOnce>("once_wrong", true));
+    all.push_back(registered_as<WrongOnce>("once_wrong_any", false));
+    all.push_back(registered_as<InAnyOrder>("once_any_order"));
     return all;
 }();
 

@@ -76,6 +76,11 @@ inline Registered registered_for_test(const std::string& name, std::function<std
                        .make = [make = std::move(make)](const Options&) { return make(); },
                        .bytes = [](const Problem&, const Options&) { return std::uint64_t(0); }});
 }
+/// Registers a backend that is a Made(with...).
+template <class Made, class... With>
+Registered registered_as(const std::string& name, With... with) {
+    return registered_for_test(name, [=] { return std::make_unique<Made>(with...); });
+}
 
 // --- Backends that no study may show as verified ---------------------------------------------------------
 
