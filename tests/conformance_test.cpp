@@ -228,9 +228,7 @@ TEST_P(Conformance, RewindsOverEditsThatCancelToTheBit) {
     backend->rewind();
     backend->step(7);
     const State rewound = backend->download();
-    backend->upload(problem, start);
-    backend->step(7);
-    expect_same_bits(rewound, backend->download());
+    expect_same_bits(rewound, stepped(*backend, problem, start, 7));
 }
 
 // What a backend keeps for springs beyond the lattice stays when the last of them is cut, and edits go on.

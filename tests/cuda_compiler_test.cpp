@@ -379,10 +379,7 @@ TEST(Waits, InVainAreErrorsAndTheCardGoesOn) {
                 HasSubstr("waited in vain for step "));
     EXPECT_THROW((void)parts[1].backend->download(), DeviceError) << "its state is worthless";
 
-    const auto beside = other.make();
-    beside->upload(problem, start);
-    beside->step(5);
-    const State expected = beside->download();
+    const State expected = testing::stepped(*other.make(), problem, start, 5);
     begin_anew();
     for (Part& part : parts) part.backend->step(5);
     State state = state_at_rest(problem);

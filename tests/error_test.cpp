@@ -277,10 +277,8 @@ TEST(Reference, OfALongRunIsTheParallelOne) {
     References references{no_cache()};
     // 361 steps are the first number that is too large.
     const State end = references.after(large, 361);
-    const auto plain = BackendSpec::parse("cpu_reference:formulation=increment").make();
-    plain->upload(large.problem, large.state);
-    plain->step(361);
-    EXPECT_LT(relative_difference(end.displacement, plain->download().displacement), 1e-13);
+    const State plain = stepped("cpu_reference:formulation=increment", large.problem, large.state, 361);
+    EXPECT_LT(relative_difference(end.displacement, plain.displacement), 1e-13);
 }
 
 // Catches a check of the first steps that ends a whole study, since squares of the displacements overflow.
@@ -523,11 +521,8 @@ TEST(Conserved, DriftOfAFreeBodyIsThatOfRounding) {
     scene.state = random_state(scene.problem, 0.05, 2);
     References references{no_cache()};
     const State reference = references.after(scene, 200);
-    const auto backend = BackendSpec::parse("cpu_parallel:precision=float32").make();
-    backend->upload(scene.problem, scene.state);
-    backend->step(200);
-    const Drift drifted =
-        drift(conserved(scene.problem, backend->download()), conserved(scene.problem, reference));
+    const State end = stepped("cpu_parallel:precision=float32", scene.problem, scene.state, 200);
+    const Drift drifted = drift(conserved(scene.problem, end), conserved(scene.problem, reference));
     // A step rounds an increment of 0.03 within positions of 8 by at most 5e-7; 200 such errors add up at
     // random.
     EXPECT_LT(drifted.momentum, 1e-4);
@@ -553,10 +548,9 @@ TEST(Divergence, IsFoundAtItsStep) {
         ASSERT_TRUE(divergence) << steps;
         EXPECT_EQ(divergence->found, divergence->last_good + 1);
         const auto fastest_after = [&](std::int64_t n) {
-            backend->upload(scene.problem, scene.state);
-            backend->step(int(n));
+            const State end = stepped(*backend, scene.problem, scene.state, int(n));
             double fastest = 0;
-            for (const glm::dvec3& v : backend->download().increment)
+            for (const glm::dvec3& v : end.increment)
                 fastest = std::max(fastest, std::sqrt(v.x * v.x + v.y * v.y + v.z * v.z));
             return fastest;
         };

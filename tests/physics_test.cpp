@@ -8,7 +8,6 @@
 
 #include <cmath>
 #include <glm/geometric.hpp>
-#include <memory>
 #include <string>
 #include <vector>
 
@@ -24,9 +23,7 @@ class Physics : public BackendTest {
 protected:
     State run(const Problem& problem, const State& start, int steps) {
         EXPECT_EQ(backend->unsupported(problem), "");
-        backend->upload(problem, start);
-        backend->step(steps);
-        return backend->download();
+        return stepped(*backend, problem, start, steps);
     }
 
     void expect_close(const Problem& problem, const State& state, const State& expected, int steps) {

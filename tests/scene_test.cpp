@@ -765,10 +765,7 @@ TEST(Scene, AVolumeByItselfSagsByAsManyVoxelsInAnyUnit) {
                           options, small);
     };
     const auto sag_in_voxels = [](const Scene& scene) {
-        const auto backend = BackendSpec::parse("cpu_reference").make();
-        backend->upload(scene.problem, scene.state);
-        backend->step(200);
-        std::vector<glm::dvec3> sag = backend->download().displacement;
+        std::vector<glm::dvec3> sag = stepped("cpu_reference", scene.problem, scene.state, 200).displacement;
         for (glm::dvec3& u : sag) u /= scene.problem.lattice.spacing;
         return sag;
     };
@@ -906,12 +903,7 @@ TEST_F(Corpus, BadDocumentsAndThoseThatDoNotFitTheirVoxelsAreRefusedInOneLine) {
     refuse("refused_with_voxels", 5, [](const std::string& text) { parse(text); });
 }
 
-Problem small_box() {
-    VoxelGrid grid;
-    grid.dims = {3, 2, 2};
-    grid.label.assign(12, 1);
-    return make_lattice_problem(grid, FACE_BITS);
-}
+Problem small_box() { return make_lattice_problem(solid({3, 2, 2}), FACE_BITS); }
 
 /// Two particles on no grid, a spring between them.
 Problem pair() {

@@ -57,9 +57,7 @@ inline Problem plain_problem() {
 }
 
 inline State after(Backend& backend, const Problem& problem, int steps) {
-    backend.upload(problem, random_state(problem, 0.05, 3));
-    backend.step(steps);
-    return backend.download();
+    return stepped(backend, problem, random_state(problem, 0.05, 3), steps);
 }
 
 }  // namespace voxspring::testing

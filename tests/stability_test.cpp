@@ -10,7 +10,6 @@
 #include <glm/geometric.hpp>
 
 #include "backends/physics/spring.h"
-#include "backends/registry.h"
 #include "harness/scene/scene.h"
 #include "tests/support.h"
 
@@ -33,11 +32,9 @@ Problem single_spring(double stiffness, double first_mass, double second_mass, d
 /// The largest displacement after `steps` steps of the oracle from a random start of `amplitude`.
 double growth(Problem problem, double time_step, int steps, double amplitude) {
     problem.time_step = time_step;
-    const auto oracle = BackendSpec::parse("cpu_reference").make();
-    oracle->upload(problem, random_state(problem, amplitude, 3));
-    oracle->step(steps);
+    const State end = stepped("cpu_reference", problem, random_state(problem, amplitude, 3), steps);
     double largest = 0;
-    for (const glm::dvec3& u : oracle->download().displacement) {
+    for (const glm::dvec3& u : end.displacement) {
         if (!std::isfinite(glm::length(u))) return std::numeric_limits<double>::infinity();
         largest = std::max(largest, glm::length(u));
     }

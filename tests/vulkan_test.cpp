@@ -403,9 +403,7 @@ TEST_F(Vulkan, KeepsWhatItCompiledInTheUsersCacheFolder) {
     const Problem problem = plain_problem();
     const auto compiled = [&] {
         const auto backend = BackendSpec::parse("vulkan_implicit").make();
-        backend->upload(problem, random_state(problem, 0.05, 3));
-        backend->step(3);
-        (void)backend->download();
+        (void)after(*backend, problem, 3);
         const CompileTime first = backend->compile_time();
         backend->upload(problem, random_state(problem, 0.05, 3));
         EXPECT_EQ(backend->compile_time().spent, 0) << "the same problem again";
