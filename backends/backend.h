@@ -92,10 +92,6 @@ struct Timing {
 /// after which the object can only be destroyed. Not thread-safe.
 class Backend : public Facets {
 public:
-    Backend() = default;
-    Backend(const Backend&) = delete;
-    Backend& operator=(const Backend&) = delete;
-
     virtual Capabilities capabilities() const = 0;
 
     /// Returns an empty string, or why this backend cannot run `problem` ("grid of 40000 x 1 exceeds the

@@ -19,6 +19,15 @@
 
 namespace voxspring {
 
+/// The base of interfaces: their objects are neither copied nor moved.
+class Interface {
+public:
+    Interface() = default;
+    Interface(const Interface&) = delete;
+    Interface& operator=(const Interface&) = delete;
+    virtual ~Interface() = default;
+};
+
 /// The limits that a run has to stay within, and how often this is checked.
 struct DivergenceMonitor {
     /// The farthest that a particle may move in one step: |x(t) - x(t - dt)|, in units of length.
@@ -63,13 +72,8 @@ struct CompileTime {
 /// part of a larger body (layout/decomposition.h). Springs join these particles to a neighbouring part.
 /// Places stay in the backend's number format, so nothing is rounded on the way. A border can write what
 /// another one has read, if both belong to the same kind of backend with the same options.
-class Border {
+class Border : public Interface {
 public:
-    Border() = default;
-    Border(const Border&) = delete;
-    Border& operator=(const Border&) = delete;
-    virtual ~Border() = default;
-
     virtual std::size_t bytes() const = 0;
     /// Waits for the steps enqueued so far, then copies the places, bytes() bytes, to `to`.
     virtual void read(std::byte* to) const = 0;
@@ -95,13 +99,8 @@ struct SharedParticles {
 /// this order: a part makes its n-th call of receive() after its neighbours have returned from their n-th
 /// call of send(). The neighbours' call n + 2 of send() comes only after that receive() has returned. Parts
 /// may be destroyed in any order.
-class DeviceBorders {
+class DeviceBorders : public Interface {
 public:
-    DeviceBorders() = default;
-    DeviceBorders(const DeviceBorders&) = delete;
-    DeviceBorders& operator=(const DeviceBorders&) = delete;
-    virtual ~DeviceBorders() = default;
-
     /// Bytes that this part sends per step.
     virtual std::size_t bytes() const = 0;
     /// Connects the parts. To be called once before any exchange, in the thread of every part. `parts` has
@@ -133,13 +132,8 @@ public:
 
 /// Shows a running simulation: the device itself puts the displacements of some particles into an OpenGL
 /// buffer, and nothing passes through the host.
-class Feed {
+class Feed : public Interface {
 public:
-    Feed() = default;
-    Feed(const Feed&) = delete;
-    Feed& operator=(const Feed&) = delete;
-    virtual ~Feed() = default;
-
     /// Fills the buffer, whose context must be current, with the particles' displacements after the steps
     /// enqueued so far, and waits until it is full. Another context may be current afterwards. The feed must
     /// be destroyed while the buffer's context is current.
@@ -147,26 +141,16 @@ public:
 };
 
 /// Like Feed, but the device puts the displacements into host memory.
-class HostFeed {
+class HostFeed : public Interface {
 public:
-    HostFeed() = default;
-    HostFeed(const HostFeed&) = delete;
-    HostFeed& operator=(const HostFeed&) = delete;
-    virtual ~HostFeed() = default;
-
     /// Waits for the steps enqueued so far and returns each particle's displacement as (x, y, z, 0). The
     /// values are valid until the next call.
     virtual std::span<const glm::vec4> read() = 0;
 };
 
 /// Like Feed, but the device puts the displacements into its own memory. They do not pass through the host.
-class DeviceFeed {
+class DeviceFeed : public Interface {
 public:
-    DeviceFeed() = default;
-    DeviceFeed(const DeviceFeed&) = delete;
-    DeviceFeed& operator=(const DeviceFeed&) = delete;
-    virtual ~DeviceFeed() = default;
-
     /// Waits for the steps enqueued so far and returns the device address of the displacements: (x, y, z, 0)
     /// in float32 for each particle. Each call writes to the same address.
     virtual const void* read() = 0;
@@ -259,10 +243,8 @@ protected:
 };
 
 /// A backend's optional abilities, beyond the contract that every backend fulfils (class Backend).
-class Facets {
+class Facets : public Interface {
 public:
-    virtual ~Facets() = default;
-
     /// Each of these functions returns null if the backend does not have the facet.
     virtual BorderFacet* borders() { return nullptr; }
     virtual FeedFacet* feeds() { return nullptr; }

@@ -107,13 +107,8 @@ using Dispatches = std::array<std::vector<Dispatch>, 2>;
 /// A device with one queue, in which everything happens in the order of the calls. Whatever one dispatch or
 /// copy writes, the next one sees. Arrays and passes must exist until what is enqueued with them has run.
 /// They must be destroyed before the device.
-class Device {
+class Device : public Interface {
 public:
-    Device() = default;
-    Device(const Device&) = delete;
-    Device& operator=(const Device&) = delete;
-    virtual ~Device() = default;
-
     virtual const Capabilities& capabilities() const = 0;
     virtual WorkGroupLimits work_group_limits() const = 0;
     virtual const BufferLimits& buffer_limits() const = 0;
