@@ -676,16 +676,6 @@ void judge_strained_starts(StudyBench& bench, std::vector<TimedCase>& cases, int
 
 }  // namespace
 
-ReferenceSolution solution_of(StudyBench& bench, const Problem& last, const Batch& batch,
-                              const std::vector<BackendSpec>& specs) {
-    const Scene& scene = bench.scene();
-    const int steps = steps_in_all(batch);
-    ReferenceSolution solution = solution_of(bench, scene, last, steps, specs);
-    if (batch.total_error)
-        solution.refined = bench.references().refined(scene, {scene.problem.time_step, steps}, {steps});
-    return solution;
-}
-
 ReferenceSolution solution_of(StudyBench& bench, const Scene& scene, const Problem& last, int steps,
                               const std::vector<BackendSpec>& specs) {
     ReferenceSolution solution{last, steps, bench.references().after(scene, steps), {}, scene.state};
@@ -814,11 +804,14 @@ public:
 private:
     /// Computes what is missing of the reference and of the spreads for `specs`.
     void solve(const std::vector<BackendSpec>& specs) {
-        if (!solution_) {
-            solution_.emplace(solution_of(bench_, edited_ ? *edited_ : scene_.problem, batch_, specs));
-        } else {
-            add_spreads(bench_, scene_, specs, *solution_);
-        }
+        if (solution_) return add_spreads(bench_, scene_, specs, *solution_);
+        const Problem& last = edited_ ? *edited_ : scene_.problem;
+        const int steps = steps_in_all(batch_);
+        ReferenceSolution solution = solution_of(bench_, scene_, last, steps, specs);
+        if (batch_.total_error)
+            solution.refined =
+                bench_.references().refined(scene_, {scene_.problem.time_step, steps}, {steps});
+        solution_.emplace(std::move(solution));
     }
     TimedGroup& new_group(std::vector<Case> entered) {
         TimedGroup& group = groups_.emplace_back();

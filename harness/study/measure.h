@@ -12,13 +12,9 @@ namespace voxspring {
 void check_batch(const Study& study, const Scene& scene, const Batch& batch);
 constexpr int max_steps_in_all = 1000000000;
 
-/// The reference for the states that `specs` leave after steps_in_all() of `batch`. `last` is the problem
-/// after the edits within these steps. Must not be called while anything is timed, since it takes all cores.
-ReferenceSolution solution_of(StudyBench& bench, const Problem& last, const Batch& batch,
-                              const std::vector<BackendSpec>& specs);
-
-/// The reference for states after `steps` steps of `scene`, which may differ from the bench's scene. It lacks
-/// the converged solution.
+/// The reference for the states that `specs` leave after `steps` steps of `scene`, which may differ from the
+/// bench's scene. `last` is the problem after the edits within these steps. The reference lacks the converged
+/// solution. Must not be called while anything is timed, since it takes all cores.
 ReferenceSolution solution_of(StudyBench& bench, const Scene& scene, const Problem& last, int steps,
                               const std::vector<BackendSpec>& specs);
 
