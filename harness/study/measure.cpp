@@ -647,30 +647,19 @@ int repeat_interleaved(StudyBench& bench, std::vector<TimedCase>& cases) {
     return total;
 }
 
-/// Judges the states that the cases' last repetitions left. This is done after all `total` repetitions, since
-/// it takes all cores and gigabytes of memory. Until then each state stays in its case's backend, which does
-/// nothing else. While one state is judged, the next one is read; more states of a large scene would not fit
-/// into memory.
-void judge_states(StudyBench& bench, std::vector<TimedCase>& cases, int total) {
-    if (!cases.empty() && !interrupted()) cases.front().begin_reading();
+/// Judges by `finish` the states that `begin` starts to read: those that the cases' last repetitions left, or
+/// those after a strained start, from which `begin` runs every case that needs it. This is done after all
+/// `total` repetitions, since it takes all cores and gigabytes of memory. Until then each state stays in its
+/// case's backend, which does nothing else. While one state is judged, the next one is read; more states of a
+/// large scene would not fit into memory.
+void judge_each(StudyBench& bench, std::vector<TimedCase>& cases, int total, const char* from,
+                void (TimedCase::*begin)(), void (TimedCase::*finish)()) {
+    if (!cases.empty() && !interrupted()) (cases.front().*begin)();
     for (std::size_t n = 0; n < cases.size() && !interrupted(); ++n) {
-        if (cases[n].is_reading()) bench.show("judging " + cases[n].label(), total, total);
+        if (cases[n].is_reading()) bench.show("judging " + cases[n].label() + from, total, total);
         cases[n].finish_reading();
-        if (n + 1 < cases.size()) cases[n + 1].begin_reading();
-        cases[n].judge_state();
-    }
-}
-
-/// Runs every case that needs it from the strained start, and judges the states. While one state is judged,
-/// the next case runs.
-void judge_strained_starts(StudyBench& bench, std::vector<TimedCase>& cases, int total) {
-    if (!cases.empty() && !interrupted()) cases.front().begin_strained_start();
-    for (std::size_t n = 0; n < cases.size() && !interrupted(); ++n) {
-        if (cases[n].is_reading())
-            bench.show("judging " + cases[n].label() + " from a strained start", total, total);
-        cases[n].finish_reading();
-        if (n + 1 < cases.size()) cases[n + 1].begin_strained_start();
-        cases[n].judge_strained_start();
+        if (n + 1 < cases.size()) (cases[n + 1].*begin)();
+        (cases[n].*finish)();
     }
 }
 
@@ -858,13 +847,14 @@ std::vector<BackendSpec> SceneMeasurement::measure(const std::vector<BackendSpec
         if (!interrupted()) one.measure_starts(bench_);
     }
     const int total = repeat_interleaved(bench_, cases);
-    judge_states(bench_, cases, total);
+    judge_each(bench_, cases, total, "", &TimedCase::begin_reading, &TimedCase::judge_state);
     for (TimedCase& one : cases) {
         if (!interrupted()) one.measure_edits();
         if (!interrupted()) one.measure_launch(launch_after);
     }
     solve_strained_start(bench_, *solution_, batch_, cases, strained_);
-    judge_strained_starts(bench_, cases, total);
+    judge_each(bench_, cases, total, " from a strained start", &TimedCase::begin_strained_start,
+               &TimedCase::judge_strained_start);
     if (batch_.sustained_seconds > 0) sustain_fastest(bench_, cases, total, sustained_);
     for (const TimedCase& one : cases) {
         if (one.failed_beside_others()) again.push_back(one.spec());
