@@ -362,12 +362,8 @@ void RankedCase::make_judgements() {
     if (sampled_.empty()) {
         Judgement& whole = *judgements_.emplace_back(std::make_unique<Judgement>());
         whole.problem = problem_after(scene, steps);
-        whole.start = scene.state;
         whole.reference = References::name_of_backend(scene, steps);
-        whole.solution.emplace(ReferenceSolution{
-            whole.problem, steps, bench_.references().after(scene, steps), {}, whole.start});
-        whole.solution->refined.reason = "the study does not ask for the converged solution";
-        add_spreads(bench_, scene, {spec_}, *whole.solution);
+        whole.solution.emplace(solution_of(bench_, scene, whole.problem, steps, {spec_}));
         return;
     }
     const std::vector<std::uint32_t> left = Sample::particles(scene.problem, sampled_);
