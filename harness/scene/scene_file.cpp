@@ -162,10 +162,10 @@ void read_units(JsonObject& document, SceneFile& scene,
     };
     const auto young = document.find("young");
     const auto density = document.find("density");
-    scene.unit_source = document.find("unit");
-    if (scene.unit_source) scene.unit = scene.unit_source->one_of({"m", "cm", "mm", "um"});
+    const auto unit = document.find("unit");
+    if (unit) scene.unit = unit->one_of({"m", "cm", "mm", "um"});
     if (!young) {
-        for (const auto& other : {density, scene.unit_source}) {
+        for (const auto& other : {density, unit}) {
             if (other) other->refuse("this key only together with \"young\", Young's modulus");
         }
         return;

@@ -123,7 +123,6 @@ struct SceneFile {
     std::optional<Parameter> young, density;  ///< Pa, kg/m^3; both or neither; replace stiffness and mass
     /// Unit of length if `young` is given; absent: that of the volume file.
     std::optional<std::string> unit;
-    std::optional<JsonValue> unit_source;
     bool corners = false;  ///< particles are at the corners of voxels rather than at their centres
     double damping = 0;
     std::optional<double> damping_per_second;       ///< replaces `damping`
