@@ -179,10 +179,7 @@ void Journal::visit(
     for (const auto& [name, value] : finished_) visitor(name, value);
 }
 
-double Journal::elapsed_seconds() const {
-    const std::chrono::duration<double> now = std::chrono::steady_clock::now() - begin_;
-    return earlier_seconds_ + now.count();
-}
+double Journal::elapsed_seconds() const { return earlier_seconds_ + seconds_since(begin_); }
 
 void Journal::keep(const std::string& name, nlohmann::json value) {
     if (descriptor_.number >= 0)
@@ -201,7 +198,7 @@ void Journal::append(const nlohmann::json& object, const std::string& what) {
 /// Syncs at most once per second, since syncing takes milliseconds and a measurement may take less.
 bool Journal::sync_now_and_then() {
     constexpr std::chrono::seconds pause(1);
-    const auto now = std::chrono::steady_clock::now();
+    const auto now = Clock::now();
     if (synced_ && now - *synced_ < pause) return true;
     synced_ = now;
     return fdatasync(descriptor_.number) == 0;

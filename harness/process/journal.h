@@ -2,7 +2,6 @@
 // interrupted study can be resumed.
 #pragma once
 
-#include <chrono>
 #include <filesystem>
 #include <functional>
 #include <map>
@@ -13,6 +12,7 @@
 #include <utility>
 
 #include "harness/base/bad_input.h"
+#include "harness/base/clock.h"
 
 namespace voxspring {
 
@@ -94,9 +94,9 @@ private:
 
     std::filesystem::path file_;  ///< empty: in memory only
     Descriptor descriptor_;
-    std::optional<std::chrono::steady_clock::time_point> synced_;
+    std::optional<Clock::time_point> synced_;
     int session_ = 1;
-    const std::chrono::steady_clock::time_point begin_ = std::chrono::steady_clock::now();
+    const Clock::time_point begin_ = Clock::now();
     double earlier_seconds_ = 0;
     std::string note_;
     std::map<std::string, nlohmann::json> finished_;

@@ -1,6 +1,5 @@
 #include "harness/study/kernel_trial.h"
 
-#include <chrono>
 #include <cmath>
 #include <ctime>
 #include <nlohmann/json.hpp>
@@ -8,13 +7,12 @@
 #include <utility>
 
 #include "harness/base/bad_input.h"
+#include "harness/base/clock.h"
 #include "harness/results/capabilities.h"
 #include "harness/verification/random_starts.h"
 
 namespace voxspring {
 namespace {
-
-using Clock = std::chrono::steady_clock;
 
 double cpu_seconds_of_process() {
     timespec time{};
@@ -125,7 +123,7 @@ void KernelTrial::repeat(const std::function<std::optional<double>()>& run) {
     const double cpu_begin = cpu_seconds_of_process();
     const auto begin = Clock::now();
     const std::optional<double> device_seconds = run();
-    const double host_seconds = std::chrono::duration<double>(Clock::now() - begin).count();
+    const double host_seconds = seconds_since(begin);
     const double cpu_seconds = cpu_seconds_of_process() - cpu_begin;
     const double seconds = device_seconds.value_or(host_seconds);
     if (!std::isfinite(seconds) || seconds < 0)

@@ -1,7 +1,6 @@
 #include "harness/study/measure.h"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <cstdint>
 #include <deque>
@@ -15,6 +14,7 @@
 #include <vector>
 
 #include "harness/base/bad_input.h"
+#include "harness/base/clock.h"
 #include "harness/base/interruption.h"
 #include "harness/base/statistics.h"
 #include "harness/base/text.h"
@@ -181,9 +181,8 @@ public:
         bench.show("starting " + label() + " once more", 0, 1);
         attempt([&] {
             nlohmann::json samples = nlohmann::json::array();
-            const auto begin = std::chrono::steady_clock::now();
-            while (samples.size() + 1 < starts && std::chrono::steady_clock::now() - begin <
-                                                      std::chrono::duration<double>(max_start_seconds)) {
+            const auto begin = Clock::now();
+            while (samples.size() + 1 < starts && seconds_since(begin) < max_start_seconds) {
                 const auto answers = case_.afresh({nlohmann::json{{"do", "warm up"}, {"batches", 0}}},
                                                   "starting once more", true);
                 samples.push_back({{"construct_seconds", answers.front().at("construct_seconds")},

@@ -23,6 +23,7 @@
 
 #include "backends/gl/context.h"
 #include "harness/base/bad_input.h"
+#include "harness/base/clock.h"
 #include "harness/base/interruption.h"
 #include "harness/base/statistics.h"
 #include "harness/base/text.h"
@@ -156,9 +157,6 @@ std::vector<glm::dvec3> forces_of(SceneRunner& runner, Backend& backend, int ste
 }
 
 // --- In the process of a case ---------------------------------------------------------------------------
-
-using Clock = std::chrono::steady_clock;
-using Seconds = std::chrono::duration<double>;
 
 double seconds_between(Clock::time_point begin, Clock::time_point end) {
     return Seconds(end - begin).count();
