@@ -1,7 +1,6 @@
 #include "harness/study/kernel_trial.h"
 
 #include <cmath>
-#include <ctime>
 #include <nlohmann/json.hpp>
 #include <stdexcept>
 #include <utility>
@@ -13,12 +12,6 @@
 
 namespace voxspring {
 namespace {
-
-double cpu_seconds_of_process() {
-    timespec time{};
-    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &time);
-    return double(time.tv_sec) + 1e-9 * double(time.tv_nsec);
-}
 
 /// Returns the scene. Throws BadInput if it has edits or a tool, since a kernel is not told of these.
 std::shared_ptr<const Scene> checked(std::shared_ptr<const Scene> scene) {
@@ -120,11 +113,11 @@ ReferenceSolution KernelTrial::solve(const Scene& scene) {
 
 void KernelTrial::repeat(const std::function<std::optional<double>()>& run) {
     const auto waited_begin = waited_seconds();
-    const double cpu_begin = cpu_seconds_of_process();
+    const double cpu_begin = processor_seconds(CLOCK_PROCESS_CPUTIME_ID);
     const auto begin = Clock::now();
     const std::optional<double> device_seconds = run();
     const double host_seconds = seconds_since(begin);
-    const double cpu_seconds = cpu_seconds_of_process() - cpu_begin;
+    const double cpu_seconds = processor_seconds(CLOCK_PROCESS_CPUTIME_ID) - cpu_begin;
     const double seconds = device_seconds.value_or(host_seconds);
     if (!std::isfinite(seconds) || seconds < 0)
         throw std::runtime_error("its clock measured a time that is negative or not finite");

@@ -5,7 +5,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <ctime>
 #include <memory>
 #include <nlohmann/json.hpp>
 #include <optional>
@@ -26,13 +25,6 @@
 
 namespace voxspring {
 namespace {
-
-/// The CPU time of this thread, which Google Benchmark calls cpu_time.
-double cpu_seconds_of_thread() {
-    timespec time{};
-    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &time);
-    return double(time.tv_sec) + 1e-9 * double(time.tv_nsec);
-}
 
 /// Lets every OpenMP thread run for a moment before a timing. While the process waits for its turn the
 /// threads sleep. They wake on the core of the thread that wakes them, and share it until the system moves
@@ -209,9 +201,9 @@ private:
         }
         const std::optional<double> plain_seconds = plain(backend);
         const auto waited_begin = waited_seconds();
-        const double cpu_begin = cpu_seconds_of_thread();
+        const double cpu_begin = processor_seconds(CLOCK_THREAD_CPUTIME_ID);
         const Timing timing = backend.timed([&] { runner_.run(backend, batch_.steps); });
-        nlohmann::json answer = {{"cpu_seconds", cpu_seconds_of_thread() - cpu_begin},
+        nlohmann::json answer = {{"cpu_seconds", processor_seconds(CLOCK_THREAD_CPUTIME_ID) - cpu_begin},
                                  {"device_seconds", timing.device_seconds},
                                  {"host_seconds", timing.host_seconds}};
         if (plain_seconds) answer["plain_seconds"] = *plain_seconds;
