@@ -97,13 +97,6 @@ std::string Row::label() const {
     return text;
 }
 
-nlohmann::json to_json(const Errors& errors) {
-    nlohmann::json json;
-    RowWriter writer(json);
-    error_fields_of(errors, writer);
-    return json;
-}
-
 nlohmann::json to_json(const Row& row) {
     nlohmann::json json;
     RowWriter writer(json);

@@ -270,6 +270,4 @@ std::vector<Row> rows_from_json(const nlohmann::json& list);
 /// A row that has only its identity.
 Row row_of(const std::string& scene, const BackendSpec& spec);
 
-nlohmann::json to_json(const Errors& errors);
-
 }  // namespace voxspring
