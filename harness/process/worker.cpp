@@ -1,5 +1,6 @@
 #include "harness/process/worker.h"
 
+#include <fmt/format.h>
 #include <malloc.h>
 #include <sys/prctl.h>
 #include <sys/socket.h>
@@ -14,7 +15,6 @@
 #include <map>
 #include <new>
 #include <nlohmann/json.hpp>
-#include <sstream>
 #include <thread>
 #include <utility>
 
@@ -178,9 +178,7 @@ private:
             return receive_message(socket_, until);
         } catch (const Late&) {
             (void)launcher_->end(id_, Seconds(0));
-            std::ostringstream how;
-            how << "did not answer within " << patience.count() << " s";
-            lose(how.str(), doing);
+            lose(fmt::format("did not answer within {:g} s", patience.count()), doing);
         } catch (const Closed&) {
             // The process's end of the socket is closed, so the process has ended or is about to end.
             lose(launcher_->end(id_, std::min(Seconds(10), patience)), doing);
