@@ -19,12 +19,8 @@ SceneRunner::SceneRunner(const Scene& scene) : scene_(scene) {
     if (scene.edits.empty()) return;
     edited_ = scene.problem;
     editor_.emplace(*edited_);
-    prepare();
-}
-
-void SceneRunner::prepare() {
     std::size_t bytes = 0;
-    for (const ScheduledEdit& scheduled : scene_.edits) {
+    for (const ScheduledEdit& scheduled : scene.edits) {
         SpringEdit edit = editor_->make(scheduled.edit);
         bytes += bytes_of(edit);
         if (bytes > max_prepared_bytes) break;

@@ -54,7 +54,6 @@ public:
     int edits_within(int steps) const;
 
 private:
-    void prepare();
     void restart();
     const Problem& start_problem() const { return uploaded_ ? *uploaded_ : scene_.problem; }
     bool has_the_springs_of_the_start() const;
