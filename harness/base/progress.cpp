@@ -173,12 +173,6 @@ void Progress::tick() {
     }
 }
 
-double Progress::work_of_all() const {
-    double work = 0;
-    for (const Scene& scene : scenes_) work += scene.work();
-    return work;
-}
-
 double Progress::work_done() const {
     double work = 0;
     for (std::size_t i = 0; i + 1 < number_; ++i) work += scenes_[i].work();
@@ -189,8 +183,10 @@ double Progress::work_done() const {
 std::string Progress::left() const {
     const double work = work_done(), of_this_run = work - work_at_begin_;
     if (work_at_begin_ < 0 || of_this_run <= 0) return "";
+    double of_all = 0;
+    for (const Scene& scene : scenes_) of_all += scene.work();
     const double took = seconds_since(begin_);
-    return ", about " + duration_text(took * (work_of_all() - work) / of_this_run) + " left";
+    return ", about " + duration_text(took * (of_all - work) / of_this_run) + " left";
 }
 
 std::string Progress::line() const {

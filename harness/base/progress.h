@@ -106,7 +106,6 @@ public:
 
 private:
     void tick();
-    double work_of_all() const;
     double work_done() const;
     std::string left() const;
     std::string line() const;
