@@ -286,7 +286,7 @@ public:
     /// Reports launch_seconds() to the bench.
     void tell_launch(StudyBench& bench) const {
         if (const auto seconds = launch_seconds())
-            bench.improve_launch(capabilities_of(case_.capabilities()), *seconds);
+            bench.limits().improve_launch(capabilities_of(case_.capabilities()), *seconds);
     }
 
 private:
@@ -343,7 +343,7 @@ private:
     StartPart start_part(Counters& counters) const;
     bool leaves_out_tiles() const;
     StepBound bound(std::optional<double> launch, const std::vector<DeviceLimits>& of_card) const;
-    LimitPart limit_part(const StudyBench& bench, Counters& counters) const;
+    LimitPart limit_part(StudyBench& bench, Counters& counters) const;
     void count_processes(const Observed& seen, Counters& counters) const;
     Observed observed() const;
     Row common_row(const StudyBench& bench) const;
@@ -474,14 +474,14 @@ StepBound TimedCase::bound(std::optional<double> launch, const std::vector<Devic
 
 /// The limit of a step. Empty if the backend does not tell the step's work, or if steps leave out tiles at
 /// rest, since the limit is known only for steps of the whole body.
-LimitPart TimedCase::limit_part(const StudyBench& bench, Counters& counters) const {
+LimitPart TimedCase::limit_part(StudyBench& bench, Counters& counters) const {
     if (kept("step work").is_null() || leaves_out_tiles()) return {};
     const StepWork work = step_work_of(kept("step work"));
     LimitPart part{.bytes = work.bytes,
                    .written_bytes = work.written_bytes,
                    .footprint_bytes = work.footprint_bytes,
                    .operations = work.operations};
-    const auto of_card = bench.limits_on_card_of(capabilities_of(case_.capabilities()));
+    const auto of_card = bench.limits().on_card_of(capabilities_of(case_.capabilities()));
     if (const StepBound one = bound(launch_seconds(), of_card); !one.longest.limited_by.empty()) {
         part.seconds = one.longest.seconds;
         part.limited_by = one.longest.limited_by;

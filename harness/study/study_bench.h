@@ -116,14 +116,8 @@ public:
     References& references() { return references_; }
     /// The generator that shuffles the repetitions of several cases. Its seed is in the result.
     std::mt19937& order();
-    /// MeasuredLimits::on_card_of() for a backend with these capabilities.
-    std::vector<DeviceLimits> limits_on_card_of(const Capabilities& capabilities) const {
-        return limits_.on_card_of(capabilities);
-    }
-    /// Records the time of a launch through a backend's API, if it is shorter than the known one.
-    void improve_launch(const Capabilities& capabilities, double seconds) {
-        limits_.improve_launch(capabilities, seconds);
-    }
+    /// What the devices of the cases that have been entered can do.
+    MeasuredLimits& limits() { return limits_; }
     const Card* card() const { return card_.get(); }  ///< null: there is no card, or it cannot be watched
     /// Shows what is being done, and how many of the scene's measurements are done. `total` is the number of
     /// measurements of all expected_cases().
