@@ -16,6 +16,7 @@
 #include <stdexcept>
 #include <utility>
 
+#include "backends/layout/boxes.h"
 #include "backends/physics/neighbours.h"
 #include "continuum_files.h"  // generated
 #include "harness/base/bad_input.h"
@@ -51,16 +52,11 @@ glm::dvec3 pattern_at(char pattern, glm::dvec3 place) {
 VoxelGrid voxels_of(const TruthCase& of, int across) {
     const double pitch = 1.0 / across;
     VoxelGrid grid{{across, across, int(std::lround(of.height * across))}, glm::dvec3(pitch), {}};
-    for (int z = 0; z < grid.dims.z; ++z) {
-        for (int y = 0; y < grid.dims.y; ++y) {
-            for (int x = 0; x < grid.dims.x; ++x) {
-                const glm::dvec3 centre = (glm::dvec3(x, y, z) + 0.5) * pitch;
-                const bool inside =
-                    !of.is_ball || glm::length(centre - glm::dvec3(0.5, 0.5, of.height / 2)) < 0.5;
-                grid.label.push_back(inside ? 1 : 0);
-            }
-        }
-    }
+    layout::visit_box(glm::ivec3(0), grid.dims, [&](const glm::ivec3& at) {
+        const glm::dvec3 centre = (glm::dvec3(at) + 0.5) * pitch;
+        const bool inside = !of.is_ball || glm::length(centre - glm::dvec3(0.5, 0.5, of.height / 2)) < 0.5;
+        grid.label.push_back(inside ? 1 : 0);
+    });
     return grid;
 }
 
