@@ -26,9 +26,6 @@ std::string duration_text(double seconds);
 class Ticker {
 public:
     explicit Ticker(std::function<void()> tick) : tick_(std::move(tick)) {}
-    Ticker(const Ticker&) = delete;
-    Ticker& operator=(const Ticker&) = delete;
-    ~Ticker() = default;
 
     /// Starts the thread. It makes the first call after `first`, and each further call `between` after the
     /// previous one. Does nothing if the thread already runs.
@@ -54,9 +51,6 @@ private:
 /// terminal the first report comes a second after the first begin().
 class Activity {
 public:
-    Activity() = default;
-    Activity(const Activity&) = delete;
-    Activity& operator=(const Activity&) = delete;
     ~Activity() { end(); }
 
     /// Reports from now on that the task `what` is in progress.
@@ -91,8 +85,6 @@ public:
         double work() const { return cases * work_per_case; }
     };
     explicit Progress(std::vector<Scene> scenes);
-    Progress(const Progress&) = delete;
-    Progress& operator=(const Progress&) = delete;
     ~Progress();
 
     void begin(const std::string& scene);

@@ -110,9 +110,6 @@ public:
         : meter_(meter),
           begin_(Clock::now()),
           thread_([this](const std::stop_token& stopped) { run(stopped); }) {}
-    Sampling(const Sampling&) = delete;
-    Sampling& operator=(const Sampling&) = delete;
-    ~Sampling() = default;
 
     /// The seconds between the first and the latest change of the energy counter.
     double measured_seconds() const { return measured_; }

@@ -42,8 +42,6 @@ public:
     /// must outlive this object. Throws Unavailable if there is no OpenGL or the body has no surface, and
     /// DeviceError.
     LiveDrawing(const gl::Context& own, Backend& backend, const Problem& problem);
-    LiveDrawing(const LiveDrawing&) = delete;
-    LiveDrawing& operator=(const LiveDrawing&) = delete;
     /// Waits until the current picture is finished.
     ~LiveDrawing();
 
