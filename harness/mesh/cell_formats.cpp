@@ -25,8 +25,7 @@ void note_others(Mesh& mesh, std::size_t others) {
 
 double vtk_number(MeshBytes& bytes, NumberLayout layout, std::string_view type) {
     constexpr const char* what = "a number";
-    if (layout == NumberLayout::text) return bytes.number<double>(layout, what);
-    if (type == "double") return bytes.number<double>(layout, what);
+    if (layout == NumberLayout::text || type == "double") return bytes.number<double>(layout, what);
     if (type == "float") return double(bytes.number<float>(layout, what));
     if (type == "int") return bytes.number<std::int32_t>(layout, what);
     if (type == "unsigned_int") return bytes.number<std::uint32_t>(layout, what);
