@@ -63,16 +63,6 @@ const char* const scene_help =
     throw BadInput("command line", option, text, accepted);
 }
 
-/// NumberIn<T>::Type is the type of the number in T, which is a number or a std::optional of one.
-template <class Target>
-struct NumberIn {
-    using Type = Target;
-};
-template <class Number>
-struct NumberIn<std::optional<Number>> {
-    using Type = Number;
-};
-
 /// Parses a number from `low` to `high`. Throws BadInput with that range for any other text.
 template <class Number>
 Number number_of(const std::string& option, const std::string& text, Number low, Number high) {
@@ -87,7 +77,7 @@ Number number_of(const std::string& option, const std::string& text, Number low,
     }
 }
 
-template <class Target, class Number = typename NumberIn<Target>::Type>
+template <class Target, class Number>
 CLI::Option* add_number(CLI::App& command, const std::string& option, Target& target, Number low, Number high,
                         const std::string& description) {
     return command
@@ -190,21 +180,19 @@ void add_volume_options(CLI::App& command, VolumeOptions& volume) {
             "--labels", "LABEL,...", [&volume](const std::string& text) { volume.labels = labels_of(text); },
             "Active voxels: those with one of these values, 1,2,5, or in one of these named segments")
             ->excludes(threshold),
-        add_number<std::optional<std::int64_t>>(
-            command, "--frame", volume.frame, 0, 1'000'000'000,
-            "Which of several values per voxel to use, such as the time of a 4D file; counted from 0"),
+        add_number(command, "--frame", volume.frame, 0, 1'000'000'000,
+                   "Which of several values per voxel to use, such as the time of a 4D file; counted from 0"),
         add_text(
             "--spacing", "LENGTH",
             [&volume](const std::string& text) {
                 volume.spacing = vector_of("--spacing", text, min_quantity, max_quantity, true);
             },
             "Distance between voxel centres, one number or three as X,Y,Z (default: the file's)"),
-        add_number<std::optional<double>>(
+        add_number(
             command, "--pitch", volume.pitch, min_quantity, max_quantity,
             "Edge length of cubic voxels: of those made from a mesh, or that replace a volume's voxels"),
-        add_number<std::optional<double>>(
-            command, "--fill", volume.fill, min_quantity, 1.0,
-            "A voxel is active if at least this share of it is in the body (default: 0.5)"),
+        add_number(command, "--fill", volume.fill, min_quantity, 1.0,
+                   "A voxel is active if at least this share of it is in the body (default: 0.5)"),
         add_text(
             "--gravity", "X,Y,Z",
             [&volume](const std::string& text) {
