@@ -31,8 +31,15 @@ public:
 using CaseRunnerFactory = std::function<std::unique_ptr<CaseRunner>(
     const BackendSpec& spec, const Scene& scene, const nlohmann::json& parameters, SharedState* shared)>;
 
+/// A CaseRunnerFactory of a type whose constructor takes the same arguments.
+template <class Runner>
+std::unique_ptr<CaseRunner> case_runner_of(const BackendSpec& spec, const Scene& scene,
+                                           const nlohmann::json& parameters, SharedState* shared) {
+    return std::make_unique<Runner>(spec, scene, parameters, shared);
+}
+
 /// Registers a runner by a static object in the runner's source file:
-/// `static const RegisteredCaseRunner runner("timing", ...);`
+/// `static const RegisteredCaseRunner runner("timing", case_runner_of<TimingRunner>);`
 struct RegisteredCaseRunner {
     RegisteredCaseRunner(const std::string& name, CaseRunnerFactory factory);
 };

@@ -42,14 +42,14 @@ std::string name_of_rank(int rank) {
 
 class RankRunner final : public CaseRunner {
 public:
-    RankRunner(BackendSpec spec, const Scene& scene, const nlohmann::json& parameters, SharedState& shared)
+    RankRunner(BackendSpec spec, const Scene& scene, const nlohmann::json& parameters, SharedState* shared)
         : spec_(std::move(spec)),
           scene_(scene),
           rank_(parameters.at("rank")),
           plan_(parameters.at("plan").get<RankPlan>()),
           memory_(parameters.at("segment").get<int>()),
           mailroom_(static_cast<Line*>(memory_.data()), parameters.at("routes").get<Routes>()),
-          shared_(shared) {}
+          shared_(*shared) {}
 
     /// "prepare" only makes sure that the process exists and its id is known before the rank begins to "run".
     nlohmann::json answer(Backend&, const nlohmann::json& question, const OnEvent&) override {
@@ -76,10 +76,7 @@ private:
     SharedState& shared_;
 };
 
-const RegisteredCaseRunner registered_rank("rank", [](const BackendSpec& spec, const Scene& scene,
-                                                      const nlohmann::json& parameters, SharedState* shared) {
-    return std::make_unique<RankRunner>(spec, scene, parameters, *shared);
-});
+const RegisteredCaseRunner registered_rank("rank", case_runner_of<RankRunner>);
 
 // --- In the process of mpirun ---------------------------------------------------------------------------
 

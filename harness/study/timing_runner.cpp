@@ -101,11 +101,11 @@ Batch batch_of(const nlohmann::json& parameters) {
 
 class TimingRunner : public CaseRunner {
 public:
-    TimingRunner(BackendSpec spec, const Scene& scene, const nlohmann::json& parameters, SharedState& shared)
+    TimingRunner(BackendSpec spec, const Scene& scene, const nlohmann::json& parameters, SharedState* shared)
         : spec_(std::move(spec)),
           scene_(scene),
           batch_(batch_of(parameters)),
-          shared_(shared),
+          shared_(*shared),
           monitor_(divergence_monitor(scene, steps_in_all(batch_))),
           runner_(scene) {}
 
@@ -324,10 +324,7 @@ private:
 };
 
 constexpr const char* runner_name = "timing";
-const RegisteredCaseRunner registered(runner_name, [](const BackendSpec& spec, const Scene& scene,
-                                                      const nlohmann::json& parameters, SharedState* shared) {
-    return std::make_unique<TimingRunner>(spec, scene, parameters, *shared);
-});
+const RegisteredCaseRunner registered(runner_name, case_runner_of<TimingRunner>);
 
 }  // namespace
 

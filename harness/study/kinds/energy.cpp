@@ -48,10 +48,11 @@ struct EnergyRow : Row {
 
 class EnergyRunner final : public CaseRunner {
 public:
-    EnergyRunner(const Scene& scene, const nlohmann::json& parameters, SharedState& shared)
+    EnergyRunner(const BackendSpec&, const Scene& scene, const nlohmann::json& parameters,
+                 SharedState* shared)
         : steps_(parameters.at("steps")),
           seconds_(parameters.at("seconds")),
-          shared_(shared),
+          shared_(*shared),
           monitor_(divergence_monitor(scene, steps_)),
           runner_(scene) {}
 
@@ -113,10 +114,7 @@ private:
     std::int64_t batches_ = 0;
 };
 
-const RegisteredCaseRunner energy_runner("energy", [](const BackendSpec&, const Scene& scene,
-                                                      const nlohmann::json& parameters, SharedState* shared) {
-    return std::make_unique<EnergyRunner>(scene, parameters, *shared);
-});
+const RegisteredCaseRunner energy_runner("energy", case_runner_of<EnergyRunner>);
 
 // --- In the process of the study ------------------------------------------------------------------------
 

@@ -236,14 +236,14 @@ struct Shared {
 class HapticRunner final : public CaseRunner {
 public:
     HapticRunner(const BackendSpec& spec, const Scene& scene, const nlohmann::json& parameters,
-                 SharedState& shared_state)
+                 SharedState* shared_state)
         : shared_(parameters.at("drawn") ? std::make_unique<Shared>(spec) : nullptr),
           scene_(scene),
           steps_(parameters.at("steps")),
           edits_(cut_and_suture_of(scene)),
           edited_(scene.problem),
           runner_(scene),
-          shared_state_(shared_state) {}
+          shared_state_(*shared_state) {}
 
     nlohmann::json answer(Backend& own, const nlohmann::json& question, const OnEvent&) override {
         Backend& backend = shared_ ? *shared_->backend : own;
@@ -459,10 +459,7 @@ private:
     std::optional<LiveDrawing> drawing_;  ///< exists while a drawn motion is played
 };
 
-const RegisteredCaseRunner haptic_runner("haptic", [](const BackendSpec& spec, const Scene& scene,
-                                                      const nlohmann::json& parameters, SharedState* shared) {
-    return std::make_unique<HapticRunner>(spec, scene, parameters, *shared);
-});
+const RegisteredCaseRunner haptic_runner("haptic", case_runner_of<HapticRunner>);
 
 // --- In the process of the study ------------------------------------------------------------------------
 

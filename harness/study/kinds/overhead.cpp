@@ -40,10 +40,11 @@ struct OverheadRow : Row {
 
 class OverheadRunner final : public CaseRunner {
 public:
-    OverheadRunner(const Scene& scene, const nlohmann::json& parameters, SharedState& shared)
+    OverheadRunner(const BackendSpec&, const Scene& scene, const nlohmann::json& parameters,
+                   SharedState* shared)
         : steps_(parameters.at("steps")),
           repetitions_(parameters.at("repetitions")),
-          shared_(shared),
+          shared_(*shared),
           runner_(scene) {}
 
     nlohmann::json answer(Backend& backend, const nlohmann::json& question, const OnEvent&) override {
@@ -104,11 +105,7 @@ private:
     bool keeps_start_ = false;  // whether keep_start() has been called
 };
 
-const RegisteredCaseRunner overhead_runner("overhead", [](const BackendSpec&, const Scene& scene,
-                                                          const nlohmann::json& parameters,
-                                                          SharedState* shared) {
-    return std::make_unique<OverheadRunner>(scene, parameters, *shared);
-});
+const RegisteredCaseRunner overhead_runner("overhead", case_runner_of<OverheadRunner>);
 
 // --- In the process of the study ------------------------------------------------------------------------
 

@@ -135,11 +135,12 @@ TimedRuns time_runs(Backend& backend, const Scene& scene, const DivergenceMonito
 /// Runs the scene at one time step after another.
 class ParetoRunner : public CaseRunner {
 public:
-    ParetoRunner(const Scene& scene, const nlohmann::json& parameters, SharedState& shared)
+    ParetoRunner(const BackendSpec&, const Scene& scene, const nlohmann::json& parameters,
+                 SharedState* shared)
         : scene_(scene),
           span_{parameters.at("time_step"), parameters.at("steps")},
           repetitions_(parameters.at("repetitions")),
-          shared_(shared) {}
+          shared_(*shared) {}
 
     nlohmann::json answer(Backend& backend, const nlohmann::json& question, const OnEvent&) override {
         const int steps = question.at("steps");
@@ -169,10 +170,7 @@ private:
     SharedState& shared_;
 };
 
-const RegisteredCaseRunner pareto_runner("pareto", [](const BackendSpec&, const Scene& scene,
-                                                      const nlohmann::json& parameters, SharedState* shared) {
-    return std::make_unique<ParetoRunner>(scene, parameters, *shared);
-});
+const RegisteredCaseRunner pareto_runner("pareto", case_runner_of<ParetoRunner>);
 
 // --- In the process of the study ------------------------------------------------------------------------
 

@@ -46,11 +46,11 @@ bool has_host_threads(const BackendSpec& spec) {
 /// Runs all ranks as threads of the case's process.
 class ScalingRunner final : public CaseRunner {
 public:
-    ScalingRunner(BackendSpec spec, const Scene& scene, const nlohmann::json& parameters, SharedState& shared)
+    ScalingRunner(BackendSpec spec, const Scene& scene, const nlohmann::json& parameters, SharedState* shared)
         : spec_(std::move(spec)),
           scene_(scene),
           plan_(parameters.at("plan").get<RankPlan>()),
-          shared_(shared) {}
+          shared_(*shared) {}
 
     nlohmann::json answer(Backend&, const nlohmann::json&, const OnEvent&) override {
         State state = room_for_state(scene_.problem, plan_);
@@ -67,11 +67,7 @@ private:
     SharedState& shared_;
 };
 
-const RegisteredCaseRunner scaling_runner("scaling", [](const BackendSpec& spec, const Scene& scene,
-                                                        const nlohmann::json& parameters,
-                                                        SharedState* shared) {
-    return std::make_unique<ScalingRunner>(spec, scene, parameters, *shared);
-});
+const RegisteredCaseRunner scaling_runner("scaling", case_runner_of<ScalingRunner>);
 
 // --- In the process of the study ------------------------------------------------------------------------
 

@@ -280,7 +280,7 @@ void print_stability(const Result& result, std::ostream& out, TableWidth width) 
 
 class StabilityRunner final : public SuiteRunner {
 public:
-    StabilityRunner(BackendSpec spec, const Scene& scene, const nlohmann::json& parameters)
+    StabilityRunner(BackendSpec spec, const Scene& scene, const nlohmann::json& parameters, SharedState*)
         : spec_(std::move(spec)),
           scene_(scene),
           limits_(parameters.at("limits")),
@@ -297,10 +297,7 @@ private:
     const bool map_;
 };
 
-const RegisteredCaseRunner stability_runner("stability", [](const BackendSpec& spec, const Scene& scene,
-                                                            const nlohmann::json& parameters, SharedState*) {
-    return std::make_unique<StabilityRunner>(spec, scene, parameters);
-});
+const RegisteredCaseRunner stability_runner("stability", case_runner_of<StabilityRunner>);
 
 class StabilityKind final : public StudyKind {
 public:

@@ -559,7 +559,7 @@ const std::map<std::string, StressLengths> lengths_by_name = {
 
 class StressRunner final : public SuiteRunner {
 public:
-    StressRunner(BackendSpec spec, const nlohmann::json& parameters)
+    StressRunner(BackendSpec spec, const Scene&, const nlohmann::json& parameters, SharedState*)
         : spec_(std::move(spec)), lengths_(lengths_by_name.at(parameters.at("lengths"))) {}
 
 private:
@@ -575,10 +575,7 @@ private:
     const StressLengths lengths_;
 };
 
-const RegisteredCaseRunner stress_runner("stress", [](const BackendSpec& spec, const Scene&,
-                                                      const nlohmann::json& parameters, SharedState*) {
-    return std::make_unique<StressRunner>(spec, parameters);
-});
+const RegisteredCaseRunner stress_runner("stress", case_runner_of<StressRunner>);
 
 class StressStudy final : public StudyKind {
 public:

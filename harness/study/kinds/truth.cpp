@@ -295,7 +295,8 @@ void print_truth(const Result& result, std::ostream& out, TableWidth width) {
 
 class TruthRunner final : public CaseRunner {
 public:
-    explicit TruthRunner(const Scene& scene) : case_(truth_case(scene.name, "study")) {}
+    TruthRunner(const BackendSpec&, const Scene& scene, const nlohmann::json&, SharedState*)
+        : case_(truth_case(scene.name, "study")) {}
 
     /// Returns a TruthRow as JSON, or an object with `unsupported` if the backend does not take the lattice.
     nlohmann::json answer(Backend& backend, const nlohmann::json& question, const OnEvent&) override {
@@ -329,9 +330,7 @@ private:
     const TruthCase& case_;
 };
 
-const RegisteredCaseRunner truth_runner("truth",
-                                        [](const BackendSpec&, const Scene& scene, const nlohmann::json&,
-                                           SharedState*) { return std::make_unique<TruthRunner>(scene); });
+const RegisteredCaseRunner truth_runner("truth", case_runner_of<TruthRunner>);
 
 // --- In the process of the study ------------------------------------------------------------------------
 
