@@ -116,11 +116,7 @@ public:
     bool begin_compiling() {
         const bool compiles = !capabilities_of(case_.capabilities()).kernel_compiler.empty();
         if (!compiles || known("warm") || is_heavy(context_.scene)) return false;
-        attempt([&] {
-            case_.begin({{"do", "compile"}});
-            compiling_ = true;
-        });
-        return compiling_;
+        return begin({{"do", "compile"}}, compiling_);
     }
     void finish_compiling() {
         if (!std::exchange(compiling_, false)) return;
@@ -129,11 +125,7 @@ public:
 
     /// Starts to count the work of a step in the case's process, before the first upload.
     void begin_counting() {
-        if (finished() || known("step work")) return;
-        attempt([&] {
-            case_.begin({{"do", "step work"}});
-            counting_ = true;
-        });
+        if (!finished() && !known("step work")) begin({{"do", "step work"}}, counting_);
     }
     void finish_counting() {
         if (!std::exchange(counting_, false)) return;
@@ -157,14 +149,7 @@ public:
         return least;
     }
     /// Starts the warm-up in the case's process, unless the case is finished. Returns whether it was started.
-    bool begin_warming_up() {
-        if (finished()) return false;
-        attempt([&] {
-            case_.begin({{"do", "warm up"}, {"batches", 1}});
-            warming_up_ = true;
-        });
-        return warming_up_;
-    }
+    bool begin_warming_up() { return !finished() && begin({{"do", "warm up"}, {"batches", 1}}, warming_up_); }
     void finish_warming_up() {
         if (!std::exchange(warming_up_, false)) return;
         attempt([&] {
@@ -210,11 +195,7 @@ public:
 
     /// Starts to read the state that the last repetition left in the case's process.
     void begin_reading() {
-        if (!unjudged_) return;
-        attempt([&] {
-            case_.begin({{"do", "state"}});
-            reading_ = true;
-        });
+        if (unjudged_) begin({{"do", "state"}}, reading_);
     }
     bool is_reading() const { return reading_; }
     /// Waits for the state that is being read, and takes it.
@@ -272,11 +253,7 @@ public:
     /// Starts a batch from the strained start in the case's process, after everything that is timed but
     /// sustain().
     void begin_strained_start() {
-        if (!lacks_strained_start()) return;
-        attempt([&] {
-            case_.begin({{"do", "strained"}});
-            reading_ = true;
-        });
+        if (lacks_strained_start()) begin({{"do", "strained"}}, reading_);
     }
     /// Judges the state that finish_reading() took.
     void judge_strained_start();
@@ -307,6 +284,15 @@ private:
         }
         failure_ = *failure;
         case_.scope().keep("failed", *failure);
+    }
+    /// Asks the case's process `question`, without waiting for the answer. Sets `begun` if that did not fail,
+    /// and returns it.
+    bool begin(const nlohmann::json& question, bool& begun) {
+        attempt([&] {
+            case_.begin(question);
+            begun = true;
+        });
+        return begun;
     }
 
     /// Throws if a state that was left in a shared process does not agree with the reference.
