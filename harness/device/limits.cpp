@@ -6,6 +6,7 @@
 #include <cmath>
 #include <nlohmann/json.hpp>
 #include <string_view>
+#include <type_traits>
 #include <vector>
 
 #include "backends/disk_cache.h"
@@ -31,36 +32,25 @@ void visit(Limits& limits, const Field& field) {
           limits.compute_shader_float32_operations_per_second);
 }
 
-struct Write {
-    nlohmann::json& json;
-    void operator()(const char* name, double value) const { json[name] = value; }
-    void operator()(const char* name, const std::optional<double>& value) const {
-        if (value) json[name] = *value;
-    }
-};
-
-struct Read {
-    const nlohmann::json& json;
-    void operator()(const char* name, double& value) const { value = json.at(name); }
-    void operator()(const char* name, std::optional<double>& value) const {
-        if (json.contains(name)) value = json.at(name).get<double>();
-    }
-};
-
 }  // namespace
 
 NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(Bandwidth, footprint_bytes, written_share, bytes_per_second)
 
 nlohmann::json to_json(const DeviceLimits& limits) {
     nlohmann::json json = nlohmann::json::object();
-    visit(limits, Write{json});
+    visit(limits, [&](const char* name, const std::optional<double>& value) {
+        if (value) json[name] = *value;
+    });
     if (!limits.bandwidth.empty()) json["bandwidth"] = limits.bandwidth;
     return json;
 }
 
 DeviceLimits device_limits_of(const nlohmann::json& json) {
     DeviceLimits limits;
-    visit(limits, Read{json});
+    visit(limits, [&](const char* name, auto& value) {
+        constexpr bool is_required = std::is_same_v<decltype(value), double&>;
+        if (is_required || json.contains(name)) value = json.at(name).get<double>();
+    });
     limits.bandwidth = json.value("bandwidth", std::vector<Bandwidth>());
     return limits;
 }
