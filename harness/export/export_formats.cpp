@@ -160,8 +160,9 @@ public:
         blocks_.emplace_back(array.bytes);
     }
 
-    /// Returns the whole file. Frees each array once it is copied.
+    /// Closes all open tags and returns the whole file. Frees each array once it is copied.
     std::string bytes() {
+        while (!open_.empty()) end();
         std::string file = std::move(xml_);
         file += "<AppendedData encoding=\"raw\">\n_";
         const std::string tail = "\n</AppendedData>\n</VTKFile>\n";
@@ -431,7 +432,6 @@ std::string vti(const Snapshot& snapshot) {
     file.array("mass", on_grid(lattice, masses(problem)));
     file.array("displacement", on_grid(lattice, in_file(snapshot, snapshot.state.displacement)));
     file.array("velocity", on_grid(lattice, in_file(snapshot, velocities(snapshot))));
-    for (int open = 0; open < 3; ++open) file.end();
     return file.bytes();
 }
 
@@ -474,7 +474,6 @@ std::string vtu(const Snapshot& snapshot) {
     springs.ends = {};
     constexpr std::uint8_t line = 3;  // VTK_LINE
     file.array("types", std::vector<std::uint8_t>(count, line));
-    for (int open = 0; open < 3; ++open) file.end();
     return file.bytes();
 }
 
@@ -565,7 +564,6 @@ std::string mesh_vtu(const Snapshot& snapshot) {
     } else {
         add_cells(file, mesh.triangles, triangle);
     }
-    for (int open = 0; open < 3; ++open) file.end();
     return file.bytes();
 }
 
