@@ -85,25 +85,6 @@ int steps_to(double time, const Scene& scene, std::ostream& out) {
     return int(steps);
 }
 
-/// How many steps to take between two checks for an interruption: about as many as take a fifth of a second.
-/// Progress is reported as often. The number is a power of two: CUDA backends take it in graphs of 2^k
-/// steps, and so make few.
-class Stride {
-public:
-    /// Begins with about 1 000 000 / `particles` steps, which take a tenth of a second on a slow machine.
-    explicit Stride(std::size_t particles)
-        : steps_(int(std::bit_floor(std::size_t(1'000'000) / particles | 1))) {}
-
-    int steps() const { return steps_; }
-    void took(double seconds) {
-        if (seconds < 0.1 && steps_ < 1'000'000) steps_ *= 4;
-        if (seconds > 0.4 && steps_ > 1) steps_ /= 2;
-    }
-
-private:
-    int steps_;
-};
-
 /// One run: a scene, the backend that runs it and the files to write.
 class Run {
 public:
@@ -250,14 +231,14 @@ private:
         activity_.begin(what + ": uploading");
         runner_->rewind(*backend_);
         activity_.begin(what);
-        Stride stride(scene_->problem.particle_count());
+        // The first strides take a tenth of a second on a slow machine.
+        stride_ = int(std::bit_floor(std::size_t(1'000'000) / scene_->problem.particle_count() | 1));
         reached_ = first_;
         while (reached_ < steps_) {
             const int file = exports_->next(reached_);
             const int force = forces_ ? forces_->next(reached_) : file;
             const int end = std::min(file, force);
-            while (reached_ < end && !interrupted())
-                step_on(std::min(stride.steps(), end - reached_), stride);
+            while (reached_ < end && !interrupted()) step_on(std::min(stride_, end - reached_));
             if (reached_ < end || (interrupted() && reached_ < steps_)) return;
             if (forces_ && reached_ == force) forces_->add(reached_, backend_->tool()->tool_force());
             if (reached_ < file) continue;
@@ -266,13 +247,17 @@ private:
         }
     }
 
-    void step_on(int steps, Stride& stride) {
+    void step_on(int steps) {
         const Timing batch = backend_->timed([&] { runner_->run(*backend_, steps); });
         timing_.device_seconds += batch.device_seconds;
         timing_.host_seconds += batch.host_seconds;
         // Only a whole stride tells the speed. A shorter one was cut off by a step at which a file or a force
         // is due.
-        if (steps == stride.steps()) stride.took(batch.host_seconds);
+        if (steps == stride_ && batch.host_seconds < 0.1 && stride_ < 1'000'000) {
+            stride_ *= 4;
+        } else if (steps == stride_ && batch.host_seconds > 0.4 && stride_ > 1) {
+            stride_ /= 2;
+        }
         reached_ += steps;
         activity_.done(double(reached_ - first_) / (steps_ - first_),
                        "step " + std::to_string(reached_) + " of " + std::to_string(steps_));
@@ -359,6 +344,10 @@ private:
     int first_ = 0;               ///< the step from which a resumed run continues; otherwise 0
     int reached_ = 0;             ///< the last step that was taken
     bool in_first_pass_ = false;  ///< whether the first of two passes, which writes no file, runs
+    /// How many steps to take between two checks for an interruption: about as many as take a fifth of a
+    /// second. Progress is reported as often. The number is a power of two: CUDA backends take it in graphs
+    /// of 2^k steps, and so make few.
+    int stride_ = 1;
     BackendSpec spec_;
     std::unique_ptr<Exports> exports_;
     std::unique_ptr<Scene> scene_;
