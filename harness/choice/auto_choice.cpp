@@ -61,11 +61,9 @@ const std::vector<Rule>& rules() {
             const auto& particles = block.at("particles");
             const auto& occupancy = block.at("occupancy");
             for (const std::string contender : block.at("order")) {
-                const auto colon = contender.find(':');
-                const std::string backend = contender.substr(0, colon);
-                all.push_back({backend, colon == std::string::npos ? "" : contender.substr(colon + 1),
-                               bound(particles[0]), bound(particles[1]), bound(occupancy[0]),
-                               bound(occupancy[1]),
+                const std::string backend = contender.substr(0, contender.find(':'));
+                all.push_back({backend, options_of(contender), bound(particles[0]), bound(particles[1]),
+                               bound(occupancy[0]), bound(occupancy[1]),
                                never_edited.contains(backend) ? any_number : edited.value(backend, 0.0),
                                block.at("increments")});
             }
