@@ -28,15 +28,6 @@
 namespace voxspring {
 namespace {
 
-StepWork step_work_of(const nlohmann::json& json) {
-    return {.bytes = json.at("bytes"),
-            .written_bytes = json.at("written_bytes"),
-            .footprint_bytes = json.at("footprint_bytes"),
-            .operations = json.at("operations"),
-            .launches = json.at("launches"),
-            .exchanges = json.at("exchanges")};
-}
-
 /// A run of a batch's steps from a start in which every spring is strained. It verifies backends for which
 /// the scene's own start strains too few springs: in few steps most of a large body falls freely.
 struct StrainedRun {
@@ -455,14 +446,14 @@ StepBound TimedCase::bound(std::optional<double> launch, const std::vector<Devic
     if (!case_.limits || kept("step work").is_null()) return {};
     DeviceLimits own = *case_.limits;
     own.launch_seconds = std::min(own.launch_seconds, launch.value_or(own.launch_seconds));
-    return bound_of(step_work_of(kept("step work")), case_.spec().options.precision, own, of_card);
+    return bound_of(kept("step work").get<StepWork>(), case_.spec().options.precision, own, of_card);
 }
 
 /// The limit of a step. Empty if the backend does not tell the step's work, or if steps leave out tiles at
 /// rest, since the limit is known only for steps of the whole body.
 LimitPart TimedCase::limit_part(StudyBench& bench, Counters& counters) const {
     if (kept("step work").is_null() || leaves_out_tiles()) return {};
-    const StepWork work = step_work_of(kept("step work"));
+    const StepWork work = kept("step work").get<StepWork>();
     LimitPart part{.bytes = work.bytes,
                    .written_bytes = work.written_bytes,
                    .footprint_bytes = work.footprint_bytes,

@@ -124,13 +124,7 @@ public:
             return seconds ? nlohmann::json(*seconds) : nlohmann::json();
         }
         if (backend.limits() == nullptr) return nullptr;
-        const StepWork work = backend.limits()->step_work(scene_.problem);
-        return {{"bytes", work.bytes},
-                {"written_bytes", work.written_bytes},
-                {"footprint_bytes", work.footprint_bytes},
-                {"operations", work.operations},
-                {"launches", work.launches},
-                {"exchanges", work.exchanges}};
+        return backend.limits()->step_work(scene_.problem);
     }
 
 private:

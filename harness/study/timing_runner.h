@@ -3,9 +3,13 @@
 
 #include <limits>
 
+#include "backends/limits.h"
 #include "harness/process/case_runner.h"
 
 namespace voxspring {
+
+NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(StepWork, bytes, written_bytes, footprint_bytes, operations, launches,
+                                   exchanges)
 
 /// How each case is timed.
 struct Batch {
