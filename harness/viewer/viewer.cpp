@@ -97,7 +97,8 @@ public:
             if (options_.seconds && seconds_since(begin_) >= *options_.seconds) window_.close();
         }
         activity_.end();
-        finish();
+        out_ << fmt::format("{}: {} steps on {}, {} frames in {:.1f} s\n", figures_.scene,
+                            simulation_->steps(), figures_.backend, frames_, seconds_since(begin_));
         return interrupted() ? interrupted_exit_code : 0;
     }
 
@@ -414,12 +415,6 @@ private:
                                       double(frames_ - told_frames_) / seconds));
         told_frames_ = frames_;
         told_ = Clock::now();
-    }
-
-    void finish() {
-        const double seconds = seconds_since(begin_);
-        out_ << fmt::format("{}: {} steps on {}, {} frames in {:.1f} s\n", figures_.scene,
-                            simulation_->steps(), figures_.backend, frames_, seconds);
     }
 
     const ViewOptions& options_;
