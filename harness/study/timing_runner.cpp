@@ -93,18 +93,12 @@ private:
     const ThreadCount all_{omp_get_num_procs()};
 };
 
-Batch batch_of(const nlohmann::json& parameters) {
-    return {.steps = parameters.at("steps"),
-            .repetitions = parameters.at("repetitions"),
-            .rewind = parameters.at("rewind")};
-}
-
 class TimingRunner : public CaseRunner {
 public:
     TimingRunner(BackendSpec spec, const Scene& scene, const nlohmann::json& parameters, SharedState* shared)
         : spec_(std::move(spec)),
           scene_(scene),
-          batch_(batch_of(parameters)),
+          batch_(parameters.get<Batch>()),
           shared_(*shared),
           monitor_(divergence_monitor(scene, steps_in_all(batch_))),
           runner_(scene) {}
@@ -317,8 +311,7 @@ private:
     std::string batch_left_;  ///< hash of the state that a batch left; empty: not known
 };
 
-constexpr const char* runner_name = "timing";
-const RegisteredCaseRunner registered(runner_name, case_runner_of<TimingRunner>);
+const RegisteredCaseRunner registered("timing", case_runner_of<TimingRunner>);
 
 }  // namespace
 
@@ -326,10 +319,6 @@ int steps_in_all(const Batch& batch) {
     return batch.rewind ? batch.steps : batch.steps * (1 + batch.repetitions);
 }
 
-CaseProgram timing_program(const Batch& batch, SharedState& shared) {
-    return {runner_name,
-            {{"steps", batch.steps}, {"repetitions", batch.repetitions}, {"rewind", batch.rewind}},
-            &shared};
-}
+CaseProgram timing_program(const Batch& batch, SharedState& shared) { return {"timing", batch, &shared}; }
 
 }  // namespace voxspring

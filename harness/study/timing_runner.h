@@ -28,6 +28,8 @@ struct Batch {
     /// requires `rewind`: otherwise all cases must make the same number of steps.
     double most_seconds = std::numeric_limits<double>::infinity();
 };
+/// What the case's process is told of a batch.
+NLOHMANN_DEFINE_TYPE_NON_INTRUSIVE(Batch, steps, repetitions, rewind)
 
 /// Steps from the last rewind to the end of the last batch, including the warm-up if there is no rewind.
 int steps_in_all(const Batch& batch);
