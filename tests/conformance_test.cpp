@@ -440,7 +440,7 @@ TEST_P(ConformanceWithATool, GivesTheSameBitsWhateverComesBetweenTicks) {
         backend->monitor(interrupted ? DivergenceMonitor{1e6, 3} : DivergenceMonitor{});
         Problem& now = played[interrupted ? 1 : 0];
         SpringEditor editor(now);
-        backend->upload(now, start);
+        backend->upload(problem, start);
         for (int n = 0; n < 8; ++n) {
             backend->tool()->move_tool({0.05 * n, -0.02 * n, 0});
             backend->step(n % 3 + 1);

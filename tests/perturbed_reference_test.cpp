@@ -68,12 +68,13 @@ TEST(ParallelReference, FollowsEdits) {
     for (const bool beyond : {false, true}) {
         Problem edited =
             with_dynamics(make_lattice_problem(random_grid({11, 9, 10}, 0.95, 31), NEIGHBOUR_BITS));
+        const Problem uploaded = edited;
         Problem now = edited;
         const State start = random_state(now, 0.05, 7);
         const std::vector<SpringEdit> edits = edit_everything(edited, beyond);
         const auto plain = BackendSpec::parse("cpu_reference:formulation=increment").make();
         const std::unique_ptr<Backend> parallel = make_perturbed_reference({});
-        for (Backend* backend : {plain.get(), parallel.get()}) backend->upload(now, start);
+        for (Backend* backend : {plain.get(), parallel.get()}) backend->upload(uploaded, start);
         for (const SpringEdit& edit : edits) {
             apply(now, edit);
             for (Backend* backend : {plain.get(), parallel.get()}) {

@@ -88,7 +88,7 @@ TEST_P(Resting, EditsAndUploadsWakeWhatTheyTouch) {
     const auto play = [&](const std::string& how) {
         const auto backend = make(how);
         Problem now = poked.problem;
-        backend->upload(now, poked.start);
+        backend->upload(poked.problem, poked.start);
         std::vector<State> states;
         const auto step = [&](int count) {
             backend->step(count);
@@ -157,7 +157,7 @@ TEST_P(Resting, AnEditOfWhatRestsUnderStressMovesIt) {
     const auto end = [&](const std::string& how) {
         const auto backend = make(how);
         Problem now = problem;
-        backend->upload(now, start);
+        backend->upload(problem, start);
         backend->step(10);
         SpringEditor editor(now);
         backend->edit(now, editor.suture(Ball{{20, 4, 4}, 1.5}, 1.5));

@@ -255,6 +255,7 @@ TEST(ListsOfAProblem, AreSentForAllThatAnEditWrites) {
     Problem now = make_lattice_problem(solid({4, 4, 4}), FACE_BITS);
     now.materials = {{1, 1}, {2, 0.25}};
     now.material.assign(now.particle_count(), 1);
+    const Problem uploaded = now;
     Problem edited = now;
     SpringEditor editor(edited);
     const std::pair<std::uint32_t, std::uint32_t> far_apart[] = {{0, 63}};
@@ -262,7 +263,7 @@ TEST(ListsOfAProblem, AreSentForAllThatAnEditWrites) {
     std::vector<std::string> missing;
     const auto backend = glsl::make_explicit(options_of("vulkan_explicit:formulation=increment"),
                                              std::make_unique<DeviceWithoutWork>(missing));
-    backend->upload(now, state_at_rest(now));
+    backend->upload(uploaded, state_at_rest(uploaded));
     for (const SpringEdit& edit : edits) {
         ASSERT_FALSE(edit.empty());
         apply(now, edit);
@@ -348,18 +349,19 @@ TEST_F(AddressedLists, OfSpringsAndRestsMayExceedAStorageBuffer) {
     const auto small = make(specification), large = make(specification);
     small->upload(copies.one, copies.start_of_one);
     large->upload(copies.many, copies.start);
-    SpringEditor of_one(copies.one), of_many(copies.many);
+    Problem one = copies.one, many = copies.many;
+    SpringEditor of_one(one), of_many(many);
     const auto edit_and_step = [&](const char* what, auto change) {
         SCOPED_TRACE(what);
-        const SpringEdit small_edit = change(of_one, copies.one), large_edit = change(of_many, copies.many);
+        const SpringEdit small_edit = change(of_one, one), large_edit = change(of_many, many);
         ASSERT_FALSE(small_edit.empty());
-        ASSERT_EQ(large->unsupported(copies.many), "");
-        small->edit(copies.one, small_edit);
-        large->edit(copies.many, large_edit);
+        ASSERT_EQ(large->unsupported(many), "");
+        small->edit(one, small_edit);
+        large->edit(many, large_edit);
         for (Backend* const backend : {small.get(), large.get()}) backend->step(2);
         Copies::expect_alike(small->download(), large->download());
     };
-    ASSERT_FALSE(glsl::by_address(copies.many, options, limits()));
+    ASSERT_FALSE(glsl::by_address(many, options, limits()));
     edit_and_step("lists become too large", [](SpringEditor& editor, const Problem& problem) {
         // Springs from corner to corner of each copy, within a plane that nothing below cuts.
         std::vector<std::pair<std::uint32_t, std::uint32_t>> ends;
@@ -367,7 +369,7 @@ TEST_F(AddressedLists, OfSpringsAndRestsMayExceedAStorageBuffer) {
             ends.emplace_back(first + 4, first + Copies::particles - 8);
         return editor.suture(ends, 0.02);
     });
-    ASSERT_TRUE(glsl::by_address(copies.many, options, limits()));
+    ASSERT_TRUE(glsl::by_address(many, options, limits()));
     const Plane middle{{0.5 * Copies::dims.x - 0.5, 0, 0}, {1, 0, 0}};
     edit_and_step("a cut", [&](SpringEditor& editor, const Problem&) { return editor.cut(middle); });
     edit_and_step("a suture",

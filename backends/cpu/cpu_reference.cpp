@@ -3,6 +3,7 @@
 #include <glm/geometric.hpp>
 #include <glm/vec3.hpp>
 #include <memory>
+#include <stdexcept>
 #include <utility>
 #include <vector>
 
@@ -27,8 +28,12 @@ public:
     void move_tool(const glm::dvec3& displacement) override { tool_moved_ = displacement; }
     glm::dvec3 tool_force() override { return tool_force_; }
 
-    // Lists all springs anew, which is slow but obviously correct.
+    // Lists all springs anew, which is slow but obviously correct. A caller that changes the uploaded problem
+    // breaks the contract (backend.h), which only some backends would notice, by wrong springs.
     void edit(const Problem& edited, const SpringEdit&) override {
+        if (&edited == uploaded_)
+            throw std::logic_error(
+                "the problem that was uploaded was edited itself; the edits of a run go to a copy of it");
         problem_ = &edited;
         springs_ = list_springs(edited);
         rest_springs_ = list_rest_springs(edited);
@@ -80,7 +85,7 @@ public:
 
 private:
     void begin(const Problem& problem, const State& state) override {
-        problem_ = &problem;
+        problem_ = uploaded_ = &problem;
         springs_ = list_springs(problem);
         rest_springs_ = list_rest_springs(problem);
         State start = state.in_full(problem.particle_count());
@@ -193,6 +198,7 @@ private:
 
     const Formulation formulation_;
     const Problem* problem_ = nullptr;
+    const Problem* uploaded_ = nullptr;  ///< must not change
     std::vector<Spring> springs_;
     std::vector<RestSpring> rest_springs_;
     /// The state. `at_` has positions or displacements. Formulations by increments use `increment_`, the
