@@ -220,9 +220,9 @@ def name_of(row):
 def aim_verdict(target, row):
     """Whether a measured target of the study fastest is "met" or "missed" by the row that was measured for it (None if the file has
     no such row). It is "not decided" if it lies within the spread of that row's starts."""
-    spread = (row or {}).get("ready_spread") or 0 if target["quantity"] == "ready_seconds" else 0
-    if spread and abs(target["value"] - target["measured"]) <= spread * target["measured"]:
-        return "not decided"
+    if target["quantity"] == "ready_seconds" and row and row.get("ready_spread"):
+        if abs(target["value"] - target["measured"]) <= row["ready_spread"] * target["measured"]:
+            return "not decided"
     return "met" if target["met"] else "missed"
 
 

@@ -32,8 +32,7 @@ public:
     // breaks the contract (backend.h), which only some backends would notice, by wrong springs.
     void edit(const Problem& edited, const SpringEdit&) override {
         if (&edited == uploaded_)
-            throw std::logic_error(
-                "the problem that was uploaded was edited itself; the edits of a run go to a copy of it");
+            throw std::logic_error("the uploaded problem must not change; edit a copy of it");
         problem_ = &edited;
         springs_ = list_springs(edited);
         rest_springs_ = list_rest_springs(edited);
