@@ -150,6 +150,32 @@ TEST(Fastest, TargetsAreMetOrMissedByTheBackendsThatTheyAreAbout) {
     EXPECT_TRUE(fastest_of(read_result(result), {elsewhere})[0].at("targets").empty());
 }
 
+TEST(Fastest, StartWithinItsSpreadDecidesNoTarget) {
+    nlohmann::json row = row_of("a", "cuda_fast", 25);  // ready after 0.25 s, give or take 0.05 s
+    row["ready_spread"] = 0.2;
+    row["counters"] = {{{"name", "ready_spread"}, {"unit", ""}, {"better", "neither"}}};
+    Result result = read_result(result_of({row}));
+    const auto target = [](double seconds) {
+        return Target{"a", "position", "float32", "*", "", Quantity::ready_seconds, seconds};
+    };
+    const Target slower{"a", "position", "float32", "*", "", Quantity::seconds_per_step, 24e-6};
+    const std::vector<nlohmann::json> blocks =
+        fastest_of(result, {target(0.19), target(0.24), target(0.26), target(0.31), slower});
+    const nlohmann::json& judged = blocks[0].at("targets");
+    EXPECT_EQ(judged[0].at("met"), false);
+    EXPECT_TRUE(judged[1].at("met").is_null()) << judged[1];
+    EXPECT_EQ(judged[1].at("measured"), 0.25);
+    EXPECT_TRUE(judged[2].at("met").is_null()) << judged[2];
+    EXPECT_EQ(judged[3].at("met"), true);
+    EXPECT_EQ(judged[4].at("met"), false) << "the spread is that of starts, not of steps";
+    result.rows<nlohmann::json>("fastest") = blocks;
+    std::ostringstream out;
+    print_fastest(result, out, TableWidth());
+    EXPECT_THAT(out.str(),
+                HasSubstr("target for * 240 ms, not decided, within the spread of its starts: 250 ms, 96%"));
+    EXPECT_THAT(out.str(), HasSubstr("target for * 190 ms, missed: 250 ms, 76%"));
+}
+
 TEST(Fastest, StudySaysWhatItIsMadeOf) {
     Study study;
     study.name = "test";

@@ -101,6 +101,15 @@ std::optional<double> measured(const Target& target, const Row& row, const Split
     return base != nullptr ? std::optional(base->step_seconds() / row.step_seconds()) : std::nullopt;
 }
 
+/// Whether a target lies within the spread of the starts of `row`, so that another start could give the other
+/// verdict. Other quantities are medians of many repetitions, and their verdict stands.
+bool within_spread(const Target& target, const Row& row, double measured) {
+    if (target.quantity != Quantity::ready_seconds) return false;
+    const Counter* const spread = row.counters.find("ready_spread");
+    return spread != nullptr && spread->value &&
+           std::abs(target.value - measured) <= *spread->value * measured;
+}
+
 nlohmann::json judge(const Target& target, const SplitCases& rows) {
     nlohmann::json judged = {{"quantity", to_string(target.quantity)},
                              {"value", target.value},
@@ -118,7 +127,7 @@ nlohmann::json judge(const Target& target, const SplitCases& rows) {
         const double reached = quantities.at(std::size_t(target.quantity)).at_most ? target.value / *value
                                                                                    : *value / target.value;
         judged["reached"] = reached;
-        judged["met"] = reached >= 1;
+        if (!within_spread(target, *best, *value)) judged["met"] = reached >= 1;
     }
     return judged;
 }
@@ -175,9 +184,13 @@ std::string percent_of(const nlohmann::json& fraction) {
 }
 
 std::string verdict(const nlohmann::json& target) {
-    if (target.at("met").is_null()) return "not measured";
-    return (target.at("met").get<bool>() ? "met: " : "missed: ") + quantity_text(target, "measured") + ", " +
-           percent_of(target.at("reached")) + " of the target";
+    if (target.at("measured").is_null()) return "not measured";
+    const nlohmann::json& met = target.at("met");
+    const std::string judged = met.is_null()     ? "not decided, within the spread of its starts: "
+                               : met.get<bool>() ? "met: "
+                                                 : "missed: ";
+    return judged + quantity_text(target, "measured") + ", " + percent_of(target.at("reached")) +
+           " of the target";
 }
 
 }  // namespace

@@ -331,7 +331,7 @@ def start_of(row):
 
 def aims(one):
     """[(entry of the list `fastest`, target)] for the targets of a result that were measured."""
-    return [(block, target) for block in one["fastest"] for target in block["targets"] if target["met"] is not None]
+    return [(block, target) for block in one["fastest"] for target in block["targets"] if target["measured"] is not None]
 
 
 def title_of(block):
