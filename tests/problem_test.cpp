@@ -164,6 +164,30 @@ TEST(Pins, KeepMasksAndListInStep) {
     EXPECT_EQ(problem.lattice.mask, unpinned);
 }
 
+TEST(Layers, AreFoundByPlanesAndAlongEachAxis) {
+    VoxelGrid grid = solid({3, 4, 6});
+    const auto clear = [&](int x, int y, int z) { grid.label[std::size_t((z * 4 + y) * 3 + x)] = 0; };
+    for (int y = 0; y < 4; ++y) {
+        for (int x = 0; x < 3; ++x) {
+            clear(x, y, 0);
+            clear(x, y, 3);
+        }
+    }
+    clear(1, 1, 2);
+    for (int z = 0; z < 6; ++z) {
+        for (int y = 0; y < 4; ++y) clear(2, y, z);
+    }
+    const Lattice lattice = make_lattice_problem(grid, FACE_BITS).lattice;
+    using Range = std::pair<std::size_t, std::size_t>;
+    EXPECT_EQ(lattice.particles_between(-1, 1), Range(0, 0)) << "the first plane is empty";
+    EXPECT_EQ(lattice.particles_between(1, 2), Range(0, 8));
+    EXPECT_EQ(lattice.particles_between(2, 4), Range(8, 15)) << "a hole, and an empty plane";
+    EXPECT_EQ(lattice.particles_between(4, 99), Range(15, 31));
+    EXPECT_EQ(lattice.occupied_layers(0), std::pair(0, 1));
+    EXPECT_EQ(lattice.occupied_layers(1), std::pair(0, 3));
+    EXPECT_EQ(lattice.occupied_layers(2), std::pair(1, 5));
+}
+
 TEST(ShortestSquared, IsAMillionthOfTheShortestLength) {
     Problem problem = make_lattice_problem(solid({2, 2, 2}, {0.5, 2, 3}), FACE_BITS);
     EXPECT_DOUBLE_EQ(problem.shortest_squared(), 0.25e-12);

@@ -5,9 +5,11 @@
 #include <limits>
 #include <optional>
 #include <stdexcept>
+#include <tuple>
 #include <utility>
 
 #include "backends/layout/boxes.h"
+#include "backends/physics/huge_pages.h"
 #include "backends/physics/neighbours.h"
 
 namespace voxspring {
@@ -173,6 +175,7 @@ public:
         const glm::ivec3 dims = whole.lattice.dims;
         const Brick around = with_a_voxel_around(brick);
         with_ghosts_ = {glm::max(around.begin, glm::ivec3(0)), glm::min(around.end, dims)};
+        std::tie(begin_, end_) = whole.lattice.particles_between(with_ghosts_.begin.z, with_ghosts_.end.z);
         Problem& problem = subdomain_.problem;
         problem.materials = whole.materials;
         problem.rest_length = whole.rest_length;
@@ -185,18 +188,18 @@ public:
         problem.lattice.spacing = whole.lattice.spacing;
         problem.lattice.dims = with_ghosts_.end - with_ghosts_.begin;
         // Allocate enough at once: while a vector grows, it holds its elements twice.
-        const std::size_t most = std::min(whole.particle_count(), problem.lattice.voxel_count());
-        subdomain_.particle.reserve(most);
-        subdomain_.own.reserve(most);
-        problem.rest_position.reserve(most);
-        problem.lattice.voxel.reserve(most);
-        problem.lattice.mask.reserve(most);
-        problem.pinned.reserve(most);
+        const std::size_t most = std::min(end_ - begin_, problem.lattice.voxel_count());
+        reserve_in_huge_pages(subdomain_.particle, most);
+        reserve_in_huge_pages(subdomain_.own, most);
+        reserve_in_huge_pages(problem.rest_position, most);
+        reserve_in_huge_pages(problem.lattice.voxel, most);
+        reserve_in_huge_pages(problem.lattice.mask, most);
+        reserve_in_huge_pages(problem.pinned, most);
     }
 
     Subdomain run() {
         const Lattice& lattice = whole_.lattice;
-        for (std::size_t i = 0; i < lattice.voxel.size(); ++i) {
+        for (std::size_t i = begin_; i < end_; ++i) {
             const glm::ivec3 at = lattice.coordinates(lattice.voxel[i]);
             if (!contains(with_ghosts_, at)) continue;
             const bool own = contains(brick_, at);
@@ -264,6 +267,7 @@ private:
     const Brick brick_;
     std::vector<Beside> beside_;
     Brick with_ghosts_{};
+    std::size_t begin_ = 0, end_ = 0;  ///< the particles of the planes across z that with_ghosts_ has
     Subdomain subdomain_;
 };
 
@@ -284,8 +288,10 @@ State part_of(const State& state, const std::vector<std::uint32_t>& particles) {
     const auto of_these = [&](const std::vector<glm::dvec3>& all) {
         std::vector<glm::dvec3> part;
         if (all.empty()) return part;
-        part.reserve(particles.size());
-        for (const std::uint32_t i : particles) part.push_back(all[i]);
+        resize_in_huge_pages(part, particles.size());
+#pragma omp parallel for
+        for (std::ptrdiff_t n = 0; n < std::ptrdiff_t(particles.size()); ++n)
+            part[std::size_t(n)] = all[particles[std::size_t(n)]];
         return part;
     };
     return {of_these(state.displacement), of_these(state.increment)};
@@ -421,7 +427,8 @@ std::size_t Decomposition::most_sent(int from, int to) const {
 std::vector<std::uint32_t> Decomposition::own(const Problem& problem, int number) const {
     const Lattice& lattice = problem.lattice;
     std::vector<std::uint32_t> own;
-    for (std::size_t i = 0; i < lattice.voxel.size(); ++i) {
+    const auto [begin, end] = lattice.particles_between(brick(number).begin.z, brick(number).end.z);
+    for (std::size_t i = begin; i < end; ++i) {
         if (contains(brick(number), lattice.coordinates(lattice.voxel[i]))) own.push_back(std::uint32_t(i));
     }
     return own;

@@ -22,14 +22,36 @@ inline void prefer_huge_pages(void* memory, std::size_t bytes) {
     (void)madvise(std::bit_cast<void*>(begin), end - begin, MADV_HUGEPAGE);
 }
 
+/// Touches every page of a large array with all threads, so that the system clears pages in parallel. The
+/// values are lost.
+inline void touch_pages(void* memory, std::size_t bytes) {
+    constexpr std::size_t page = 4096, share = std::size_t(1) << 21;
+    const auto shares = std::ptrdiff_t(bytes / share);
+    if (shares < 8) return;
+#pragma omp parallel for
+    for (std::ptrdiff_t n = 0; n < shares; ++n) {
+        for (std::size_t at = 0; at < share; at += page)
+            static_cast<volatile char*>(memory)[std::size_t(n) * share + at] = 0;
+    }
+}
+
+/// Makes room in a list. If a large list has to grow, its values are lost and the system is asked for huge
+/// pages.
+template <class T>
+void reserve_in_huge_pages(std::vector<T>& list, std::size_t size) {
+    if (list.capacity() >= size) return;
+    list.clear();
+    list.reserve(size);
+    prefer_huge_pages(list.data(), size * sizeof(T));
+}
+
 /// Resizes a list. Old values may be lost; new elements are `value`. If a large list has to grow, the system
-/// is asked for huge pages.
+/// is asked for huge pages, which all threads touch.
 template <class T>
 void resize_in_huge_pages(std::vector<T>& list, std::size_t size, const T& value = T()) {
     if (list.capacity() < size) {
-        list.clear();
-        list.reserve(size);
-        prefer_huge_pages(list.data(), size * sizeof(T));
+        reserve_in_huge_pages(list, size);
+        touch_pages(list.data(), size * sizeof(T));
     }
     list.resize(size, value);
 }

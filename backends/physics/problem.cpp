@@ -32,6 +32,26 @@ glm::ivec3 Lattice::coordinates(std::uint32_t voxel_index) const {
     return {int(voxel_index % width), int(voxel_index / width % height), int(voxel_index / width / height)};
 }
 
+std::pair<std::size_t, std::size_t> Lattice::particles_between(int begin, int end) const {
+    const std::size_t plane = std::size_t(dims.x) * std::size_t(dims.y);
+    const auto first_from = [&](int z) {
+        const auto found = std::lower_bound(voxel.begin(), voxel.end(), plane * std::size_t(std::max(z, 0)));
+        return std::size_t(found - voxel.begin());
+    };
+    return {first_from(begin), first_from(end)};
+}
+
+std::pair<int, int> Lattice::occupied_layers(int axis) const {
+    int first = dims[axis], last = 0;
+#pragma omp parallel for reduction(min : first) reduction(max : last)
+    for (std::ptrdiff_t i = 0; i < std::ptrdiff_t(voxel.size()); ++i) {
+        const int layer = coordinates(voxel[std::size_t(i)])[axis];
+        first = std::min(first, layer);
+        last = std::max(last, layer);
+    }
+    return {first, last};
+}
+
 std::ptrdiff_t Lattice::stride(const Direction& direction) const {
     const glm::ivec3 o = direction.offset;
     return (std::ptrdiff_t(o.z) * dims.y + o.y) * dims.x + o.x;

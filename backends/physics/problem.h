@@ -7,6 +7,7 @@
 #include <cstdint>
 #include <glm/vec3.hpp>
 #include <optional>
+#include <utility>
 #include <vector>
 
 namespace voxspring {
@@ -50,6 +51,11 @@ struct Lattice {
     /// The index of a voxel's neighbour in `direction` minus the index of the voxel. Only the mask says
     /// whether a spring leads to the neighbour.
     std::ptrdiff_t stride(const Direction& direction) const;
+    /// The particles in the planes from z = `begin` to `end` (exclusive): the first, and the one after the
+    /// last.
+    std::pair<std::size_t, std::size_t> particles_between(int begin, int end) const;
+    /// The first and the last layer across `axis` that has a particle; dims and 0 if there is no particle.
+    std::pair<int, int> occupied_layers(int axis) const;
 };
 
 /// One undirected spring between particles `first` < `second`.

@@ -78,7 +78,9 @@ struct Receiver {
         if constexpr (std::is_same_v<Sequence, std::string>) {
             sequence.resize(count);
         } else {
-            resize_in_huge_pages(sequence, count);
+            // The launcher, which receives scenes, must not have further threads (launcher.h).
+            reserve_in_huge_pages(sequence, count);
+            sequence.resize(count);
         }
     }
 };

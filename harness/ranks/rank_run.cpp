@@ -46,9 +46,11 @@ void leave(const Subdomain& subdomain, const State& state, const Problem& whole,
            State& left) {
     if (plan.sampled.empty()) return subdomain.copy_own(state, left);
     const std::vector<std::uint32_t> sampled = Sample::particles(whole, plan.sampled);
+    auto place = sampled.begin();
     for (const std::uint32_t i : subdomain.own) {
-        const auto place = std::lower_bound(sampled.begin(), sampled.end(), subdomain.particle[i]);
-        if (place == sampled.end() || *place != subdomain.particle[i]) continue;
+        while (place != sampled.end() && *place < subdomain.particle[i]) ++place;
+        if (place == sampled.end()) return;
+        if (*place != subdomain.particle[i]) continue;
         left.displacement[std::size_t(place - sampled.begin())] = state.displacement[i];
         left.increment[std::size_t(place - sampled.begin())] = state.increment[i];
     }

@@ -15,6 +15,15 @@ bool contains(const Brick& brick, glm::ivec3 at) {
     return glm::all(glm::greaterThanEqual(at, brick.begin)) && glm::all(glm::lessThan(at, brick.end));
 }
 
+std::vector<std::uint32_t> particles_in(const Lattice& lattice, const Brick& brick) {
+    std::vector<std::uint32_t> particles;
+    const auto [begin, end] = lattice.particles_between(brick.begin.z, brick.end.z);
+    for (std::size_t i = begin; i < end; ++i) {
+        if (contains(brick, lattice.coordinates(lattice.voxel[i]))) particles.push_back(std::uint32_t(i));
+    }
+    return particles;
+}
+
 int longest_axis(const Problem& problem) {
     const glm::ivec3 slabs = Decomposition::slabs(problem, 2);
     return slabs.x > 1 ? 0 : slabs.y > 1 ? 1 : 2;
@@ -51,12 +60,8 @@ Scene part_of(const Scene& scene, Subdomain& subdomain) {
 std::vector<Brick> Sample::bricks(const Scene& scene, int layers) {
     const Lattice& lattice = scene.problem.lattice;
     const int axis = longest_axis(scene.problem);
-    int first = lattice.dims[axis], end = 0;
-    for (const std::uint32_t voxel : lattice.voxel) {
-        const int layer = lattice.coordinates(voxel)[axis];
-        first = std::min(first, layer);
-        end = std::max(end, layer + 1);
-    }
+    const auto [first, last] = lattice.occupied_layers(axis);
+    const int end = last + 1;
     std::vector<Brick> bricks;
     for (const int begin : {first, (first + end - layers) / 2, end - layers}) {
         Brick brick{glm::ivec3(0), lattice.dims};
@@ -83,22 +88,20 @@ std::string Sample::refusal(const Scene& scene, int layers) {
                " layers, and the body has " + std::to_string(length) +
                "; without this key the whole body is verified";
     for (const Brick& brick : all) {
-        if (std::none_of(lattice.voxel.begin(), lattice.voxel.end(),
-                         [&](std::uint32_t voxel) { return contains(brick, lattice.coordinates(voxel)); }))
-            return "a part of the sample has no particle";
+        if (particles_in(lattice, brick).empty()) return "a part of the sample has no particle";
     }
     return {};
 }
 
 std::vector<std::uint32_t> Sample::particles(const Problem& problem, const std::vector<Brick>& bricks) {
     std::vector<std::uint32_t> particles;
-    const Lattice& lattice = problem.lattice;
-    for (std::size_t i = 0; i < lattice.voxel.size(); ++i) {
-        const glm::ivec3 at = lattice.coordinates(lattice.voxel[i]);
-        if (std::any_of(bricks.begin(), bricks.end(),
-                        [&](const Brick& brick) { return contains(widened(brick, 1), at); }))
-            particles.push_back(std::uint32_t(i));
+    for (const Brick& brick : bricks) {
+        const std::vector<std::uint32_t> more = particles_in(problem.lattice, widened(brick, 1));
+        particles.insert(particles.end(), more.begin(), more.end());
     }
+    // Bricks that lie behind each other in memory need no sorting, but those across x alternate there.
+    std::sort(particles.begin(), particles.end());
+    particles.erase(std::unique(particles.begin(), particles.end()), particles.end());
     return particles;
 }
 

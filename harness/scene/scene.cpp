@@ -297,24 +297,11 @@ Problem make_problem(const SceneFile& scene, LabelledGrid labelled) {
     return problem;
 }
 
-/// The first and the last slice along `axis` that contain an active voxel.
-std::pair<int, int> active_slices(const Lattice& lattice, int axis) {
-    int lowest = lattice.dims[axis];
-    int highest = 0;
-#pragma omp parallel for reduction(min : lowest) reduction(max : highest)
-    for (std::ptrdiff_t i = 0; i < std::ptrdiff_t(lattice.voxel.size()); ++i) {
-        const int slice = lattice.coordinates(lattice.voxel[std::size_t(i)])[axis];
-        lowest = std::min(lowest, slice);
-        highest = std::max(highest, slice);
-    }
-    return {lowest, highest};
-}
-
 /// The first and the last voxel of the box that `region` covers within the grid, both included.
 std::pair<glm::ivec3, glm::ivec3> voxels_of(const Region& region, const Lattice& lattice) {
     const glm::ivec3 last = lattice.dims - 1;
     if (!region.at_side) return {region.from, glm::min(region.to, last)};
-    const auto [lowest, highest] = active_slices(lattice, region.axis);
+    const auto [lowest, highest] = lattice.occupied_layers(region.axis);
     const int extent = highest - lowest + 1;
     const int wanted =
         region.fraction > 0 ? std::max(1, int(std::lround(region.fraction * extent))) : region.slices;
@@ -352,7 +339,7 @@ std::vector<std::size_t> particles_in(const Region& region, const Lattice& latti
 Region on_an_axis_with_slices(Region region, const Lattice& lattice) {
     std::array<int, 3> extent{};
     for (int axis = 0; axis < 3; ++axis) {
-        const auto [lowest, highest] = active_slices(lattice, axis);
+        const auto [lowest, highest] = lattice.occupied_layers(axis);
         extent[std::size_t(axis)] = highest - lowest + 1;
     }
     if (extent[std::size_t(region.axis)] == 1)
