@@ -211,6 +211,11 @@ def peers_by_size(one):
     return scenes, systems, groups(absent, "backend", "reason")
 
 
+def large_result():
+    """docs/box1024.json.gz, a result of the study that docs/scaling.md shows."""
+    return results.loaded(HERE / "box1024.json.gz")
+
+
 def truth_result():
     """docs/truth.json.gz, a result of `voxspring study truth`."""
     return results.loaded(HERE / "truth.json.gz")
@@ -251,7 +256,7 @@ def filled(name):
 
 PAGES = {ROOT / "README.md": ["heart"], HERE / "architecture.md": ["architecture"], HERE / "accuracy.md": ["float64", "truth", "gates"],
          HERE / "artifact.md": ["claims", "studies"], HERE / "apis.md": ["launches", "empty_steps", "sizes"],
-         HERE / "scaling.md": ["cards"], HERE / "simulator.md": ["ticks", "late_ticks", "drawing"], HERE / "python.md": ["peers"]}
+         HERE / "scaling.md": ["cards", "large"], HERE / "simulator.md": ["ticks", "late_ticks", "drawing"], HERE / "python.md": ["peers"]}
 
 
 def main():
