@@ -1,16 +1,23 @@
-// The blocks of a CUDA launch on the host, with one host thread for each device thread, with the built-in
-// names and barriers of a device and the functions that kernels call (exchange.h, wait.h, ticks.h). Include
-// it before a kernel's body.
+// The blocks of a CUDA launch on the host, with one host thread or one fiber for each device thread, with the
+// built-in names and barriers of a device and the functions that kernels call (exchange.h, wait.h, ticks.h).
+// Include it before a kernel's body.
 #pragma once
+
+#include <sys/mman.h>
+#include <ucontext.h>
 
 #include <array>
 #include <atomic>
 #include <barrier>
 #include <chrono>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <mutex>
+#include <new>
+#include <stdexcept>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "backends/layout/records/resident.h"
@@ -33,9 +40,123 @@ struct HostBarriers {
 };
 inline thread_local HostBarriers* host_barriers = nullptr;
 
+/// The device threads of a launch as fibers of one host thread: each runs until it waits, and then lets the
+/// next one run. So a launch may have as many threads as a card, of which a host has too few.
+/// AddressSanitizer and ThreadSanitizer do not know fibers.
+class HostFibers {
+public:
+    /// Calls body(shared) in each fiber, with one Shared per block. Returns once all fibers have ended.
+    /// `second`: the number of threads that meet at barrier 2.
+    template <class Shared, class Body>
+    static void run(unsigned blocks, int threads, int second, const Body& body) {
+        std::vector<Shared> shared(blocks);
+        HostFibers fibers(blocks, unsigned(threads), unsigned(second),
+                          [&](unsigned block) { body(shared[block]); });
+        fibers.run_all();
+    }
+    /// The fibers of which one runs now; null on a thread without fibers.
+    static HostFibers*& current() {
+        static thread_local HostFibers* fibers = nullptr;
+        return fibers;
+    }
+    HostFibers(const HostFibers&) = delete;
+    ~HostFibers() { munmap(stacks_, stack_bytes * fibers_.size()); }
+
+    void let_others_run() { swapcontext(&fibers_[now_].context, &scheduler_); }
+    void meet(std::size_t number) {
+        Fiber& fiber = fibers_[now_];
+        Barrier& barrier = barriers_[fiber.block][number];
+        if (++barrier.arrived == members_[number]) {
+            barrier.arrived = 0;
+            ++barrier.generation;
+            return;
+        }
+        fiber.waits_at = &barrier;
+        fiber.generation = barrier.generation;
+        let_others_run();
+        fiber.waits_at = nullptr;
+    }
+
+private:
+    struct Barrier {
+        unsigned arrived = 0, generation = 0;
+    };
+    struct Fiber {
+        ucontext_t context;
+        unsigned block = 0, thread = 0;
+        const Barrier* waits_at = nullptr;
+        unsigned generation = 0;  ///< the barrier's when this fiber came
+        bool ended = false;
+    };
+    static constexpr std::size_t stack_bytes = 1 << 15;  // only touched pages take memory
+
+    HostFibers(unsigned blocks, unsigned threads, unsigned second, std::function<void(unsigned)> body)
+        : body_(std::move(body)),
+          members_{threads, threads, second},
+          barriers_(blocks),
+          fibers_(blocks * threads) {
+        void* const memory = mmap(nullptr, stack_bytes * fibers_.size(), PROT_READ | PROT_WRITE,
+                                  MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+        if (memory == MAP_FAILED) throw std::bad_alloc();
+        stacks_ = static_cast<char*>(memory);
+        for (std::size_t n = 0; n < fibers_.size(); ++n) {
+            Fiber& fiber = fibers_[n];
+            fiber.block = unsigned(n) / threads;
+            fiber.thread = unsigned(n) % threads;
+            getcontext(&fiber.context);
+            fiber.context.uc_stack.ss_sp = stacks_ + n * stack_bytes;
+            fiber.context.uc_stack.ss_size = stack_bytes;
+            fiber.context.uc_link = &scheduler_;
+            makecontext(&fiber.context, begin, 0);
+        }
+    }
+    static void begin() {
+        HostFibers& all = *current();
+        all.body_(all.fibers_[all.now_].block);
+        all.fibers_[all.now_].ended = true;
+    }
+    void run_all() {
+        current() = this;
+        gridDim.x = unsigned(barriers_.size());
+        bool resumed = true;
+        while (std::exchange(resumed, false)) {
+            for (now_ = 0; now_ < fibers_.size(); ++now_) {
+                const Fiber& fiber = fibers_[now_];
+                if (fiber.ended ||
+                    (fiber.waits_at != nullptr && fiber.waits_at->generation == fiber.generation))
+                    continue;
+                threadIdx.x = fiber.thread;
+                blockIdx.x = fiber.block;
+                resumed = true;
+                swapcontext(&scheduler_, &fiber.context);
+            }
+        }
+        current() = nullptr;
+        for (const Fiber& fiber : fibers_) {
+            if (!fiber.ended)
+                throw std::logic_error("a thread of a block waits at a barrier that others pass");
+        }
+    }
+
+    const std::function<void(unsigned)> body_;
+    const std::array<unsigned, 3> members_;
+    std::vector<std::array<Barrier, 3>> barriers_;
+    std::vector<Fiber> fibers_;
+    char* stacks_ = nullptr;
+    ucontext_t scheduler_{};
+    std::size_t now_ = 0;  ///< the fiber that runs
+};
+
 template <int barrier, int threads>
 void meet() {
+    if (HostFibers* const fibers = HostFibers::current()) return fibers->meet(barrier);
     host_barriers->barrier[barrier].arrive_and_wait();
+}
+
+/// Called by a thread that looks in vain.
+inline void let_others_run() {
+    if (HostFibers* const fibers = HostFibers::current()) return fibers->let_others_run();
+    std::this_thread::yield();
 }
 
 /// A lock per word makes reads and writes of its 16 bytes atomic.
@@ -48,9 +169,8 @@ inline void publish_if(bool here, TaggedPoint* to, Vector<float> point, std::uin
     const std::lock_guard lock(mutex_of(to));
     *to = {point, tag};
 }
-/// A thread that looks in vain lets others run.
 inline TaggedPoint load_word_gpu(const TaggedPoint* from) {
-    std::this_thread::yield();
+    let_others_run();
     const std::lock_guard lock(mutex_of(from));
     return *from;
 }
@@ -76,7 +196,7 @@ inline std::atomic<unsigned> slow_block = ~0U;
 
 inline void read_words(const std::uint64_t* from, std::uint64_t* to) {
     if (blockIdx.x == slow_block) std::this_thread::sleep_for(std::chrono::milliseconds(1));
-    std::this_thread::yield();
+    let_others_run();
     for (int n = 0; n < 2; ++n) to[n] = __atomic_load_n(from + n, __ATOMIC_RELAXED);
 }
 inline void write_word(std::uint64_t* to, std::uint64_t word) {
@@ -85,7 +205,7 @@ inline void write_word(std::uint64_t* to, std::uint64_t word) {
 
 inline void count_block(std::uint32_t* counted) { __atomic_fetch_add(counted, 1, __ATOMIC_RELEASE); }
 inline std::uint32_t read_count(const std::uint32_t* counted) {
-    std::this_thread::yield();
+    let_others_run();
     return __atomic_load_n(counted, __ATOMIC_ACQUIRE);
 }
 inline constexpr std::uint32_t looks_between_clocks = 64;

@@ -1,10 +1,12 @@
 // The body of the resident kernel on the host, with one host thread for each device thread: steps, the tool,
-// ticks that the host orders during a launch, and parts of a body whose launches exchange their borders.
+// ticks that the host orders during a launch, and parts of a body whose launches exchange their borders. With
+// one fiber for each device thread: the paper's bodies as they are planned for whole cards.
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <chrono>
 #include <cstdint>
+#include <glm/geometric.hpp>
 #include <iterator>
 #include <memory>
 #include <optional>
@@ -17,6 +19,7 @@
 #include "backends/layout/decomposition.h"
 #include "backends/layout/resident_layout.h"
 #include "backends/layout/tick_desk.h"
+#include "harness/volume/dataset.h"
 #include "tests/host_blocks.h"
 // The kernel bodies need the functions above, which a device has built in.
 #include "cuda/kernels/edit.h"
@@ -28,6 +31,9 @@
 #ifdef __has_feature
 #if __has_feature(thread_sanitizer)
 #define WATCHES_THREADS
+#endif
+#if __has_feature(thread_sanitizer) || __has_feature(address_sanitizer)
+#define NO_FIBERS
 #endif
 #endif
 
@@ -61,6 +67,7 @@ struct Body {
     Partition partition;
     bool overlap;
     ResidentShape shape;
+    ResidentCard card = {0, 0};  ///< of a body that takes a whole card, whose threads are fibers
 };
 /// All springs wait for the border, so sums have the order of the implicit kernels.
 inline constexpr Body mixed{
@@ -114,8 +121,9 @@ public:
                int rank = 0)
         : problem_(problem),
           placement_(place_compact(problem)),
-          layout_(lay_out_resident(problem, {max_blocks, 48U << 10U, body.shape.lanes}, body.shape.pollers,
-                                   body.partition, body.overlap)),
+          layout_(lay_out_resident(
+              problem, is_of_card ? body.card : ResidentCard{max_blocks, 48U << 10U, body.shape.lanes},
+              body.shape.pollers, body.partition, body.overlap)),
           slot_(slots_with(layout_, problem.lattice.mask)),
           own_slot_(own_slots_with(layout_, problem.lattice.mask)),
           packed_(pack<float>(problem, start, placement_, problem.lattice.mask, f)),
@@ -129,13 +137,13 @@ public:
           desk_(tick),
           rank_(rank) {
         const ResidentShape& shape = body.shape;
-        if (layout_.blocks != max_blocks || layout_.threads() != shape.lanes ||
+        if ((!is_of_card && layout_.blocks != max_blocks) || layout_.threads() != shape.lanes ||
             layout_.turns != shape.turns || layout_.rounds != shape.rounds || layout_.slots > shape.slots ||
             (layout_.border_kinds & ~shape.borders) != 0)
-            throw std::logic_error("the kernel is of another shape: lanes " + std::to_string(layout_.lanes) +
-                                   ", turns " + std::to_string(layout_.turns) + ", rounds " +
-                                   std::to_string(layout_.rounds) + ", slots " +
-                                   std::to_string(layout_.slots));
+            throw std::logic_error(
+                "the kernel is of another shape: lanes " + std::to_string(layout_.lanes) + ", turns " +
+                std::to_string(layout_.turns) + ", rounds " + std::to_string(layout_.rounds) + ", slots " +
+                std::to_string(layout_.slots) + ", borders " + std::to_string(layout_.border_kinds));
         packed_.previous.resize(placement_.words);
         static_cast<ImplicitStep<float>&>(step_) =
             make_implicit_step<float>(problem, place_on_grid(problem.lattice), f);
@@ -244,14 +252,20 @@ private:
     void launch(int count) {
         const typename Block::Memory memory{packed_.current.data(), packed_.previous.data(),
                                             packed_.increment.data(), increment_pitch(placement_)};
-        launch_ =
-            HostLaunch::of<typename Block::Shared>(max_blocks, Block::all_threads, body.shape.lanes,
-                                                   [step = step_of_launch(), memory, count, tag = tag_,
-                                                    launches = ++launches_, rank = rank_](auto& shared) {
-                                                       host_rank = rank;
-                                                       Block(shared, step).run(memory, count, tag, launches);
-                                                   });
+        const auto thread = [step = step_of_launch(), memory, count, tag = tag_, launches = ++launches_,
+                             rank = rank_](auto& shared) {
+            host_rank = rank;
+            Block(shared, step).run(memory, count, tag, launches);
+        };
+        using Shared = typename Block::Shared;
+        const auto blocks = unsigned(layout_.blocks);
+        if constexpr (is_of_card) {
+            HostFibers::run<Shared>(blocks, Block::all_threads, body.shape.lanes, thread);
+        } else {
+            launch_ = HostLaunch::of<Shared>(blocks, Block::all_threads, body.shape.lanes, thread);
+        }
     }
+    static constexpr bool is_of_card = body.card.blocks > 0;
 
     const Problem& problem_;
     const Placement placement_;
@@ -297,6 +311,82 @@ TYPED_TEST(Resident, StepsAsTheImplicitKernelDoes) {
     expect_steps_as_implicit<TypeParam, mixed>(lattice(mixed.dims));
     expect_steps_as_implicit<TypeParam, turns>(testing::pinned(lattice(turns.dims)));
 }
+
+#ifndef NO_FIBERS
+constexpr Body on(int multiprocessors, std::size_t kibibytes, int lanes, int rounds, int slots,
+                  std::uint32_t borders, int particles = 1) {
+    return {{},
+            Partition::automatic,
+            true,
+            {lanes, 256, rounds, slots, borders, false, {}, false, particles},
+            {multiprocessors, kibibytes << 10U}};
+}
+// The plans that card_profiles() get. 16 multiprocessors of 48 KiB have no room for either body.
+inline constexpr Body box_on_a100 = on(108, 163, 320, 3, 1024, 0x1F),
+                      box_on_rtx_4060 = on(24, 99, 480, 4, 2432, 0x11, 3),
+                      box_on_h200 = on(132, 227, 256, 2, 768, 0x0A),
+                      box_on_rtx_5090 = on(170, 99, 224, 3, 864, 0x1E);
+inline constexpr Body heart_on_a100 = on(108, 163, 288, 2, 928, 0x13),
+                      heart_on_rtx_4060 = on(24, 99, 416, 3, 2080, 0x11, 3),
+                      heart_on_h200 = on(132, 227, 224, 2, 960, 0x11),
+                      heart_on_rtx_5090 = on(170, 99, 192, 2, 896, 0x10);
+
+template <const Body& body>
+void expect_steps_on_card(const Problem& problem, const char* card) {
+    SCOPED_TRACE(card);
+    for (const testing::CardProfile& profile : testing::card_profiles()) {
+        if (profile.name != std::string(card)) continue;
+        ASSERT_EQ(body.card.blocks, profile.device.multiprocessors);
+        ASSERT_EQ(body.card.shared_bytes, profile.device.block_shared_bytes);
+    }
+    constexpr Formulation f = Formulation::position;
+    const State start = random_state(problem, 0.05, 1);
+    Simulation<f, body, ToolMode::none> resident(problem, start);
+    ImplicitSimulation<Variant<float, f>> implicit(problem, start, {8, 4, 4});
+    for (const int count : {3, 2}) {
+        resident.step(count);
+        implicit.step(count);
+    }
+    EXPECT_FALSE(resident.stall().has_value());
+    const State found = resident.download(), expected = implicit.download();
+    if (body.shape.turns > 1 || body.shape.borders == 1U << mixed_border)
+        return expect_same_bits(found, expected);
+    // Springs within a block do not wait for its border, so sums have another order. A position of up to 60
+    // is rounded by 2e-6 in each of five steps. A spring too many or too few moves its ends by a thousandth.
+    double farthest = 0;
+    for (std::size_t i = 0; i < problem.particle_count(); ++i)
+        farthest = std::max(farthest, glm::length(found.displacement[i] - expected.displacement[i]));
+    EXPECT_LE(farthest, 3e-5);
+}
+
+// Every block, lane and poller of the card runs, and every wait between them.
+TEST(ResidentCards, StepTheBodiesOfThePaperAsTheImplicitKernelDoes) {
+    const Problem box = lattice({32, 32, 32});
+    expect_steps_on_card<box_on_a100>(box, "A100");
+    expect_steps_on_card<box_on_rtx_4060>(box, "RTX 4060");
+    expect_steps_on_card<box_on_h200>(box, "H200");
+    expect_steps_on_card<box_on_rtx_5090>(box, "RTX 5090");
+    const Problem heart = lattice(make_heart({60, 51, 46}));
+    expect_steps_on_card<heart_on_a100>(heart, "A100");
+    expect_steps_on_card<heart_on_rtx_4060>(heart, "RTX 4060");
+    expect_steps_on_card<heart_on_h200>(heart, "H200");
+    expect_steps_on_card<heart_on_rtx_5090>(heart, "RTX 5090");
+}
+
+// A thread that leaves its block early keeps the others waiting, and the launch says so.
+TEST(ResidentCards, ABarrierThatAThreadDoesNotReachEndsTheLaunch) {
+    struct Nothing {};
+    const auto launch = [](unsigned absent) {
+        HostFibers::run<Nothing>(2, 40, 8, [=](Nothing&) {
+            if (blockIdx.x == 1 && threadIdx.x == absent) return;
+            __syncthreads();
+            if (threadIdx.x < 8) meet<2, 8>();
+        });
+    };
+    EXPECT_NO_THROW(launch(40));
+    EXPECT_THROW(launch(17), std::logic_error);
+}
+#endif
 
 /// A body with repeated edits steps as one that is uploaded again after each edit.
 template <Formulation f, const Body& body>
