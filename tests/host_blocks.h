@@ -41,8 +41,8 @@ struct HostBarriers {
 inline thread_local HostBarriers* host_barriers = nullptr;
 
 /// The device threads of a launch as fibers of one host thread: each runs until it waits, and then lets the
-/// next one run. So a launch may have as many threads as a card, of which a host has too few.
-/// AddressSanitizer and ThreadSanitizer do not know fibers.
+/// next one run. A card has tens of thousands of threads, which are too many for a host. AddressSanitizer and
+/// ThreadSanitizer do not know fibers.
 class HostFibers {
 public:
     /// Calls body(shared) in each fiber, with one Shared per block. Returns once all fibers have ended.

@@ -321,7 +321,7 @@ constexpr Body on(int multiprocessors, std::size_t kibibytes, int lanes, int rou
             {lanes, 256, rounds, slots, borders, false, {}, false, particles},
             {multiprocessors, kibibytes << 10U}};
 }
-// The plans that card_profiles() get. 16 multiprocessors of 48 KiB have no room for either body.
+// The plans for the cards of card_profiles(). 16 multiprocessors of 48 KiB have no room for either body.
 inline constexpr Body box_on_a100 = on(108, 163, 320, 3, 1024, 0x1F),
                       box_on_rtx_4060 = on(24, 99, 480, 4, 2432, 0x11, 3),
                       box_on_h200 = on(132, 227, 256, 2, 768, 0x0A),
