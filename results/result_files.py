@@ -219,8 +219,8 @@ def name_of(row):
 
 def aim_verdict(target, row):
     """Whether a measured target of the study fastest is "met" or "missed" by the row that was measured for it (None if the file has
-    no such row). It is "not decided" if it lies within the spread of that row's starts. Files of commits before 2026-11-30 say met or
-    missed there as well, so the spread is asked here again."""
+    no such row). It is "not decided" if it lies within the spread of that row's starts. Files of commits before c5dff2b9 say met or
+    missed even then, so the spread is compared here as well."""
     if target["quantity"] == "ready_seconds" and row and row.get("ready_spread"):
         if abs(target["value"] - target["measured"]) <= row["ready_spread"] * target["measured"]:
             return "not decided"

@@ -42,7 +42,7 @@ inline thread_local HostBarriers* host_barriers = nullptr;
 
 /// The device threads of a launch as fibers of one host thread: each runs until it waits, and then lets the
 /// next one run. A card has tens of thousands of threads, which are too many for a host. AddressSanitizer and
-/// ThreadSanitizer do not know fibers.
+/// ThreadSanitizer would have to be told of every switch; their builds have no fibers.
 class HostFibers {
 public:
     /// Calls body(shared) in each fiber, with one Shared per block. Returns once all fibers have ended.
@@ -98,6 +98,7 @@ private:
         void* const memory = mmap(nullptr, stack_bytes * fibers_.size(), PROT_READ | PROT_WRITE,
                                   MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
         if (memory == MAP_FAILED) throw std::bad_alloc();
+        (void)madvise(memory, stack_bytes * fibers_.size(), MADV_NOHUGEPAGE);  // a stack touches few pages
         stacks_ = static_cast<char*>(memory);
         for (std::size_t n = 0; n < fibers_.size(); ++n) {
             Fiber& fiber = fibers_[n];
@@ -153,7 +154,7 @@ void meet() {
     host_barriers->barrier[barrier].arrive_and_wait();
 }
 
-/// Called by a thread that looks in vain.
+/// Called before each look at a word that another thread writes.
 inline void let_others_run() {
     if (HostFibers* const fibers = HostFibers::current()) return fibers->let_others_run();
     std::this_thread::yield();

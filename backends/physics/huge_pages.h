@@ -22,8 +22,8 @@ inline void prefer_huge_pages(void* memory, std::size_t bytes) {
     (void)madvise(std::bit_cast<void*>(begin), end - begin, MADV_HUGEPAGE);
 }
 
-/// Touches every page of a large array with all threads, so that the system clears pages in parallel. The
-/// values are lost.
+/// Touches the pages of a large array with all threads, but for the last 2 MiB at most, so that the system
+/// clears them in parallel. The values are lost.
 inline void touch_pages(void* memory, std::size_t bytes) {
     constexpr std::size_t page = 4096, share = std::size_t(1) << 21;
     const auto shares = std::ptrdiff_t(bytes / share);
@@ -35,8 +35,8 @@ inline void touch_pages(void* memory, std::size_t bytes) {
     }
 }
 
-/// Makes room in a list. If a large list has to grow, its values are lost and the system is asked for huge
-/// pages.
+/// Makes room in a list. If it has to grow, its values are lost, and the system is asked for huge pages if it
+/// is large.
 template <class T>
 void reserve_in_huge_pages(std::vector<T>& list, std::size_t size) {
     if (list.capacity() >= size) return;

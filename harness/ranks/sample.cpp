@@ -99,7 +99,7 @@ std::vector<std::uint32_t> Sample::particles(const Problem& problem, const std::
         const std::vector<std::uint32_t> more = particles_in(problem.lattice, widened(brick, 1));
         particles.insert(particles.end(), more.begin(), more.end());
     }
-    // Bricks that lie behind each other in memory need no sorting, but those across x alternate there.
+    // Bricks across z follow each other in the list. Those across x or y alternate in it.
     std::sort(particles.begin(), particles.end());
     particles.erase(std::unique(particles.begin(), particles.end()), particles.end());
     return particles;

@@ -30,7 +30,9 @@ std::vector<glm::dvec3> random_displacement(const Problem& problem, double ampli
 }  // namespace
 
 State random_start(const Problem& problem, double amplitude) {
-    return State{random_displacement(problem, amplitude), {}}.in_full(problem.particle_count());
+    State state{random_displacement(problem, amplitude), {}};
+    resize_in_huge_pages(state.increment, problem.particle_count());
+    return state;
 }
 
 State strained_start(const Problem& problem) {
