@@ -224,7 +224,9 @@ def aim_verdict(target, row):
     if target["quantity"] == "ready_seconds" and row and row.get("ready_spread"):
         if abs(target["value"] - target["measured"]) <= row["ready_spread"] * target["measured"]:
             return "not decided"
-    return {True: "met", False: "missed", None: "not decided"}[target["met"]]
+    if target["met"] is None:
+        return "not decided"
+    return "met" if target["met"] else "missed"
 
 
 def study_of(path):

@@ -96,9 +96,9 @@ def provenance():
     return f"{of_commits} and of {'one card' if len(cards) == 1 else f'{len(cards)} cards'}"
 
 
-def cards_without(*left_out):
-    """The cards of the results of the page's machine, without some studies."""
-    return {uuid for study, one in studies().items() if study not in left_out for uuid in card_ids(one)}
+def cards_without(study):
+    """The cards of the results of the page's machine, without one study."""
+    return {uuid for name, one in studies().items() if name != study for uuid in card_ids(one)}
 
 
 def above_limit(rows):
