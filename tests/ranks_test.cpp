@@ -235,7 +235,8 @@ void expect_samples_depend_on_layers_around(const Scene& whole) {
         particles.insert(particles.end(), sample.particle.begin(), sample.particle.end());
     }
     std::sort(particles.begin(), particles.end());
-    // The layers beside a brick may have particles that no spring can join to it, which are left as well.
+    // The layers beside a brick may have particles that no spring can join to it. They belong to the list,
+    // but to no Sample.
     const std::vector<std::uint32_t> all = Sample::particles(whole.problem, bricks);
     EXPECT_TRUE(std::is_sorted(all.begin(), all.end()));
     EXPECT_EQ(std::adjacent_find(all.begin(), all.end()), all.end()) << "each once";

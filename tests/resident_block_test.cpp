@@ -358,7 +358,7 @@ void expect_steps_on_card(const Problem& problem, const char* card) {
     // is rounded by 2e-6 in each of five steps. A spring too many or too few moves its ends by a thousandth.
     for (std::size_t i = 0; i < problem.particle_count(); ++i) {
         const double apart = glm::length(found.displacement[i] - expected.displacement[i]);
-        ASSERT_TRUE(apart <= 3e-5) << "particle " << i << ": " << apart;  // nor is NaN
+        ASSERT_TRUE(apart <= 3e-5) << "particle " << i << ": " << apart;  // NaN fails, too
     }
 }
 

@@ -425,13 +425,16 @@ std::size_t Decomposition::most_sent(int from, int to) const {
 }
 
 std::vector<std::uint32_t> Decomposition::own(const Problem& problem, int number) const {
-    const Lattice& lattice = problem.lattice;
-    std::vector<std::uint32_t> own;
-    const auto [begin, end] = lattice.particles_between(brick(number).begin.z, brick(number).end.z);
+    return particles_in(problem.lattice, brick(number));
+}
+
+std::vector<std::uint32_t> Decomposition::particles_in(const Lattice& lattice, const Brick& brick) {
+    std::vector<std::uint32_t> particles;
+    const auto [begin, end] = lattice.particles_between(brick.begin.z, brick.end.z);
     for (std::size_t i = begin; i < end; ++i) {
-        if (contains(brick(number), lattice.coordinates(lattice.voxel[i]))) own.push_back(std::uint32_t(i));
+        if (contains(brick, lattice.coordinates(lattice.voxel[i]))) particles.push_back(std::uint32_t(i));
     }
-    return own;
+    return particles;
 }
 
 Subdomain Decomposition::subdomain(const Problem& problem, int number) const {

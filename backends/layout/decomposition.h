@@ -83,6 +83,8 @@ public:
     std::vector<std::uint32_t> own(const Problem& problem, int number) const;
     Subdomain subdomain(const Problem& problem, int number) const;
 
+    /// The particles of `lattice` in `brick`, ascending.
+    static std::vector<std::uint32_t> particles_in(const Lattice& lattice, const Brick& brick);
     /// Makes a subdomain of `brick` alone. It has ghosts but no borders, so nothing moves the ghosts.
     static Subdomain alone(const Problem& problem, const Brick& brick);
 

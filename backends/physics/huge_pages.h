@@ -10,13 +10,14 @@
 
 namespace voxspring {
 
-/// Asks the system to put a large array, of 16 MiB or more, into huge pages. The system clears each page when
-/// it is first touched; with small pages this takes longer than filling or copying the array. If the system
-/// refuses, nothing changes.
+inline constexpr std::size_t huge_page_bytes = std::size_t(1) << 21, large_array_bytes = 8 * huge_page_bytes;
+
+/// Asks the system to put a large array, of large_array_bytes or more, into huge pages. The system clears
+/// each page when it is first touched; with small pages this takes longer than filling or copying the array.
+/// If the system refuses, nothing changes.
 inline void prefer_huge_pages(void* memory, std::size_t bytes) {
-    constexpr std::uintptr_t page = std::uintptr_t(1) << 21;
-    constexpr std::size_t large = 8 * page;
-    if (bytes < large) return;
+    constexpr std::uintptr_t page = huge_page_bytes;
+    if (bytes < large_array_bytes) return;
     const auto address = std::bit_cast<std::uintptr_t>(memory);
     const std::uintptr_t begin = (address + page - 1) / page * page, end = (address + bytes) / page * page;
     (void)madvise(std::bit_cast<void*>(begin), end - begin, MADV_HUGEPAGE);
@@ -25,9 +26,9 @@ inline void prefer_huge_pages(void* memory, std::size_t bytes) {
 /// Touches the pages of a large array with all threads, but for the last 2 MiB at most, so that the system
 /// clears them in parallel. The values are lost.
 inline void touch_pages(void* memory, std::size_t bytes) {
-    constexpr std::size_t page = 4096, share = std::size_t(1) << 21;
+    constexpr std::size_t page = 4096, share = huge_page_bytes;
+    if (bytes < large_array_bytes) return;
     const auto shares = std::ptrdiff_t(bytes / share);
-    if (shares < 8) return;
 #pragma omp parallel for
     for (std::ptrdiff_t n = 0; n < shares; ++n) {
         for (std::size_t at = 0; at < share; at += page)

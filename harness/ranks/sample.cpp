@@ -1,7 +1,6 @@
 #include "harness/ranks/sample.h"
 
 #include <algorithm>
-#include <glm/vector_relational.hpp>
 #include <utility>
 
 namespace voxspring {
@@ -10,19 +9,6 @@ namespace {
 using Brick = Decomposition::Brick;
 
 Brick widened(const Brick& brick, int layers) { return {brick.begin - layers, brick.end + layers}; }
-
-bool contains(const Brick& brick, glm::ivec3 at) {
-    return glm::all(glm::greaterThanEqual(at, brick.begin)) && glm::all(glm::lessThan(at, brick.end));
-}
-
-std::vector<std::uint32_t> particles_in(const Lattice& lattice, const Brick& brick) {
-    std::vector<std::uint32_t> particles;
-    const auto [begin, end] = lattice.particles_between(brick.begin.z, brick.end.z);
-    for (std::size_t i = begin; i < end; ++i) {
-        if (contains(brick, lattice.coordinates(lattice.voxel[i]))) particles.push_back(std::uint32_t(i));
-    }
-    return particles;
-}
 
 int longest_axis(const Problem& problem) {
     const glm::ivec3 slabs = Decomposition::slabs(problem, 2);
@@ -88,7 +74,8 @@ std::string Sample::refusal(const Scene& scene, int layers) {
                " layers, and the body has " + std::to_string(length) +
                "; without this key the whole body is verified";
     for (const Brick& brick : all) {
-        if (particles_in(lattice, brick).empty()) return "a part of the sample has no particle";
+        if (Decomposition::particles_in(lattice, brick).empty())
+            return "a part of the sample has no particle";
     }
     return {};
 }
@@ -96,7 +83,8 @@ std::string Sample::refusal(const Scene& scene, int layers) {
 std::vector<std::uint32_t> Sample::particles(const Problem& problem, const std::vector<Brick>& bricks) {
     std::vector<std::uint32_t> particles;
     for (const Brick& brick : bricks) {
-        const std::vector<std::uint32_t> more = particles_in(problem.lattice, widened(brick, 1));
+        const std::vector<std::uint32_t> more =
+            Decomposition::particles_in(problem.lattice, widened(brick, 1));
         particles.insert(particles.end(), more.begin(), more.end());
     }
     // Bricks across z follow each other in the list. Those across x or y alternate in it.

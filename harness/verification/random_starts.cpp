@@ -37,7 +37,7 @@ State random_start(const Problem& problem, double amplitude) {
 
 State strained_start(const Problem& problem) {
     const double shortest = 1e6 * std::sqrt(problem.shortest_squared());
-    // No increments mean zeros, which take gigabytes for a body of 10^8 particles.
+    // An empty list of increments means zeros. A full one takes gigabytes for a body of 10^8 particles.
     return {random_displacement(problem, 0.1 * shortest), {}};
 }
 
