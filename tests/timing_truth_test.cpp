@@ -18,6 +18,7 @@
 
 #include "backends/disk_cache.h"
 #include "harness/results/print.h"
+#include "harness/study/fastest.h"
 #include "harness/study/study.h"
 #include "tests/wrapped_backend.h"
 
@@ -112,6 +113,10 @@ private:
 constexpr int held = 2;
 double throttled(int batch) { return batch < held ? 100 : 125; }
 
+/// A device whose median of all nine batches is 90 us, while that of every second one from the first on is
+/// 104.
+double lucky(int batch) { return batch == 4 || batch == 6 || batch == 8 ? 104 : 90; }
+
 /// Makes a step too few once it has made as many batches.
 class WrongWhenHot final : public ByBatch {
 public:
@@ -195,6 +200,8 @@ const std::vector<Registered> registered = [] {
         }));
     all.push_back(registered_as<ByBatch>("sustain_hot", &throttled));
     all.push_back(registered_as<ByBatch>("sustain_slow", [](int) { return 101; }));
+    all.push_back(registered_as<ByBatch>("halves_steady", [](int) { return 100; }));
+    all.push_back(registered_as<ByBatch>("halves_lucky", &lucky));
     all.push_back(registered_as<WrongWhenHot>("hot_wrong"));
     all.push_back(registered_as<WrongAndFast>("rival_wrong"));
     all.push_back(registered_as<WrongWhenHot>("rival_hot_wrong"));
@@ -369,6 +376,17 @@ TEST(Sustained, IsThatOfTheFastestOfAllGroups) {
     };
     EXPECT_TRUE(sustained("sustain_hot"));
     EXPECT_FALSE(sustained("sustain_slow"));
+}
+
+// Catches a sustained time of another row than the one that `fastest` names, which would then have none.
+TEST(Sustained, IsOfTheRowThatIsChosenAsTheFastest) {
+    const Measured measured("halves_*", sustaining);
+    ASSERT_EQ(measured.medians.size(), 2u) << nlohmann::json(measured.result).at("failed");
+    EXPECT_NEAR(measured.medians.at("halves_lucky").benchmark->real_microseconds, 90, rounding * 90);
+    const std::vector<nlohmann::json> blocks = fastest_of(measured.result, {});
+    ASSERT_EQ(blocks.size(), 1u);
+    EXPECT_EQ(blocks.front().at("backend"), "halves_steady");
+    EXPECT_NEAR(blocks.front().value("sustained_seconds_per_step", 0.0), 100e-6, rounding * 100e-6);
 }
 
 // Catches batches without a pause whose states nobody looks at.

@@ -1,6 +1,7 @@
 #include "harness/base/statistics.h"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <cstddef>
 #include <numeric>
@@ -31,6 +32,14 @@ double median(std::vector<double> values) {
     std::sort(values.begin(), values.end());
     const std::size_t middle = values.size() / 2;
     return values.size() % 2 == 1 ? values[middle] : (values[middle - 1] + values[middle]) / 2;
+}
+
+std::pair<double, double> medians_of_halves(const std::vector<double>& values) {
+    constexpr std::size_t fewest = 4;
+    if (values.size() < fewest) return {median(values), median(values)};
+    std::array<std::vector<double>, 2> halves;
+    for (std::size_t n = 0; n < values.size(); ++n) halves[n % 2].push_back(values[n]);
+    return {median(halves[0]), median(halves[1])};
 }
 
 double quantile(std::vector<double> values, double fraction) {

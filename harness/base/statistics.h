@@ -12,6 +12,11 @@ double mean(const std::vector<double>& values);
 /// The value in the middle of the sorted values, or the mean of the two in the middle.
 double median(std::vector<double> values);
 
+/// The medians of every second value, from the first and from the second value on. The fastest of many rows
+/// is chosen by the first of them and reported by the second, since the least of many medians is partly luck.
+/// With fewer than four values both are the median of all.
+std::pair<double, double> medians_of_halves(const std::vector<double>& values);
+
 /// The quantile of `fraction`: about this fraction of the values lie below the result, which is interpolated
 /// linearly between two values. 0.5 gives median().
 double quantile(std::vector<double> values, double fraction);

@@ -22,32 +22,29 @@
 namespace voxspring {
 namespace {
 
-/// A row whose repetitions, if there are enough, are split into two halves. The fastest row is chosen by the
-/// median of one half, and its reported time is the median of the other half. The least of many medians is
-/// partly luck, and the other half is free of that bias.
+/// A row whose time is the median of one half of its repetitions. The other half chooses the fastest row
+/// (medians_of_halves()).
 struct SplitCase {
     Row row;
-    double chosen_by = 0;  ///< us per step, the median of the half that chooses or, if not split, of all
+    double chosen_by = 0;  ///< us per step
 };
 using SplitCases = std::vector<SplitCase>;
 
 /// Bounds of a target's value: no time is shorter, and no rate of updates is higher.
 constexpr double min_target = 1e-12, max_target = 1e18;
 
-/// Splits `row`, unless it has fewer than four repetitions. `microseconds` has the time per step of each
-/// repetition.
+/// `microseconds` has the time per step of each repetition of `row`. If it is empty, the row's own time
+/// counts.
 SplitCase split_case_of(Row row, const std::vector<double>& microseconds) {
     const double all = row.benchmark->real_microseconds;
-    constexpr std::size_t fewest = 4;
-    if (microseconds.size() < fewest) return {std::move(row), all};
-    std::array<std::vector<double>, 2> halves;
-    for (std::size_t n = 0; n < microseconds.size(); ++n) halves[n % 2].push_back(microseconds[n]);
-    const double reported = median(halves[1]), ratio = reported / all;
+    if (microseconds.empty()) return {std::move(row), all};
+    const auto [chosen_by, reported] = medians_of_halves(microseconds);
+    const double ratio = reported / all;
     row.benchmark->real_microseconds = reported;
     row.benchmark->particle_updates_per_second /= ratio;
     row.benchmark->spring_updates_per_second /= ratio;
     if (row.limit && row.limit->fraction) *row.limit->fraction /= ratio;
-    return {std::move(row), median(halves[0])};
+    return {std::move(row), chosen_by};
 }
 
 /// The fastest row that `wanted` accepts; null if it accepts none.

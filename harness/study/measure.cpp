@@ -222,8 +222,8 @@ public:
 
     /// Whether the case is finished, has not failed, and left states that agree with the reference.
     bool passed() const { return !has_failed() && finished() && verified().verdict->passed; }
-    /// The median time of a batch of a case that passed, in seconds.
-    double seconds() const { return median(observed().seconds); }
+    /// The time of a batch by which a case that passed is chosen as the fastest, in seconds.
+    double seconds() const { return medians_of_halves(observed().seconds).first; }
     bool on_host() const { return capabilities_of(case_.capabilities()).steps_on_host(); }
     /// Steps without a pause in the case's process, after everything else that is measured in it. The
     /// processes of other cases do nothing meanwhile.
