@@ -177,7 +177,7 @@ def fastest(cells, header, machine):
     case, papers = best(own)[0], [one for one in own if one.backend in PAPER]
     us = case.held_out
     return {"fastest": " ".join([f"`{case.backend}`"] + [precision] * (precision != "float32") + case.tuning), "of so many": len(own),
-            **rates(case, us), "x the paper's best": best(papers)[1] / us if papers else None}
+            **rates(case, us), "x the paper's best": best(papers)[0].held_out / us if papers else None}
 
 
 def across_cards(cells, header, _):

@@ -820,7 +820,7 @@ class Page(unittest.TestCase):
         text = self.script("return document.querySelector('#pictures').innerText")
         for words in ("drawn by a test",
                       "Without a picture: box@8, box@16, box@48, box@64, box@96, box@128, heart, heart@120x102x92, heart@240x204x184, "
-                      "porous@96 and porous@128 (as those shown",
+                      "porous@64, porous@96 and porous@128 (as those shown",
                       "(more than 4 million particles)",
                       "scalpel_1, scalpel_10 and scalpel_100 (no blade)"):
             self.assertIn(words, text)
@@ -1174,7 +1174,9 @@ class Parts(Reports):
         identity = {key: best[key] for key in ("scene", "backend", "formulation", "precision")}
         result["fastest"] = [{**winner(best), **identity,
                               "paper": {**winner(other), "ratio": 12.34}, "targets": [target, ratio, rate, start, undecided, unmeasured]}]
-        best["ready_spread"] = 0.3
+        for row in result["benchmarks"]:
+            if row["run_name"] == best["run_name"]:
+                row["ready_spread"] = 0.3
         best["noisy"] = ["its clock moved (by 12%)"]
         times = [row for row in result["benchmarks"] if row["run_type"] == "iteration" and row["run_name"] == best["run_name"]]
         self.assertEqual(len(times), 9)

@@ -416,11 +416,6 @@ def stress_verdict(machine=GPU):
             f"(commit {commit('stress', machine)})")
 
 
-def worst_cold_start():
-    """The largest spread of the cold starts of a CUDA row of Table 1."""
-    return max(row["ready_spread"] for row in medians("table1") if row["backend"].startswith("cuda_"))
-
-
 def worst_small_start():
     """The largest relative difference between a measured stability limit and theory, over starts of small amplitude."""
     rows = [one for one in result("stability")["stability"] if (one["start"]["amplitude"] or one["start"]["stretch"]) <= 0.001]
