@@ -113,6 +113,40 @@ TEST(Fastest, IsChosenByHalfOfTheRepetitionsAndReportedByTheOthers) {
     EXPECT_EQ(block.at("chosen_from"), 2);
 }
 
+// Catches a time, a spread or a verdict that mixes two numbers of steps of one case.
+TEST(Fastest, EachNumberOfStepsHasItsOwn) {
+    std::vector<nlohmann::json> rows, verdicts;
+    for (const auto& [steps, microseconds] : {std::pair(40, 10.0), {400, 20.0}}) {
+        for (int n = 0; n < 9; ++n) {
+            rows.push_back(row_of("a", "cuda_fast", microseconds * (n % 3 == 0 ? 1 : 1.01)));
+            rows.back().erase("aggregate_name");
+            rows.back().update({{"run_type", "iteration"}, {"repetition_index", n}, {"steps", steps}});
+        }
+        rows.push_back(row_of("a", "cuda_fast", microseconds));
+        rows.back()["steps"] = steps;
+        verdicts.push_back(row_of("a", "cuda_fast", microseconds));
+        verdicts.back().update({{"steps", steps},
+                                {"name", "a/cuda_fast/position/float32"},
+                                {"passed", true},
+                                {"tolerance_rms", 1e-4 * steps},
+                                {"motion_rms", 1}});
+    }
+    nlohmann::json json = result_of(rows);
+    json["verification"] = verdicts;
+    Result result = read_result(json);
+    const std::vector<nlohmann::json> blocks = fastest_of(result, {});
+    ASSERT_EQ(blocks.size(), 2u);
+    EXPECT_DOUBLE_EQ(blocks[0].at("seconds_per_step"), 10.1e-6);
+    EXPECT_DOUBLE_EQ(blocks[1].at("seconds_per_step"), 20.2e-6);
+    result.rows<nlohmann::json>("fastest") = blocks;
+    std::ostringstream out;
+    print_fastest(result, out, TableWidth());
+    EXPECT_THAT(out.str(), HasSubstr(" 4.0e-03 "));
+    EXPECT_THAT(out.str(), HasSubstr(" 4.0e-02 "));
+    EXPECT_THAT(out.str(), Not(HasSubstr("+-")))
+        << "the times of each differ by 1%, and those of both by 100%";
+}
+
 TEST(Fastest, ThePapersAreBackendsOfThisSource) {
     for (const std::string& name : paper_backends())
         EXPECT_TRUE(registry().contains(name) || left_out().contains(name)) << name;

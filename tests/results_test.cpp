@@ -206,7 +206,7 @@ TEST(Table, AQuietTimeStandsAloneAndASpreadIsGivenFromThreePercentOn) {
     Row row = rows.front();
     const double seconds = row.step_seconds();
     StepTimes times = step_times_of(rows);
-    ASSERT_EQ(times.at(row.case_name()).size(), 5u);
+    ASSERT_EQ(times.at(row.case_key()).size(), 5u);
     EXPECT_EQ(time_text(row, seconds, times), si(seconds, "s") + " +-5%");
     row.noisy = {"it rained"};
     EXPECT_EQ(time_text(row, seconds, times), "~" + si(seconds, "s") + " +-5%");
@@ -361,7 +361,7 @@ TEST(Thresholds, SayWhichRunVerifiesARowAndWhichRowNoneDoes) {
         {"unknown", "-"}};
     EXPECT_EQ(texts, expected);
     EXPECT_EQ(threshold_text(Row{.identity = {.name = "a/b", .scene = "a"}}, verdicts), "-");
-    EXPECT_EQ(verdicts.at("a/old").verified(), std::nullopt);
+    EXPECT_EQ(verdicts.at({"a/old"}).verified(), std::nullopt);
     std::ostringstream out;
     print_thresholds(result.rows("verification"), verdicts, out);
     EXPECT_THAT(out.str(), HasSubstr("2 of 7 times not verified"));

@@ -136,7 +136,7 @@ StepTimes step_times_of(const std::vector<Row>& rows) {
     StepTimes repetitions;
     for (const Row& row : rows) {
         if (row.benchmark->repetition_index)
-            repetitions[row.case_name()].push_back(row.benchmark->real_microseconds);
+            repetitions[row.case_key()].push_back(row.benchmark->real_microseconds);
     }
     return repetitions;
 }
@@ -144,13 +144,13 @@ StepTimes step_times_of(const std::vector<Row>& rows) {
 std::string time_text(const Row& row, double seconds, const StepTimes& repetitions) {
     constexpr double min_spread = 0.03;  // medians of two runs of one program differ by as much
     std::string text = row.noise_mark() + si(seconds, "s");
-    const double spread = spread_of_case(row.case_name(), repetitions);
+    const double spread = spread_of_case(row.case_key(), repetitions);
     if (spread >= min_spread) text += fmt::format(" +-{:.0f}%", 100 * spread);
     return text;
 }
 
-double spread_of_case(const std::string& case_name, const StepTimes& repetitions) {
-    const auto found = repetitions.find(case_name);
+double spread_of_case(const CaseKey& of, const StepTimes& repetitions) {
+    const auto found = repetitions.find(of);
     return found == repetitions.end() || found->second.size() < 3 ? 0 : relative_spread(found->second);
 }
 
@@ -166,7 +166,7 @@ std::string ratio_text(double ratio, double spread, int decimals) {
 Verdicts verdicts_of(const Result& result) {
     Verdicts verdicts;
     for (const Row& row : result.rows("verification")) {
-        if (row.verdict) verdicts[row.case_name()] = *row.verdict;
+        if (row.verdict) verdicts[row.case_key()] = *row.verdict;
     }
     return verdicts;
 }
@@ -181,7 +181,7 @@ std::string threshold_text(const std::optional<VerdictPart>& verdict) {
 }
 
 std::string threshold_text(const Row& row, const Verdicts& verdicts) {
-    const auto found = verdicts.find(row.case_name());
+    const auto found = verdicts.find(row.case_key());
     return threshold_text(found == verdicts.end() ? std::nullopt : std::optional(found->second));
 }
 
@@ -189,7 +189,7 @@ void print_thresholds(const std::vector<Row>& rows, const Verdicts& verdicts, st
     bool strained = false, last_alone = false;
     CasesByScene unverified;
     for (const Row& row : rows) {
-        const auto found = verdicts.find(row.case_name());
+        const auto found = verdicts.find(row.case_key());
         if (found == verdicts.end()) continue;
         strained = strained || found->second.strained_start;
         last_alone = last_alone || !found->second.repetitions_judged;
@@ -274,7 +274,7 @@ void print_table(const Result& result, std::ostream& out, TableWidth width) {
         fastest[rows.front().identity.scene] = &rows.front();
         all.insert(all.end(), rows.begin(), rows.end());
     }
-    const auto spread = [&](const Row& row) { return spread_of_case(row.case_name(), repetitions); };
+    const auto spread = [&](const Row& row) { return spread_of_case(row.case_key(), repetitions); };
     const auto errors_of = [](const Row& row) { return row.errors.value_or(Errors()); };
     print_rows<Row>(
         all,

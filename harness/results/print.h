@@ -60,8 +60,8 @@ void print_rows(const std::vector<T>& rows, const std::vector<ColumnOf<T>>& colu
     print_cells(rows, all, width, out);
 }
 
-/// The times of a step in us, one per repetition, by the name of the case (Row::case_name()).
-using StepTimes = std::map<std::string, std::vector<double>>;
+/// The times of a step in us, one per repetition.
+using StepTimes = std::map<CaseKey, std::vector<double>>;
 StepTimes step_times_of(const std::vector<Row>& rows);
 
 /// The time of a step as text: "~1.25 us +-6%". The text begins with "~" if the time is not to be trusted,
@@ -69,7 +69,7 @@ StepTimes step_times_of(const std::vector<Row>& rows);
 std::string time_text(const Row& row, double seconds, const StepTimes& repetitions);
 
 /// relative_spread() of the repetitions of a case; 0 if there are fewer than three repetitions.
-double spread_of_case(const std::string& case_name, const StepTimes& repetitions);
+double spread_of_case(const CaseKey& of, const StepTimes& repetitions);
 
 /// A ratio of two times, rounded to the digits that are certain. `spread` is the relative uncertainty of the
 /// ratio; below 1% it counts as 1%. One unit of the last digit is at most twice that uncertainty, unless this
@@ -80,8 +80,7 @@ std::string ratio_text(double ratio, double spread, int decimals = 2);
 /// rows have the mark "~" in the table.
 void print_noise(const std::vector<Row>& rows, std::ostream& out);
 
-/// The verdicts of a result, by the name of the case (Row::case_name()).
-using Verdicts = std::map<std::string, VerdictPart>;
+using Verdicts = std::map<CaseKey, VerdictPart>;
 Verdicts verdicts_of(const Result& result);
 
 /// The largest accepted error of a row as a fraction of the body's motion, such as "2.9e-04". A "*" after the

@@ -226,6 +226,13 @@ struct VerdictPart {
     }
 };
 
+/// What tells the cases of a result apart: a study may step one scene by several numbers of steps.
+struct CaseKey {
+    std::string name;  ///< Row::case_name()
+    int steps = 0;     ///< 0: the row does not say them
+    auto operator<=>(const CaseKey&) const = default;
+};
+
 /// A row of any list of a result. Parts that the rows of its list do not have are absent.
 struct Row {
     Identity identity;
@@ -253,6 +260,7 @@ struct Row {
     std::string label() const;
     /// SCENE/BACKEND/FORMULATION/PRECISION[/TUNING], without the suffix that Google Benchmark adds.
     std::string case_name() const;
+    CaseKey case_key() const { return {case_name(), workpiece ? workpiece->steps : 0}; }
     /// "~", to be printed before a time that is not to be trusted, otherwise empty.
     std::string noise_mark() const { return noisy.empty() ? "" : "~"; }
     /// Whether the time of the row is shorter than its limit, which is then wrong.

@@ -8,7 +8,6 @@
 #include <map>
 #include <nlohmann/json.hpp>
 #include <optional>
-#include <tuple>
 #include <utility>
 
 #include "harness/base/statistics.h"
@@ -209,7 +208,7 @@ std::vector<Target> read_targets(const JsonValue& list) {
 
 namespace {
 
-/// The block of fastest_of() for `rows`, the rows of one scene, formulation and precision.
+/// The block of fastest_of() for `rows`, the rows of one scene, formulation, precision and number of steps.
 nlohmann::json block_of(const Result& result, const SplitCases& rows) {
     const Row& best = *fastest_row(rows, [](const Row&) { return true; });
     nlohmann::json block = {
@@ -246,23 +245,27 @@ nlohmann::json block_of(const Result& result, const SplitCases& rows) {
 }  // namespace
 
 std::vector<nlohmann::json> fastest_of(const Result& result, const std::vector<Target>& targets) {
-    using Key = std::tuple<std::string, std::string, std::string>;
+    struct Key {
+        std::string scene, formulation, precision;
+        int steps;
+        auto operator<=>(const Key&) const = default;
+    };
     std::vector<Key> order;
     std::map<Key, SplitCases> groups;
     StepTimes repetitions = step_times_of(result.rows("benchmarks"));
     for (const Row& row : result.rows("benchmarks")) {
         if (!row.benchmark->is_median()) continue;
-        const Key key{row.identity.scene, row.identity.formulation, row.identity.precision};
+        const CaseKey of = row.case_key();
+        const Key key{row.identity.scene, row.identity.formulation, row.identity.precision, of.steps};
         if (!groups.contains(key)) order.push_back(key);
-        const std::string name = row.case_name();
-        groups[key].push_back(split_case_of(row, repetitions[name]));
+        groups[key].push_back(split_case_of(row, repetitions[of]));
     }
     std::vector<nlohmann::json> blocks;
     for (const Key& key : order) {
         nlohmann::json block = block_of(result, groups[key]);
         block["targets"] = nlohmann::json::array();
         for (const Target& target : targets) {
-            if (Key{target.scene, target.formulation, target.precision} == key)
+            if (Key{target.scene, target.formulation, target.precision, key.steps} == key)
                 block["targets"].push_back(judge(target, groups[key]));
         }
         blocks.push_back(std::move(block));
@@ -281,15 +284,17 @@ void print_fastest(const Result& result, std::ostream& out, TableWidth width) {
     const std::vector<Row> rows = rows_from_json(blocks);
     const StepTimes repetitions = step_times_of(result.rows("benchmarks"));
     const Verdicts verdicts = verdicts_of(result);
-    const auto spread = [&](const std::string& name) { return spread_of_case(name, repetitions); };
     for (std::size_t i = 0; i < rows.size(); ++i) {
         const Row& row = rows[i];
         const nlohmann::json& block = blocks[i];
         const auto& paper = block.at("paper");
+        const int steps = block.value("steps", 0);
+        const auto spread = [&](const std::string& name) {
+            return spread_of_case({name, steps}, repetitions);
+        };
         table.push_back(
             {row.identity.scene, row.label(), time_text(row, block.at("seconds_per_step"), repetitions),
-             std::to_string(block.value("steps", 0)), sustained_text(block),
-             si(block.at("particle_updates_per_second"), "/s"),
+             std::to_string(steps), sustained_text(block), si(block.at("particle_updates_per_second"), "/s"),
              si(block.at("spring_updates_per_second"), "/s"),
              error_cell(row.errors ? row.errors->relative_l2 : std::nullopt), threshold_text(row, verdicts),
              percent_of(block.at("fraction_of_limit")) + row.limit_mark(),

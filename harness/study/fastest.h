@@ -38,8 +38,8 @@ struct Target {
 };
 
 /// The list `fastest` of a result (results/schema.json). Each element, a block, is the summary of one scene,
-/// formulation and precision with a row in `benchmarks`; blocks are in the order of these rows. A block
-/// includes its targets and what `--backend auto` would choose (auto_choice.h).
+/// formulation, precision and number of steps with a row in `benchmarks`; blocks are in the order of these
+/// rows. A block includes its targets and what `--backend auto` would choose (auto_choice.h).
 std::vector<nlohmann::json> fastest_of(const Result& result, const std::vector<Target>& targets);
 
 /// Reads the list `targets` of a study file. Throws BadInput.
