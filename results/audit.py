@@ -195,7 +195,7 @@ def across_cards(cells, header, _):
 
 def targets(cells, header, machine):
     scene, formulation, _ = cells[0].split(" ")
-    return {2: named("fastest", scene, cells[3], formulation, machine).held_out if cells[1].endswith(" us") else None}
+    return {3: named("fastest", scene, cells[4], formulation, machine).held_out if cells[2].endswith(" us") else None}
 
 
 def formulations(cells, header, _):
@@ -246,7 +246,8 @@ def explicit(cells, header, _):
     own = plain(cells[0])
     (_, implicit), (_, lists) = (best([one for one in own if one.backend in PAPER and f"cuda_{side}_" in one.backend])
                                  for side in ("implicit", "explicit"))
-    return dict(enumerate((own[0]["particles"], 100 * own[0]["particles"] / own[0]["voxels"], implicit, lists, lists / implicit), 2))
+    values = own[0]["particles"], 100 * own[0]["particles"] / own[0]["voxels"], own[0]["steps"], implicit, lists, lists / implicit
+    return dict(enumerate(values, 2))
 
 
 LIMITS = {"copy": ("copy_bytes_per_second", 1e-9), "in cache": ("cached_copy_bytes_per_second", 1e-9), "launch": ("launch_seconds", 1e6),

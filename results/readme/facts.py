@@ -10,8 +10,8 @@ import re
 import statistics
 
 import result_files
-from readme.rows import (CPU, GPU, PAPER, Missing, about_backend, by_name, card_ids, contender, fastest_of, figure, is_papers, medians,
-                         medians_of, name_of, result, slow_down, studies, three_digits, tuning_of)
+from readme.rows import (CPU, GPU, PAPER, Missing, about_backend, alike, by_name, card_ids, contender, fastest_of, figure, held_out, is_papers,
+                         machines, medians, medians_of, microseconds, name_of, result, slow_down, studies, three_digits, tuning_of)
 from result_files import distinct, groups, listed, threshold_of  # noqa: F401 (templates use all names here)
 
 # Positions (48 bytes per particle) and lists (72 bytes) of more particles exceed the 60 MB of an H200's L2.
@@ -112,12 +112,13 @@ def rows_above_limit():
 
 def repetitions_above_limit():
     """How many single repetitions are faster than their limit, of how many, and in which rows, in words."""
-    repetitions = [one for study in studies().values() for one in study["benchmarks"] if one["run_type"] == "iteration"]
+    repetitions = [one for study in studies().values() for one in study["benchmarks"]
+                   if one["run_type"] == "iteration" and one["fraction_of_limit"] is not None]
     above = above_limit(repetitions)
     names = listed(sorted({f"{contender(one)} on {one['scene']}" for one in above}))
     marked = all(one.get("noisy") and one["limited_by"] == "launch" for one in above)
     reason = ", marked `~`, by launches" if marked else ""
-    return f"{len(above)} of {len(repetitions):,} repetitions" + (f" ({names}{reason})" if above else "")
+    return f"{len(above)} of the {len(repetitions):,} repetitions that have one" + (f" ({names}{reason})" if above else "")
 
 
 def fragment_share():
@@ -191,6 +192,33 @@ def addressing_ratios(kind):
     return [one["ratio"] for one in datasets() if one["kind"] == kind]
 
 
+def close_calls():
+    """The datasets of `fastest` of which the repetitions that did not choose have another strategy as the fastest, in words."""
+    result_of, others = result("fastest"), []
+    rows = medians_of(result_of)
+    for block in result_of["fastest"]:
+        tried = [held_out(row) for row in alike(rows, block)]
+        best = min(tried, key=lambda row: row["real_time"])
+        if name_of(best) != block["name"]:
+            others.append(f"{block['scene']} by `{block['formulation']}` ({microseconds(best['real_time'])} us by {contender(best)})")
+    if not others:
+        return "In no dataset of the H200 have the repetitions that did not choose another strategy as the fastest."
+    return (f"In {len(others)} of {len(result_of['fastest'])} datasets of the H200 the repetitions that did not choose have another strategy "
+            f"as the fastest, so that the two are not to be told apart: {listed(others)}. In this file the sustained time is that of the "
+            "row with the least median of all repetitions; since commit 03171ba2 it is that of the row that is chosen.")
+
+
+def only_strained():
+    """Which of two cards' files time bodies from a start that strains every spring, in words."""
+    strained = {one["context"]["voxspring"]["gpu"]: one["context"]["voxspring"]["study"].get("strained_starts", [])
+                for one in machines("fastest") if one["context"]["voxspring"].get("gpu")}
+    if len({tuple(scenes) for scenes in strained.values()}) == 1:
+        return "All files time the same bodies from starts that strain every spring."
+    return ("Files differ in which bodies they time from a start that strains every spring: " +
+            "; ".join(f"{gpu} {listed(scenes) if scenes else 'none'}" for gpu, scenes in strained.items()) +
+            ". So errors and thresholds of these bodies are of different motions.")
+
+
 def largest_box(study):
     """The edge of the largest box of a study: 256 for box@256."""
     return max(int(one["scene"][4:]) for one in medians(study) if re.fullmatch(r"box@\d+", one["scene"]))
@@ -222,6 +250,10 @@ def fetches(times):
     """How strategies fetch a neighbour, with their times, fastest first: `texture (2.4), shared memory (2.9)`. `times`: pairs
     (time, strategy)."""
     return ", ".join(f"{FETCHES[way]} ({three_digits(time)})" for time, way in sorted(times))
+
+
+def order_of(study, scene):
+    return sorted(FETCHES, key=lambda case: us(study, scene, case))
 
 
 def by_time(study, scene):

@@ -380,6 +380,10 @@ def resting_cases():
     return sorted(cases.items())
 
 
+def resting_rows():
+    return [row for _, scenes in resting_cases() for whole, moving, _ in scenes.values() for row in (whole, moving)]
+
+
 def cross_check(row):
     """The difference in percent between the power by samples and the power by the energy counter; "no" without samples."""
     if row.get("sampled_watts") is None:
