@@ -33,7 +33,7 @@ ALLOWED = {
     ("docs/measure.md", "reaches 60% of it"): "the bound from which a limit is named",
     ("docs/measure.md", "the middle half of the repetitions spreads over more than 10%"): "a bound of harness/device/noise.h",
     ("docs/measure.md", "agree with its counter within 5%"): "the bound that fails a row (harness/device)",
-    ("docs/measure.md", "their choice is within 10% of the fastest"): "the bound that fastest_test holds",
+    ("docs/measure.md", "their choice is within 5% of the fastest"): "the bound that fastest_test holds",
     ("docs/volumes.md", "what becomes of it at 20%"): "the strain of a case in docs/accuracy.md",
     ("harness/scenes/README.md", "within 2% of the true limit"): "the bound that stability_test holds",
     ("harness/scenes/README.md", "21% of the grid"): "how the phantom is defined",

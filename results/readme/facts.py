@@ -229,8 +229,8 @@ def concatenated(case, scene=None):
     return ratio("tuning", scene or f"box@{largest_box('tuning')}", case + " layout=concatenated", case)
 
 
-def vertical(case):
-    return 1 / concatenated(case)
+def vertical(case, scene):
+    return 1 / concatenated(case, scene)
 
 
 def opengl_verdict():
