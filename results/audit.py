@@ -60,9 +60,12 @@ class Case:
 
 @functools.lru_cache(None)
 def cases(study, machine=CARD):
+    """The cases of a study by their names, each of which has one number of steps."""
     found = collections.defaultdict(list)
     for row in raw(study, machine)["benchmarks"]:
         found[row["name"].split("/iterations:")[0]].append(row)
+    several = [name for name, rows in found.items() if len({row["steps"] for row in rows}) > 1]
+    assert not several, f"{machine}/{study}: {several[0]} has several numbers of steps"
     return {name: Case(rows) for name, rows in found.items()}
 
 

@@ -56,7 +56,8 @@ def bodies(family, machines, increments, occupancy):
     # The machine without a card has no study figure8.
     files = [(machine, study) for study in ("fastest", "figure8") for machine in machines if machine in rows.having(study)]
     times = pandas.DataFrame([
-        {"particles": row["particles"], "machine": machine, "vote": f"{machine} {study} {row['formulation']}", "contender": contender(row),
+        {"particles": row["particles"], "machine": machine, "vote": f"{machine} {study} {row['formulation']} {row['steps']}",
+         "contender": contender(row),
          "backend": row["backend"], "time": row["real_time"]}
         for machine, study in files for row in rows.medians(study, machine)
         if not row.get("noisy") and row["limits_of"] == family and row["precision"] == "float32"

@@ -2,8 +2,8 @@
 
 Usage: attack_test.py [RESULT...]     # the committed files, unless told otherwise, and one that VOXSPRING makes
 
-Prints what caught each attack on each file, and what cannot be tried on a file because it is older than a field. Exit code 1 if an attack
-got through. The current directory is the source tree.
+Prints what caught each attack on each file, what cannot be tried since the file is older than a field, and where the rows are too noisy to
+tell. Exit code 1 if an attack got through, or was caught on no file. The current directory is the source tree.
 """
 
 import collections
@@ -49,7 +49,7 @@ class Untried(Exception):
 
 
 class TooNoisy(Exception):
-    """Most rows of the file vary so much that the fault may hide in them, which the file's readers are told."""
+    """In most trials the file's noise hides the fault. The comparison says so to its readers."""
 
 
 def case_of(row):
@@ -378,7 +378,7 @@ def made_here(folder):
 
 def main():
     committed = [pathlib.Path(one) for one in sys.argv[1:]] or result_files.committed(pathlib.Path("results"))
-    through, said, tried = 0, collections.defaultdict(list), set()
+    through, noisy, said, tried = 0, 0, collections.defaultdict(list), set()
     with tempfile.TemporaryDirectory() as name:
         folder = pathlib.Path(name)
         targets = [Target(path, folder) for path in [*committed, made_here(folder)]]
@@ -390,7 +390,7 @@ def main():
                     outcome = function(target)
                     said[fault].append(target)
                 except TooNoisy as reason:
-                    outcome = f"- too noisy to tell: {reason}"
+                    outcome, noisy = f"- too noisy to tell: {reason}", noisy + 1
                 except Untried as reason:
                     tried.remove((fault, target))
                     outcome = f"- not tried: {reason}"
@@ -398,8 +398,10 @@ def main():
                     outcome, through = f"GOT THROUGH: {reason}", through + 1
                 print(textwrap.shorten(f"  {target.title:24} {outcome}", 200, placeholder=" ..."), flush=True)
         untried = [fault for fault in ATTACKS if (fault, targets[-1]) not in tried]
-    print(f"\n{sum(map(len, said.values()))} attacks caught, {through} got through" + f"; not tried on a new file: {untried}" * bool(untried))
-    return 1 if through or untried else 0
+        never = [fault for fault in ATTACKS if not said[fault]]
+    print(f"\n{sum(map(len, said.values()))} attacks caught, {through} got through, {noisy} too noisy to tell" +
+          f"; not tried on a new file: {untried}" * bool(untried) + f"; caught on no file: {never}" * bool(never))
+    return 1 if through or untried or never else 0
 
 
 if __name__ == "__main__":

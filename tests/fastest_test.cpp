@@ -18,6 +18,7 @@
 #include "harness/base/json.h"
 #include "harness/choice/auto_choice.h"
 #include "harness/results/capabilities.h"
+#include "harness/results/print.h"
 #include "harness/scene/scene_runner.h"
 #include "harness/study/study.h"
 #include "harness/study/study_kind.h"
@@ -133,6 +134,7 @@ TEST(Fastest, EachNumberOfStepsHasItsOwn) {
     }
     nlohmann::json json = result_of(rows);
     json["verification"] = verdicts;
+    json["context"]["voxspring"]["study"] = {{"repetitions", 9}};
     Result result = read_result(json);
     const std::vector<nlohmann::json> blocks = fastest_of(result, {});
     ASSERT_EQ(blocks.size(), 2u);
@@ -143,6 +145,12 @@ TEST(Fastest, EachNumberOfStepsHasItsOwn) {
     print_fastest(result, out, TableWidth());
     EXPECT_THAT(out.str(), HasSubstr(" 4.0e-03 "));
     EXPECT_THAT(out.str(), HasSubstr(" 4.0e-02 "));
+    EXPECT_THAT(out.str(), HasSubstr("a position float32, 40 steps: auto takes"));
+    EXPECT_THAT(out.str(), HasSubstr("a position float32, 400 steps: auto takes"));
+    std::ostringstream table;
+    print_table(result, table);
+    EXPECT_THAT(table.str(), Not(HasSubstr(" 2.0 "))) << "a row is compared with the fastest of its steps";
+    EXPECT_THAT(table.str(), HasSubstr(" 1.00 "));
     EXPECT_THAT(out.str(), Not(HasSubstr("+-")))
         << "the times of each differ by 1%, and those of both by 100%";
 }

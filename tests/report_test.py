@@ -961,12 +961,17 @@ class Parts(Reports):
         return result
 
     def test_a_longer_run_stands_for_a_strategy_and_a_newer_one_of_the_same_study(self):
-        def row(study, steps, microseconds, contender="a"):
-            return {"machine": "m", "scene": "s", "contender": contender, "study": study, "steps": steps, "microseconds": microseconds}
+        def row(study, steps, microseconds, contender="a", date="2027"):
+            return {"machine": "m", "scene": "s", "contender": contender, "study": study, "steps": steps, "microseconds": microseconds,
+                    "date": date}
 
-        rows = [row("long", 2000, 1.0), row("long", 1000, 1.1), row("short", 20, 4.5), row("short", 20, 9.0, "b"), row("even", 1000, 1.2)]
+        rows = [row("long", 2000, 1.0, date="2026"), row("long", 1000, 1.1), row("short", 20, 4.5), row("short", 20, 9.0, "b"),
+                row("even", 1000, 1.2)]
         self.assertCountEqual(reading.strategies(rows), [rows[3], rows[4]])
         self.assertEqual(reading.strategies(rows[:3]), [rows[1]])
+        # One file may have several numbers of steps of a scene.
+        rows = [row("one", 400, 1.0), row("one", 100, 1.1)]
+        self.assertEqual(reading.strategies(rows), [rows[0]])
 
     def test_history_across_commits(self):
         result = h200("figure7")
@@ -1171,7 +1176,7 @@ class Parts(Reports):
                  "measured": 0.4, "reached": 1.25, "met": True}
         undecided = {**start, "value": 2, "reached": 5, "met": None}
         unmeasured = {**target, "measured": None, "reached": None, "met": None}
-        identity = {key: best[key] for key in ("scene", "backend", "formulation", "precision")}
+        identity = {key: best[key] for key in ("scene", "backend", "formulation", "precision", "steps")}
         result["fastest"] = [{**winner(best), **identity,
                               "paper": {**winner(other), "ratio": 12.34}, "targets": [target, ratio, rate, start, undecided, unmeasured]}]
         for row in result["benchmarks"]:

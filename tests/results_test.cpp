@@ -362,6 +362,10 @@ TEST(Thresholds, SayWhichRunVerifiesARowAndWhichRowNoneDoes) {
     EXPECT_EQ(texts, expected);
     EXPECT_EQ(threshold_text(Row{.identity = {.name = "a/b", .scene = "a"}}, verdicts), "-");
     EXPECT_EQ(verdicts.at({"a/old"}).verified(), std::nullopt);
+    // Verdicts of older files do not say their steps.
+    const Row timed{.identity = {.name = "a/own/iterations:9", .scene = "a"},
+                    .workpiece = Workpiece{9, 1, 1}};
+    EXPECT_EQ(threshold_text(timed, verdicts), "2.0e-04");
     std::ostringstream out;
     print_thresholds(result.rows("verification"), verdicts, out);
     EXPECT_THAT(out.str(), HasSubstr("2 of 7 times not verified"));

@@ -36,7 +36,7 @@ class AutoRules(unittest.TestCase):
         return {"name": f"{name}/iterations:9", "scene": scene, "particles": particles, "voxels": voxels or particles,
                 "backend": backend,
                 "formulation": formulation, "precision": "float32", "real_time": time, "limits_of": "CUDA", "on_card": True,
-                "family": "CUDA"}
+                "family": "CUDA", "steps": 9}
 
     def test_a_card_does_not_vote_on_what_its_file_lacks(self):
         row = self.row
@@ -72,6 +72,10 @@ class AutoRules(unittest.TestCase):
                 ([row("box@4", 100, "cuda_a", 1) | {"noisy": ["drifts"]}, row("box@4", 100, "cuda_b", 2), row("box@9", 900, "cuda_b", 2),
                   row("box@9", 900, "cuda_a", 1)],
                  [(full, [0, 300], ["cuda_b", "cuda_a"]), (full, [300, None], ["cuda_a", "cuda_b"])]),
+                # Times of different numbers of steps are not compared with each other.
+                ([row("box@4", 100, "cuda_a", 10), row("box@4", 100, "cuda_b", 8)] +
+                 [one | {"steps": 99} for one in (row("box@4", 100, "cuda_a", 5), row("box@4", 100, "cuda_b", 7))],
+                 [(full, [0, None], ["cuda_a", "cuda_b"])]),
                 # Sparse bodies have separate rules, and scenes that lack springs none.
                 ([row("heart", 100, "cuda_a", 1, voxels=500), row("box@4", 100, "cuda_b", 1), row("incision@9", 729, "cuda_c", 1)],
                  [([0, 0.5], [0, None], ["cuda_a"]), (full, [0, None], ["cuda_b"])])):

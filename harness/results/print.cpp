@@ -100,13 +100,18 @@ void print_shortened(const std::vector<Row>& rows, int repetitions, std::ostream
                        cases.text());
 }
 
-/// The rows that are medians, grouped by scene in the order of the study. In each group the fastest is first.
-std::vector<std::vector<Row>> medians_by_scene(const std::vector<Row>& rows_of_result) {
+/// A scene and a number of steps. Times per step of other numbers of steps are not compared with each other.
+using Dataset = std::pair<std::string, int>;
+Dataset dataset_of(const Row& row) { return {row.identity.scene, row.case_key().steps}; }
+
+/// The rows that are medians, grouped by dataset in the order of the study. In each group the fastest is
+/// first.
+std::vector<std::vector<Row>> medians_by_dataset(const std::vector<Row>& rows_of_result) {
     std::vector<std::vector<Row>> scenes;
-    std::map<std::string, std::size_t> places;
+    std::map<Dataset, std::size_t> places;
     for (const Row& row : rows_of_result) {
         if (!row.benchmark->is_median()) continue;
-        const auto [place, added] = places.emplace(row.identity.scene, scenes.size());
+        const auto [place, added] = places.emplace(dataset_of(row), scenes.size());
         if (added) scenes.emplace_back();
         scenes[place->second].push_back(row);
     }
@@ -180,20 +185,31 @@ std::string threshold_text(const std::optional<VerdictPart>& verdict) {
     return error_text(*threshold) + (verdict->strained_start ? "*" : "");
 }
 
+namespace {
+
+/// The verdict on a row's case; null if there is none. Verdicts of older files do not say their steps.
+const VerdictPart* verdict_on(const Row& row, const Verdicts& verdicts) {
+    auto found = verdicts.find(row.case_key());
+    if (found == verdicts.end()) found = verdicts.find({row.case_name()});
+    return found == verdicts.end() ? nullptr : &found->second;
+}
+
+}  // namespace
+
 std::string threshold_text(const Row& row, const Verdicts& verdicts) {
-    const auto found = verdicts.find(row.case_key());
-    return threshold_text(found == verdicts.end() ? std::nullopt : std::optional(found->second));
+    const VerdictPart* const found = verdict_on(row, verdicts);
+    return threshold_text(found == nullptr ? std::nullopt : std::optional(*found));
 }
 
 void print_thresholds(const std::vector<Row>& rows, const Verdicts& verdicts, std::ostream& out) {
     bool strained = false, last_alone = false;
     CasesByScene unverified;
     for (const Row& row : rows) {
-        const auto found = verdicts.find(row.case_key());
-        if (found == verdicts.end()) continue;
-        strained = strained || found->second.strained_start;
-        last_alone = last_alone || !found->second.repetitions_judged;
-        if (found->second.verified() == false) unverified.add(row.identity.scene, row.label());
+        const VerdictPart* const found = verdict_on(row, verdicts);
+        if (found == nullptr) continue;
+        strained = strained || found->strained_start;
+        last_alone = last_alone || !found->repetitions_judged;
+        if (found->verified() == false) unverified.add(row.identity.scene, row.label());
     }
     if (strained)
         out << "* the threshold is that of a second run, which starts with every spring strained: the run "
@@ -267,11 +283,11 @@ void print_table(const Result& result, std::ostream& out, TableWidth width) {
     const StepTimes repetitions = step_times_of(measured);
     const Verdicts verdicts = verdicts_of(result);
     std::vector<Row> all;
-    std::map<std::string, const Row*> fastest;  ///< the fastest row of each scene
+    std::map<Dataset, const Row*> fastest;
     std::set<std::string> chaotic;
-    const std::vector<std::vector<Row>> by_scene = medians_by_scene(measured);
-    for (const std::vector<Row>& rows : by_scene) {
-        fastest[rows.front().identity.scene] = &rows.front();
+    const std::vector<std::vector<Row>> by_dataset = medians_by_dataset(measured);
+    for (const std::vector<Row>& rows : by_dataset) {
+        fastest[dataset_of(rows.front())] = &rows.front();
         all.insert(all.end(), rows.begin(), rows.end());
     }
     const auto spread = [&](const Row& row) { return spread_of_case(row.case_key(), repetitions); };
@@ -291,7 +307,7 @@ void print_table(const Result& result, std::ostream& out, TableWidth width) {
          {{"threshold/motion", 8}, [&](const Row& row) { return threshold_text(row, verdicts); }},
          {{"x fastest", 1},
           [&](const Row& row) {
-              const Row& best = *fastest[row.identity.scene];
+              const Row& best = *fastest[dataset_of(row)];
               return ratio_text(row.step_seconds() / best.step_seconds(),
                                 std::hypot(spread(row), spread(best)));
           }},

@@ -80,6 +80,7 @@ std::string ratio_text(double ratio, double spread, int decimals = 2);
 /// rows have the mark "~" in the table.
 void print_noise(const std::vector<Row>& rows, std::ostream& out);
 
+/// The verdicts of a result.
 using Verdicts = std::map<CaseKey, VerdictPart>;
 Verdicts verdicts_of(const Result& result);
 

@@ -312,7 +312,8 @@ void print_fastest(const Result& result, std::ostream& out, TableWidth width) {
     for (std::size_t i = 0; i < rows.size(); ++i) {
         const Identity& of = rows[i].identity;
         const nlohmann::json& block = blocks[i];
-        const std::string dataset = of.scene + " " + of.formulation + " " + of.precision;
+        const std::string dataset = of.scene + " " + of.formulation + " " + of.precision + ", " +
+                                    counted(std::uint64_t(block.value("steps", 0)), "step");
         if (!block.at("paper").is_null()) {
             const Row paper{.identity = {.name = block.at("paper").at("name"), .scene = of.scene}};
             out << dataset << ": the fastest of the paper's strategies is " << paper.label() << "\n";

@@ -712,8 +712,8 @@ struct TimedGroup {
     std::vector<TimedCase> cases;
 };
 
-/// What makes a case a better candidate for a sustained time than another: a device before the host, then the
-/// time of a batch.
+/// What makes a case a better candidate for a sustained time than another: a device before the host, then
+/// TimedCase::seconds(), by which the fastest row is chosen.
 using Rank = std::pair<bool, double>;
 /// The best rank that has a sustained time so far, per formulation and precision.
 using SustainedRanks = std::map<std::pair<Formulation, Precision>, Rank>;

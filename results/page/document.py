@@ -134,9 +134,12 @@ def answer(own, entries, runs):
     """What the page says of a machine before any figure."""
     latest = next((result for result in reversed(own) if result.lists["fastest"]), None)
     targets = [(block, target) for block in latest.lists["fastest"] for target in block["targets"]] if latest else []
-    rows = {result_files.name_of(row): row for row in latest.lists["benchmarks"]} if latest else {}
-    measured = [(block, target, result_files.aim_verdict(target, rows.get(target["name"]))) for block, target in targets
-                if target.get("measured") is not None]
+    rows = {}
+    for row in latest.lists["benchmarks"] if latest else ():
+        rows[result_files.case_of(row)] = row
+        rows[result_files.case_of(row | {"steps": None})] = row  # blocks of older files do not say their steps
+    measured = [(block, target, result_files.aim_verdict(target, rows.get(result_files.case_of({**block, "name": target["name"]}))))
+                for block, target in targets if target.get("measured") is not None]
     return {"entries": entries, "runs": runs, "targets": (measured, len(targets) - len(measured))}
 
 

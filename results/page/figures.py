@@ -244,7 +244,7 @@ def latest_of(rows_of, *keys):
 
 
 def of_study(name):
-    return lambda page: labelled(reading.latest([row for row in page.measured if row["study"] == name], "machine", "scene", "contender"))
+    return lambda page: labelled(reading.strategies([row for row in page.measured if row["study"] == name]))
 
 
 def latest_runs(page):

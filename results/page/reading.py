@@ -200,7 +200,8 @@ def latest(rows, *keys):
 def strategies(rows):
     """One measured row per contender and scene: among the latest rows of all studies the one with the most steps per batch, over
     which the cost of a launch is spread."""
-    rows = latest(rows, "machine", "scene", "contender", "study")
+    rows = [row for own in result_files.groups(rows, "machine", "scene", "contender", "study").values()
+            for row in own if row["date"] == own[-1]["date"]]
     return latest(sorted(rows, key=lambda row: row["steps"]), "machine", "scene", "contender")
 
 

@@ -10,9 +10,10 @@ import re
 import statistics
 
 import result_files
-from readme.rows import (CPU, GPU, PAPER, Missing, about_backend, alike, by_name, card_ids, contender, fastest_of, figure, held_out, is_papers,
-                         machines, medians, medians_of, microseconds, name_of, result, slow_down, studies, three_digits, tuning_of)
-from result_files import distinct, groups, listed, threshold_of  # noqa: F401 (templates use all names here)
+from readme.rows import (CPU, GPU, PAPER, Missing, about_backend, alike, by_name, card_ids, contender, copy_rate, fastest_of, figure,
+                         held_out, is_papers, machines, medians, medians_of, microseconds, name_of, result, slow_down, studies,
+                         three_digits, tuning_of)
+from result_files import case_of, distinct, groups, listed, threshold_of  # noqa: F401 (templates use all names here)
 
 # Positions (48 bytes per particle) and lists (72 bytes) of more particles exceed the 60 MB of an H200's L2.
 LARGE = 500_000
@@ -118,7 +119,9 @@ def repetitions_above_limit():
     names = listed(sorted({f"{contender(one)} on {one['scene']}" for one in above}))
     marked = all(one.get("noisy") and one["limited_by"] == "launch" for one in above)
     reason = ", marked `~`, by launches" if marked else ""
-    return f"{len(above)} of the {len(repetitions):,} repetitions that have one" + (f" ({names}{reason})" if above else "")
+    if not above:
+        return f"neither is any of the {len(repetitions):,} repetitions that have a limit"
+    return f"{len(above)} of the {len(repetitions):,} repetitions that have a limit are ({names}{reason})"
 
 
 def fragment_share():
@@ -193,30 +196,38 @@ def addressing_ratios(kind):
 
 
 def close_calls():
-    """The datasets of `fastest` of which the repetitions that did not choose have another strategy as the fastest, in words."""
+    """The datasets of `fastest` of which the repetitions that did not choose have another row as the fastest, in words."""
     result_of, others = result("fastest"), []
     rows = medians_of(result_of)
     for block in result_of["fastest"]:
-        tried = [held_out(row) for row in alike(rows, block)]
-        best = min(tried, key=lambda row: row["real_time"])
+        best = min(map(held_out, alike(rows, block)), key=lambda row: row["real_time"])
         if name_of(best) != block["name"]:
             others.append(f"{block['scene']} by `{block['formulation']}` ({microseconds(best['real_time'])} us by {contender(best)})")
-    if not others:
-        return "In no dataset of the H200 have the repetitions that did not choose another strategy as the fastest."
-    return (f"In {len(others)} of {len(result_of['fastest'])} datasets of the H200 the repetitions that did not choose have another strategy "
-            f"as the fastest, so that the two are not to be told apart: {listed(others)}. In this file the sustained time is that of the "
-            "row with the least median of all repetitions; since commit 03171ba2 it is that of the row that is chosen.")
+    gpu = result_of["context"]["voxspring"]["gpu"]
+    text = f"In {len(others)} of {len(result_of['fastest'])} datasets of the {gpu} the two halves of the repetitions disagree on the fastest "
+    text += f"row, so that it is not certain there: {listed(others)}." if others else "row."
+    if any("sustained_seconds_per_step" not in block for block in result_of["fastest"] if block["device"] == gpu):
+        text += (" A dash under *sustained*: this file measured it for the row with the least median of all repetitions, which is another "
+                 "one there.")
+    return text
+
+
+def copy_ratio():
+    """The rate of a copy on the first card of the comparison over that on the last."""
+    results = [one for one in machines("fastest") if one["context"]["voxspring"].get("gpu")]
+    return copy_rate(results[0]) / copy_rate(results[-1])
 
 
 def only_strained():
-    """Which of two cards' files time bodies from a start that strains every spring, in words."""
+    """Which files time which bodies from a start that strains every spring, in words."""
     strained = {one["context"]["voxspring"]["gpu"]: one["context"]["voxspring"]["study"].get("strained_starts", [])
                 for one in machines("fastest") if one["context"]["voxspring"].get("gpu")}
     if len({tuple(scenes) for scenes in strained.values()}) == 1:
         return "All files time the same bodies from starts that strain every spring."
     return ("Files differ in which bodies they time from a start that strains every spring: " +
             "; ".join(f"{gpu} {listed(scenes) if scenes else 'none'}" for gpu, scenes in strained.items()) +
-            ". So errors and thresholds of these bodies are of different motions.")
+            ". A threshold with `*` is of a second run from that start, so it compares with one of a file that times the body from there. "
+            "If neither row of such a body has a `*`, their thresholds are of different motions.")
 
 
 def largest_box(study):
@@ -392,7 +403,7 @@ def signed_percent(value):
 def increments_cost():
     """The time in the formulation increment over that in position, for every case of the study formulations."""
     by_formulation = groups([one | {"tuned": tuple(tuning_of(one))} for one in medians("formulations")], "formulation")
-    return ratios_between(by_formulation["increment",], by_formulation["position",], "scene", "backend", "precision", "tuned")
+    return ratios_between(by_formulation["increment",], by_formulation["position",], "scene", "backend", "precision", "steps", "tuned")
 
 
 def increments_gain(scene):

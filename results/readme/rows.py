@@ -83,8 +83,18 @@ def medians(study, machine=GPU):
     return medians_of(result(study, machine))
 
 
+def by_case(one):
+    return {result_files.case_of(row): row for row in medians_of(one)}
+
+
 def by_name(one):
-    return {name_of(row): row for row in medians_of(one)}
+    """The median rows by the names of their cases, each of which has one number of steps."""
+    found = {}
+    for row in medians_of(one):
+        if name_of(row) in found:
+            raise Missing(f"{name_of(row)} has rows of several numbers of steps")
+        found[name_of(row)] = row
+    return found
 
 
 def tuning_of(row):
@@ -104,12 +114,12 @@ def is_papers(row):
 
 
 def alike(rows, row):
-    """The rows with the dataset, formulation and precision of `row`: those among which the fastest is chosen."""
-    return [other for other in rows if all(other[key] == row[key] for key in ("scene", "formulation", "precision"))]
+    """The rows with the dataset, formulation, precision and number of steps of `row`: those among which the fastest is chosen."""
+    return [other for other in rows if all(other[key] == row[key] for key in ("scene", "formulation", "precision", "steps"))]
 
 
 # A row with at least this many repetitions has them divided: one half takes part in choosing the fastest row, the
-# other half is reported. All of fewer repetitions do both, as in harness/study/fastest.cpp.
+# other half is reported. All of fewer repetitions do both, as in medians_of_halves() (harness/base/statistics.h).
 FEWEST_TO_DIVIDE = 4
 
 
@@ -257,11 +267,11 @@ def thresholds(rows):
 
 
 def across_cards():
-    """The results of the study fastest of each card, and [(dataset, formulation, precision, [its fastest row or None on each
-    card])] for datasets that two cards or more have measured."""
+    """The results of the study fastest of each card, and [(dataset, formulation, precision, steps, [its fastest row or None on
+    each card])] for datasets that two cards or more have measured."""
     results = [one for one in machines("fastest") if one["context"]["voxspring"].get("gpu")]
-    best = [{(row["scene"], row["formulation"], row["precision"]): held_out(by_name(one)[row["name"]]) for row in one["fastest"]}
-            for one in results]
+    best = [{(row["scene"], row["formulation"], row["precision"], row["steps"]): held_out(known[result_files.case_of(row)])
+             for row in one["fastest"]} for one, known in ((one, by_case(one)) for one in results)]
     measured = [key for key in dict.fromkeys(key for of_card in best for key in of_card) if sum(key in of_card for of_card in best) > 1]
     return results, [(*key, [of_card.get(key) for of_card in best]) for key in measured]
 
