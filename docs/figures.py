@@ -106,7 +106,7 @@ def handed_over(rows, backend):
 def fastest_by_size():
     """Yields (scene, particles, CUDA's row, {backend: row}) by size, for scenes on which several backends of APIS were measured."""
     of_apis = [row for row in plain_rows() if row["backend"] in APIS]
-    for (scene, particles), group in sorted(groups(of_apis, "scene", "particles").items(), key=lambda item: item[0][1]):
+    for (scene, particles, _), group in sorted(groups(of_apis, "scene", "particles", "steps").items(), key=lambda item: item[0][1]):
         best = {backend: results.fastest_of(own) for (backend,), own in groups(group, "backend").items()}
         if len(best) > 1 and "cuda_implicit_cached" in best:
             yield scene, particles, best["cuda_implicit_cached"], best
