@@ -149,7 +149,7 @@ TEST(Fastest, EachNumberOfStepsHasItsOwn) {
     EXPECT_THAT(out.str(), HasSubstr("a position float32, 400 steps: auto takes"));
     std::ostringstream table;
     print_table(result, table);
-    EXPECT_THAT(table.str(), Not(HasSubstr(" 2.0 "))) << "a row is compared with the fastest of its steps";
+    EXPECT_THAT(table.str(), Not(HasSubstr(" 2.00 "))) << "a row is compared with the fastest of its steps";
     EXPECT_THAT(table.str(), HasSubstr(" 1.00 "));
     EXPECT_THAT(out.str(), Not(HasSubstr("+-")))
         << "the times of each differ by 1%, and those of both by 100%";
