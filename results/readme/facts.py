@@ -11,8 +11,8 @@ import statistics
 
 import result_files
 from readme.rows import (CPU, GPU, PAPER, Missing, about_backend, alike, by_name, card_ids, contender, copy_rate, fastest_of, figure,
-                         held_out, is_papers, machines, medians, medians_of, microseconds, name_of, result, slow_down, studies,
-                         three_digits, tuning_of)
+                         held_out, is_papers, machines, medians, medians_of, microseconds, name_of, profiles, result, slow_down,
+                         studies, three_digits, tuning_of)
 from result_files import case_of, distinct, groups, listed, threshold_of  # noqa: F401 (templates use all names here)
 
 # Positions (48 bytes per particle) and lists (72 bytes) of more particles exceed the 60 MB of an H200's L2.
@@ -210,6 +210,15 @@ def close_calls():
         text += (" A dash under *sustained*: this file measured it for the row with the least median of all repetitions, which is another "
                  "one there.")
     return text
+
+
+# The cards of profiles().
+PROFILED = "NVIDIA H200"
+
+
+def most_slots():
+    """The most issue slots that any profiled kernel fills, in percent."""
+    return max(int(one[formulation] or 0) for one in profiles() for formulation in ("position", "increment"))
 
 
 def copy_ratio():

@@ -2,6 +2,7 @@
 
 import argparse
 import collections
+import csv
 import functools
 import math
 import pathlib
@@ -233,6 +234,19 @@ def limit_of(row):
         return "-"
     words = [result_files.binder(row), row.get("limit_sum_seconds") and f"sum {share_of_sum(row)}"]
     return share(row) + f" ({', '.join(filter(None, words))})" * any(words)
+
+
+@functools.cache
+def profiles():
+    """The issue slots that a profiler counted on H200s, in percent of those of an SM at work, by formulation; empty: not profiled."""
+    with open(RESULTS / "readme/profiles.csv", encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def slots_of(row):
+    """The issue slots that the row's strategy fills on its dataset, if it was profiled there on the page's card."""
+    found = [one.get(row["formulation"]) for one in profiles() if (one["scene"], one["backend"]) == (row["scene"], row["backend"])]
+    return f"{found[0]} %" if any(found) and row["precision"] == "float32" else "-"
 
 
 def contenders(rows):
