@@ -389,6 +389,12 @@ def as_paper_counters():
     return verdict(ratios_between(by_backend["cuda_explicit_cached_grid",], by_backend["cuda_explicit_cached",], "scene"))
 
 
+def without_fragments():
+    """The datasets of as_paper on which no fragment shader ran, as the end of a sentence; empty if there are none."""
+    lacking = [scene for (scene,), own in groups(as_paper(), "scene").items() if not any(map(is_fragments, own))]
+    return f", and OpenGL's fragment shaders were not run on {listed(lacking)}" if lacking else ""
+
+
 def as_paper_opengl():
     if fragment_share() > HELD_BACK:
         return NOT_DECIDABLE
