@@ -256,7 +256,8 @@ def filled(name):
 
 PAGES = {ROOT / "README.md": ["heart"], HERE / "architecture.md": ["architecture"], HERE / "accuracy.md": ["float64", "truth", "gates"],
          HERE / "artifact.md": ["claims", "studies"], HERE / "apis.md": ["launches", "empty_steps", "sizes"],
-         HERE / "scaling.md": ["cards", "large"], HERE / "cuda-trials.md": ["slots"], HERE / "simulator.md": ["ticks", "late_ticks", "drawing"], HERE / "python.md": ["peers"]}
+         HERE / "scaling.md": ["cards", "large"], HERE / "cuda-trials.md": ["slots"],
+         HERE / "simulator.md": ["ticks", "late_ticks", "drawing"], HERE / "python.md": ["peers"]}
 
 
 def main():

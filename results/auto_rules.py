@@ -79,8 +79,11 @@ def order_of(body):
     tuning cannot judge it. A contender is ranked by its time over that of the fastest: by the worst such ratio
     over machines, studies and formulations. The fastest is taken among the contenders that every machine with
     this body has measured. So a contender that one machine lacks changes no ratio of the others there, and is
-    itself judged by the machines that have it.
+    itself judged by the machines that have it. A vote on one contender alone compares nothing, and counts only if
+    the contender has no other.
     """
+    alone = body.groupby("vote").contender.transform("nunique") == 1
+    body = body[~alone | ~body.contender.isin(body.contender[~alone])]
     everywhere = body.groupby("contender").machine.transform("nunique") == body.machine.nunique()
     fastest = body.time.where(everywhere).groupby(body.vote).transform("min").fillna(body.groupby("vote").time.transform("min"))
     known = body.assign(ratio=body.time / fastest).groupby(["backend", "contender"], as_index=False).agg(

@@ -5,7 +5,9 @@ The current directory is the source tree.
 
 import csv
 import gzip
+import itertools
 import json
+import math
 import os
 import pathlib
 import re
@@ -50,6 +52,40 @@ class AutoRules(unittest.TestCase):
         with mock.patch.object(auto_rules.rows, "medians", lambda study, machine: own.get((study, machine), [])), \
                 mock.patch.object(auto_rules.rows, "having", lambda study: ["first", "second", auto_rules.rows.CPU]):
             self.assertEqual([rule["order"] for rule in auto_rules.rules()], [["cuda_new", "cuda_a", "cuda_b"]])
+
+    def test_a_file_with_one_backend_says_nothing_against_it(self):
+        row = self.row
+        # The second card's time of cuda_b is not to be trusted, and one file has cuda_b alone.
+        own = {("fastest", "first"): [row("box@4", 100, "cuda_b", 10)],
+               ("figure8", "first"): [row("box@4", 100, "cuda_a", 20), row("box@4", 100, "cuda_b", 10)],
+               ("figure8", "second"): [row("box@4", 100, "cuda_a", 20), row("box@4", 100, "cuda_b", 10) | {"noisy": ["drifts"]}]}
+        with mock.patch.object(auto_rules.rows, "medians", lambda study, machine: own.get((study, machine), [])), \
+                mock.patch.object(auto_rules.rows, "having", lambda study: ["first", "second", auto_rules.rows.CPU]):
+            self.assertEqual([rule["order"] for rule in auto_rules.rules()], [["cuda_b", "cuda_a"]])
+
+    def test_each_api_by_itself_is_within_5_percent_of_its_fastest(self):
+        """fastest_test judges the choice among all APIs. Where CUDA is not there, the rule of another API decides."""
+        rules = json.loads(pathlib.Path("harness/choice/auto_rules.json").read_text(encoding="utf-8"))["rules"]
+        def holds(rule, row):
+            occupancy, (low, high) = row["particles"] / row["voxels"], rule["occupancy"]
+            return (rule["of"] == row["limits_of"] and rule["increments"] == (row["formulation"] in auto_rules.BY_INCREMENTS) and
+                    low <= occupancy < (high or math.inf) and
+                    rule["particles"][0] <= row["particles"] < (rule["particles"][1] or math.inf))
+        judged = 0
+        for machine, study in itertools.product((*auto_rules.cards(), auto_rules.rows.CPU), ("fastest", "figure8")):
+            if machine not in auto_rules.rows.having(study):
+                continue
+            usable = [row for row in auto_rules.rows.medians(study, machine)
+                      if row["precision"] == "float32" and row["scene"].split("@")[0] in auto_rules.DATASETS and not row.get("noisy")
+                      and row["on_card"] == (machine != auto_rules.rows.CPU)]
+            for case, own in result_files.groups(usable, "limits_of", "scene", "formulation", "steps").items():
+                times = {auto_rules.contender(row): row["real_time"] for row in own}
+                order = next(rule["order"] for rule in rules if holds(rule, own[0]))
+                chosen = next((one for one in order if one in times), None)
+                if chosen and len(times) > 1:
+                    judged += 1
+                    self.assertLess(times[chosen], 1.05 * min(times.values()), (machine, study, *case, chosen))
+        self.assertGreater(judged, 100)
 
     def test_a_spread_is_given_from_three_percent_on(self):
         for spread, text in ((None, ""), (0.0299, ""), (0.03, " ± 3 %"), (0.06, " ± 6 %")):

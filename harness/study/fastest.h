@@ -39,7 +39,8 @@ struct Target {
 
 /// The list `fastest` of a result (results/schema.json). Each element, a block, is the summary of one scene,
 /// formulation, precision and number of steps with a row in `benchmarks`; blocks are in the order of these
-/// rows. A block includes its targets and what `--backend auto` would choose (auto_choice.h).
+/// rows. A block includes what `--backend auto` would choose (auto_choice.h) and its targets: each block of a
+/// target's scene, formulation and precision judges it, whatever its number of steps.
 std::vector<nlohmann::json> fastest_of(const Result& result, const std::vector<Target>& targets);
 
 /// Reads the list `targets` of a study file. Throws BadInput.

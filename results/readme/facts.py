@@ -212,7 +212,7 @@ def close_calls():
     return text
 
 
-# The cards of profiles().
+# The card that profiles() are of.
 PROFILED = "NVIDIA H200"
 
 

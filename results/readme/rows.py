@@ -244,7 +244,7 @@ def profiles():
 
 
 def slots_of(row):
-    """The issue slots that the row's strategy fills on its dataset, if it was profiled there on the page's card."""
+    """The issue slots that the strategy of a row of an H200 fills on its dataset, if it was profiled there."""
     found = [one.get(row["formulation"]) for one in profiles() if (one["scene"], one["backend"]) == (row["scene"], row["backend"])]
     return f"{found[0]} %" if any(found) and row["precision"] == "float32" else "-"
 
