@@ -54,6 +54,8 @@ template <class V>
 class Simulation {
 public:
     static constexpr BrickShape shape = V::shape;
+    static constexpr int pollers = 32;
+    static constexpr bool pollers_send = shape.tile() == 8;  ///< as in plans
 
     /// `bodies`, less those that these bricks cannot hold.
     static std::map<std::string, Problem> that_fit(std::map<std::string, Problem> bodies) {
@@ -75,7 +77,7 @@ public:
           by_side_(by_side),
           state_(
               pack_soa<float>(problem, start, V::formulation, march_places(problem.lattice, sizeof(float)))),
-          layout_(problem, {.shape = shape, .pollers = 32}) {
+          layout_(problem, {.shape = shape, .pollers = pollers, .pollers_send = pollers_send}) {
         static_cast<MarchStep<float>&>(step_) = make_march_step<float>(problem, V::formulation);
         if (!by_increments(V::formulation)) {
             for (float& length : step_.rest_length) length = inverse_root(length);
@@ -128,7 +130,7 @@ private:
         std::vector<std::vector<float>> points(blocks,
                                                std::vector<float>(std::size_t(shape.shared_words()), nan));
         std::vector<std::vector<Tile>> tiles(blocks);
-        std::map<std::pair<std::size_t, int>, Vector<float>> sent;  // by element and step number
+        std::map<std::pair<std::size_t, int>, Vector<float>> sent;  // by element and number of steps taken
         const auto words = [&](std::size_t b, int lane) {
             return Words<Tile>{&layout_, b * std::size_t(shape.lanes()) + std::size_t(lane)};
         };
@@ -151,14 +153,24 @@ private:
             return Vector<float>{from.at(element), from.at(element + step_.axis),
                                  from.at(element + 2 * step_.axis)};
         };
-        const auto for_polls = [&](std::size_t b, auto visit) {
-            for (int round = 0; round < layout_.rounds(); ++round) {
-                for (std::size_t poller = 0; poller < 32; ++poller) {
-                    const BrickPoll& poll =
-                        layout_.polls().at((std::size_t(round) * blocks + b) * 32 + poller);
-                    if (poll.from != resident_none) visit(poll);
-                }
+        const auto for_points = [&](const BrickLayout::Points& of, std::size_t b, auto visit) {
+            const std::size_t of_block = std::size_t(of.rounds) * std::size_t(pollers);
+            for (std::size_t n = 0; n < of_block; ++n) {
+                const BrickPoint& point = of.points.at(b * of_block + n);
+                if (point.element != resident_none) visit(point);
             }
+        };
+        // What pollers or threads with tiles send from a half of the points after `n` steps.
+        const auto send_by_pollers = [&](std::size_t b, int half, int n) {
+            for_points(layout_.sent(), b, [&](const BrickPoint& point) {
+                sent[{point.element, n}] = Tile::load(points[b].data() + half, int(point.slot));
+            });
+        };
+        const auto send = [&](const Tile& tile, std::uint32_t border, int m, int i, int j, int k, int n,
+                              Vector<float> point) {
+            if ((border >> m & 1U) == 0) return;
+            const std::size_t first = tile.element(step_, 0, 0, 0);
+            sent[{first + std::size_t(tile.from_first(step_, i, j, k)), n}] = point;
         };
         for (std::size_t b = 0; b < blocks; ++b) {
             for (int lane = 0; lane < shape.threads(); ++lane) {
@@ -177,11 +189,17 @@ private:
                                     axes(state_.before, element));
                     }
                 });
-                with_words(b, lane, [&](const auto& masks) { tile.start(points[b].data(), masks); });
+                tile.start(points[b].data());
+                if (pollers_send) continue;
+                Tile::visit_border([&](int m, int i, int j, int k) {
+                    send(tile, tile.border(layout_.blocks()[b], words(b, lane)), m, i, j, k, 0,
+                         Tile::load(points[b].data(), tile.slot(i, j, k)));
+                });
             }
-            for_polls(b, [&](const BrickPoll& poll) {
-                Tile::store(points[b].data(), int(poll.slot), axes(state_.current, poll.from));
-                Tile::store(points[b].data() + shape.half(), int(poll.slot), {nan, nan, nan});
+            if (pollers_send) send_by_pollers(b, 0, 0);
+            for_points(layout_.received(), b, [&](const BrickPoint& point) {
+                Tile::store(points[b].data(), int(point.slot), {nan, nan, nan});
+                Tile::store(points[b].data() + shape.half(), int(point.slot), {nan, nan, nan});
             });
         }
         int now = 0, next = shape.half();
@@ -195,52 +213,69 @@ private:
             }
             for (std::size_t b = 0; b < blocks; ++b) {
                 // `sent.at()` throws if no block has sent the point.
-                for_polls(b, [&](const BrickPoll& poll) {
-                    if (n > 1)
-                        Tile::store(points[b].data() + now, int(poll.slot), sent.at({poll.from, n - 1}));
+                for_points(layout_.received(), b, [&](const BrickPoint& point) {
+                    Tile::store(points[b].data() + now, int(point.slot), sent.at({point.element, n - 1}));
                 });
             }
             for (std::size_t b = 0; b < blocks; ++b) {
                 for (int lane = 0; lane < shape.threads(); ++lane) {
                     Tile& tile = tiles[b][std::size_t(lane)];
-                    const std::size_t first = tile.element(step_, 0, 0, 0);
+                    const std::uint32_t border =
+                        pollers_send ? 0 : tile.border(layout_.blocks()[b], words(b, lane));
                     with_words(b, lane, [&](const auto& masks) {
                         tile.add_late(step_, points[b].data() + now, masks);
                         tile.integrate(step_, points[b].data() + next, masks,
-                                       [&](bool here, int i, int j, int k, Vector<float> point) {
-                                           const auto at =
-                                               first + std::size_t(tile.from_first(step_, i, j, k));
-                                           if (here) sent[{at, n}] = point;
+                                       [&](int m, int i, int j, int k, Vector<float> point) {
+                                           send(tile, border, m, i, j, k, n, point);
                                        });
                     });
                 }
-                for_polls(b, [&](const BrickPoll& poll) {
-                    Tile::store(points[b].data() + now, int(poll.slot), {nan, nan, nan});
+                if (pollers_send) send_by_pollers(b, next, n);
+                for_points(layout_.received(), b, [&](const BrickPoint& point) {
+                    Tile::store(points[b].data() + now, int(point.slot), {nan, nan, nan});
                 });
             }
             std::swap(now, next);
         }
-        for (std::size_t b = 0; b < blocks; ++b) {
-            for (int lane = 0; lane < shape.threads(); ++lane) {
-                Tile& tile = tiles[b][std::size_t(lane)];
-                Tile::visit_particles([&](int m, int i, int j, int k) {
-                    if (!words(b, lane).exists(m)) return;
-                    const std::size_t element = tile.element(step_, i, j, k);
+        write_state<Tile>(points, tiles, now, next);
+    }
+    /// Writes the state as the kernel does: each warp by rows.
+    template <class Tile>
+    void write_state(std::vector<std::vector<float>>& points, const std::vector<std::vector<Tile>>& tiles,
+                     int now, int next) {
+        std::set<std::size_t> written;
+        for (std::size_t b = 0; b < points.size(); ++b) {
+            const auto words = [&](int lane) {
+                return Words<Tile>{&layout_, b * std::size_t(shape.lanes()) + std::size_t(lane)};
+            };
+            if constexpr (by_increments(V::formulation)) {
+                for (int lane = 0; lane < shape.threads(); ++lane) {
+                    const Tile& tile = tiles[b][std::size_t(lane)];
+                    Tile::visit_particles([&](int m, int i, int j, int k) {
+                        if (words(lane).exists(m))
+                            Tile::store(points[b].data() + next, tile.slot(i, j, k), tile.increment(m));
+                    });
+                }
+            }
+            for (int lane = 0; lane < shape.lanes(); ++lane) {
+                const WarpRows<shape> rows(step_, layout_.blocks()[b], lane);
+                rows.visit([&](int m, int slot, std::size_t element) {
+                    const int n = m % shape.tx;
+                    if (!words(lane / 32 * 32 + rows.lane[n]).exists(m - n + rows.i[n])) return;
+                    EXPECT_TRUE(written.insert(element).second) << "element " << element;
                     const auto write = [&](std::vector<float>& to, Vector<float> v) {
                         to.at(element) = v.x;
                         to.at(element + step_.axis) = v.y;
                         to.at(element + 2 * step_.axis) = v.z;
                     };
-                    write(state_.current, Tile::load(points[b].data() + now, tile.slot(i, j, k)));
-                    if constexpr (Terms::increments) {
-                        write(state_.before, tile.increment(m));
-                    } else {
-                        write(state_.before, Tile::load(points[b].data() + next, tile.slot(i, j, k)));
-                    }
+                    write(state_.current, Tile::load(points[b].data() + now, slot));
+                    write(state_.before, Tile::load(points[b].data() + next, slot));
                 });
             }
         }
+        EXPECT_EQ(written.size(), problem_.particle_count());
     }
+
     const Problem& problem_;
     const bool by_side_;
     std::size_t plain_blocks_ = 0, launches_ = 0;
@@ -315,7 +350,8 @@ TYPED_TEST(BrickBody, AnEditLeavesTheTablesAndTheStepsOfTheEditedProblem) {
             simulation, problem, [](auto& masks, std::uint32_t n) -> auto& { return masks.at(n); },
             [](const BrickLayout& layout, const BrickLayout& expected) {
                 EXPECT_EQ(layout.blocks(), expected.blocks());
-                EXPECT_EQ(layout.polls(), expected.polls());
+                EXPECT_EQ(layout.sent().points, expected.sent().points);
+                EXPECT_EQ(layout.received().points, expected.received().points);
             });
         if (problem.lattice.dims.x == 2 * shape.nx()) {
             // Before an edit all blocks are plain; afterwards some of them are not.

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <cstddef>
-#include <cstdlib>
 #include <glm/common.hpp>
 #include <glm/vector_relational.hpp>
 #include <limits>
@@ -169,8 +168,8 @@ int registers_of(const BrickShape& shape, bool with_increments) {
 }
 constexpr int registers_of_multiprocessor = 65536;
 constexpr int warps_that_move_registers = 4;
-/// The registers of a poller, a thread that only waits for points of other blocks: of one that keeps all its
-/// polls in registers, and of one that takes them in turns and fetches the polls of the next turn meanwhile.
+/// The registers of a poller: of one that keeps all its points in registers and sends none, and of one that
+/// sends or that takes its points in turns and fetches those of the next turn meanwhile.
 constexpr int registers_of_keeper = 56, registers_of_fetcher = 80;
 constexpr int max_threads = 1024;
 
@@ -194,15 +193,18 @@ bool assign_threads_and_registers(BrickPlan& plan, std::size_t polls, int needed
         if (lanes + pollers > max_threads) continue;
         plan.pollers = pollers;
         plan.lane_registers = plan.poller_registers = 0;
-        const int poller_registers =
-            units_of(int(polls), pollers) < kept_polls ? registers_of_keeper : registers_of_fetcher;
+        // Pollers that send save threads with tiles of 8 particles a tenth of their time. With other tiles,
+        // or if pollers take their points in turns, points would come too late.
+        const bool keeps = units_of(int(polls), pollers) < kept_polls;
+        plan.pollers_send = plan.shape.tile() == 8 && keeps;
+        const int poller_registers = keeps && !plan.pollers_send ? registers_of_keeper : registers_of_fetcher;
         const int at_launch = registers_at_launch(lanes + pollers);
-        if (at_launch >= needed) return true;
-        if (!moves_registers || lanes % alike != 0 || pollers % alike != 0) continue;
         // The launch sets the total of a block's registers. A thread that asks for more than are left waits
         // for ever.
         const int left = (at_launch * (lanes + pollers) - poller_registers * pollers) / lanes / 8 * 8;
-        if (left < needed) continue;
+        const bool can_move = moves_registers && lanes % alike == 0 && pollers % alike == 0 && left >= needed;
+        if (at_launch >= needed && !(plan.pollers_send && can_move)) return true;
+        if (!can_move) continue;
         plan.lane_registers = std::min(left, 240);
         plan.poller_registers = poller_registers;
         return true;
@@ -371,7 +373,7 @@ BrickLayout::BrickLayout(const Problem& problem, const BrickPlan& plan)
         const auto block = std::size_t(n);
         for (int lane = 0; lane < plan_.shape.threads(); ++lane) write_masks(block, lane);
     }
-    collect_polls();
+    find_points();
 }
 
 std::uint32_t BrickLayout::mask_at(const glm::ivec3& voxel) const {
@@ -480,47 +482,58 @@ bool BrickLayout::all_plain() const {
     return true;
 }
 
-std::vector<BrickPoll> BrickLayout::polls_of(const BrickBlock& block) const {
+/// The particles inside the block's brick that share a face or an edge with a particle outside, or those
+/// outside that share one with a particle inside. It does not matter whether a spring joins them: each block
+/// has to wait for all blocks that wait for it, so that no block gets two steps ahead.
+std::vector<BrickPoint> BrickLayout::border_of(const BrickBlock& block, bool inside) const {
     const BrickShape& shape = plan_.shape;
     // The voxel at `at`, which counts from the block's origin and, along x, in the block's direction.
     const auto voxel = [&](const glm::ivec3& at) {
         return glm::ivec3(block.x + block.direction * at.x, block.y + at.y, block.z + at.z);
     };
-    const auto inside = [size = size_of(shape)](const glm::ivec3& at) {
+    const auto is_inside = [size = size_of(shape)](const glm::ivec3& at) {
         return glm::all(glm::greaterThanEqual(at, glm::ivec3(0))) && glm::all(glm::lessThan(at, size));
     };
-    // Whether the voxel at `at` shares a face or an edge with a particle of the block. It does not matter
-    // whether a spring joins them: each block has to wait for all blocks that wait for it, so that no block
-    // gets two steps ahead.
-    const auto reached = [&](const glm::ivec3& at) {
-        return std::any_of(directions().begin(), directions().end(), [&](const Direction& direction) {
-            const glm::ivec3 o = direction.offset;
-            return is_face_or_edge(o.x, o.y, o.z) && inside(at + o) && mask_at(voxel(at + o)) != 0;
-        });
-    };
-    std::vector<BrickPoll> polls;
+    std::vector<BrickPoint> border;
     visit_box({shape.both ? -1 : 0, -1, -1}, size_of(shape) + 1, [&](const glm::ivec3& at) {
-        if (inside(at) || mask_at(voxel(at)) == 0 || !reached(at)) return;
-        polls.push_back(
-            {std::uint32_t(strides_.element(voxel(at))), std::uint32_t(shape.slot_of(at.x, at.y, at.z))});
+        if (is_inside(at) != inside || mask_at(voxel(at)) == 0) return;
+        const bool at_border =
+            std::any_of(directions().begin(), directions().end(), [&](const Direction& direction) {
+                const glm::ivec3 o = direction.offset;
+                return is_face_or_edge(o.x, o.y, o.z) && is_inside(at + o) != inside &&
+                       mask_at(voxel(at + o)) != 0;
+            });
+        if (at_border)
+            border.push_back(
+                {std::uint32_t(strides_.element(voxel(at))), std::uint32_t(shape.slot_of(at.x, at.y, at.z))});
     });
-    return polls;
+    return border;
 }
 
-void BrickLayout::collect_polls() {
-    std::vector<std::vector<BrickPoll>> all(blocks_.size());
-#pragma omp parallel for schedule(dynamic)
-    for (std::ptrdiff_t n = 0; n < std::ptrdiff_t(blocks_.size()); ++n)
-        all[std::size_t(n)] = polls_of(blocks_[std::size_t(n)]);
+/// Shares the points of each block among its `threads` threads.
+BrickLayout::Points BrickLayout::in_rounds(const std::vector<std::vector<BrickPoint>>& of_blocks,
+                                           int threads) {
     std::size_t most = 1;
-    for (const auto& polls : all) most = std::max(most, polls.size());
-    const auto pollers = std::size_t(plan_.pollers);
-    rounds_ = int(units_of(most, pollers));
-    polls_.assign(std::size_t(rounds_) * blocks_.size() * pollers, {resident_none, 0});
-    for (std::size_t b = 0; b < all.size(); ++b) {
-        for (std::size_t n = 0; n < all[b].size(); ++n)
-            polls_[(n / pollers * blocks_.size() + b) * pollers + n % pollers] = all[b][n];
+    for (const auto& of_block : of_blocks) most = std::max(most, of_block.size());
+    Points points{int(units_of(most, std::size_t(threads))), {}};
+    const std::size_t of_one = std::size_t(points.rounds) * std::size_t(threads);
+    points.points.assign(of_blocks.size() * of_one, {resident_none, 0});
+    for (std::size_t b = 0; b < of_blocks.size(); ++b)
+        std::copy(of_blocks[b].begin(), of_blocks[b].end(),
+                  points.points.begin() + std::ptrdiff_t(b * of_one));
+    return points;
+}
+
+void BrickLayout::find_points() {
+    std::vector<std::vector<BrickPoint>> sent(blocks_.size()), received(blocks_.size());
+#pragma omp parallel for schedule(dynamic)
+    for (std::ptrdiff_t n = 0; n < std::ptrdiff_t(blocks_.size()); ++n) {
+        const auto block = std::size_t(n);
+        if (plan_.pollers_send) sent[block] = border_of(blocks_[block], true);
+        received[block] = border_of(blocks_[block], false);
     }
+    sent_ = in_rounds(sent, plan_.pollers);
+    received_ = in_rounds(received, plan_.pollers);
 }
 
 std::vector<EditedWord> BrickLayout::edit(const SpringEdit& edit) {

@@ -32,7 +32,8 @@ std::span<const BrickTileSize> brick_tile_sizes();
 /// How a launch of the brick kernel covers a body.
 struct BrickPlan {
     BrickShape shape{};
-    int pollers = 0;  ///< threads per block that only wait for points of other blocks
+    int pollers = 0;  ///< threads per block that have no tile and receive the points of other blocks
+    bool pollers_send = false;  ///< pollers also send their block's points; if not, threads with tiles do
     /// Registers of a thread with a tile, and of a poller, if the kernel moves registers between them. 0: all
     /// threads have equally many.
     int lane_registers = 0, poller_registers = 0;
@@ -59,9 +60,13 @@ public:
 
     const std::vector<BrickBlock>& blocks() const { return blocks_; }
     const std::vector<std::uint32_t>& masks() const { return masks_; }
-    /// The polls, that is, the points for which pollers wait: by round, then by block, then by poller.
-    const std::vector<BrickPoll>& polls() const { return polls_; }
-    int rounds() const { return rounds_; }
+    /// Points that threads send or receive, by block, then by round, then by thread (BrickStep).
+    struct Points {
+        int rounds = 0;
+        std::vector<BrickPoint> points;
+    };
+    const Points& sent() const { return sent_; }
+    const Points& received() const { return received_; }
     /// Whether all threads are plain: their tiles are full and have all springs, except those across some of
     /// their sides (TileSides).
     bool all_plain() const;
@@ -87,8 +92,9 @@ private:
     void write_masks(std::size_t block, int lane);
     void find_plain_words(std::uint32_t group_bits);
     TileSides sides_of(const TileWords& words) const;
-    std::vector<BrickPoll> polls_of(const BrickBlock& block) const;
-    void collect_polls();
+    std::vector<BrickPoint> border_of(const BrickBlock& block, bool inside) const;
+    static Points in_rounds(const std::vector<std::vector<BrickPoint>>& of_blocks, int threads);
+    void find_points();
 
     BrickPlan plan_;
     SoaStrides strides_;
@@ -106,8 +112,7 @@ private:
     TileWords moves_{};  ///< mask words with only the bits BrickMask::moves() of all particles
     std::vector<BrickBlock> blocks_;
     std::vector<std::uint32_t> masks_;
-    std::vector<BrickPoll> polls_;
-    int rounds_ = 0;
+    Points sent_, received_;
 };
 
 }  // namespace voxspring::layout

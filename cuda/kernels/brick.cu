@@ -1,8 +1,10 @@
 // Macros:
 // - SHAPE: a BrickShape.
 // - EQUAL_EDGES: true if equal_edges() holds.
-// - POLLERS: the number of additional threads, which have no tile. Each waits for the points of at most
-//   ROUNDS particles that other blocks send.
+// - POLLERS: the number of additional threads, which have no tile. Each waits for at most ROUNDS points that
+//   other blocks send.
+// - POLLERS_SEND: 1 if pollers also send the points of their block, at most SENT_ROUNDS each. 0: threads with
+//   tiles send their particles.
 // - LANE_REGISTERS, POLLER_REGISTERS: registers per thread that has a tile, and per poller, if pollers hand
 //   registers to the other threads. Otherwise both are 0.
 // - PLAIN_BLOCKS: 1 if blocks whose threads are all plain (TileSides) have separate code. That code tests
@@ -34,7 +36,7 @@ struct TileWords {
     std::uint32_t word[mask_words];
     __device__ std::uint32_t bit(int number) const { return word[number / 32] & 1U << number % 32; }
     __device__ std::uint32_t spring(int number, std::uint32_t /*crossed*/) const { return bit(number); }
-    __device__ bool moves(int n) const { return bit(Tile::moves_bit + n) != 0; }
+    __device__ std::uint32_t moves(int n) const { return bit(Tile::moves_bit + n); }
     __device__ bool exists(int n) const { return bit(Tile::exists_bit + n) != 0; }
     __device__ void load(const BrickStep& step, std::uint32_t lane) {
 #pragma unroll
@@ -56,8 +58,9 @@ class DoubleBuffer {
 public:
     __device__ float* now() const { return points + now_; }
     __device__ float* next() const { return points + next_; }
-    /// Where the half of BrickStep::exchange begins to which this step's points are published.
-    __device__ std::size_t exchange(const BrickStep& step) const { return next_ == 0 ? 0 : step.axis; }
+    /// Where the half of BrickStep::exchange begins through which blocks send the points of now() or next().
+    __device__ std::size_t exchange(const BrickStep& step) const { return now_ == 0 ? 0 : step.axis; }
+    __device__ std::size_t next_exchange(const BrickStep& step) const { return next_ == 0 ? 0 : step.axis; }
     __device__ void swap() {
         const int now = now_;
         now_ = next_;
@@ -68,13 +71,83 @@ private:
     int now_ = 0, next_ = shape.half();
 };
 
+/// Points that a poller sends or receives. `rounds`: how many there are at most; `turn`: how many the poller
+/// has at once.
+template <int rounds, int turn>
+struct PointsOfPoller {
+    BrickPoint point[turn];
+
+    /// Loads the points from number `first` on. `of`: BrickStep::sent or BrickStep::received. Loads past L1,
+    /// so that L1 keeps the masks.
+    __device__ void load(const BrickPoint* of, int poller, int first) {
+#pragma unroll
+        for (int n = 0; n < turn; ++n) {
+            const std::uint32_t round = std::uint32_t(first + n);
+            point[n] = {resident_none, 0};
+            if (round >= rounds) continue;
+            const BrickPoint* const from = of + blockIdx.x * (rounds * POLLERS) + poller + round * POLLERS;
+            asm volatile("ld.global.nc.L1::no_allocate.v2.u32 {%0, %1}, [%2];"
+                         : "=r"(point[n].element), "=r"(point[n].slot)
+                         : "l"(from));
+        }
+    }
+    /// Calls visit() for one turn after the other.
+    template <class Visit>
+    __device__ void in_turns(const BrickPoint* of, int poller, Visit visit) {
+        ROLLED
+        for (int first = 0; first < rounds; first += turn) {
+            // Load the next turn's points meanwhile.
+            PointsOfPoller next = *this;
+            if constexpr (rounds > turn) next.load(of, poller, first + turn < rounds ? first + turn : 0);
+            visit();
+            *this = next;
+        }
+    }
+};
+VOXSPRING_HOST_DEVICE constexpr int turn_of(int rounds, int most) {
+    return rounds <= most ? rounds : polls_in_turn;
+}
+using ReceivedPoints = PointsOfPoller<ROUNDS, turn_of(ROUNDS, kept_polls - 1)>;
+using SentPoints = PointsOfPoller<SENT_ROUNDS, turn_of(SENT_ROUNDS, polls_in_turn)>;
+
+/// Sends points of `from`, a half of `points`, to other blocks.
+__device__ void send(const SentPoints& sent, const float* from, TaggedPoint* exchange, std::uint32_t tag) {
+#pragma unroll
+    for (const BrickPoint& point : sent.point)
+        publish_if(point.element != resident_none, exchange + point.element,
+                   Tile::load(from, int(point.slot)), tag);
+}
+/// Waits for the points that other blocks send with `tag`, and stores them to `to`, a half of `points`.
+/// Returns false if not all of them came; the launch must then end. `number`: the step that waits.
+__device__ bool receive(const ReceivedPoints& received, const BrickStep& step, std::uint32_t number,
+                        float* to, const TaggedPoint* exchange, std::uint32_t tag) {
+    std::uint32_t missing = 0;
+    constexpr int count = sizeof received.point / sizeof(BrickPoint);
+#pragma unroll
+    for (int n = 0; n < count; ++n) {
+        if (received.point[n].element != resident_none) missing |= 1U << n;
+    }
+    return wait_for_words<count, false>(
+        step.wait, number, missing, tag,
+        [&](int n) { return load_word_gpu(exchange + received.point[n].element); },
+        [&](int n, Vector<float> point) { Tile::store(to, int(received.point[n].slot), point); });
+}
+
 /// Takes `count` steps of a thread's tile. `idle`: the thread has no tile, or its warp has no particles.
+/// `tag`: of the points from which the first step starts.
 template <class Words>
-__device__ void run_steps(const BrickStep& step, Tile& tile, Words& words, bool idle, int thread, int count,
-                          std::uint32_t tag) {
+__device__ void run_steps(const BrickStep& step, const BrickBlock& block, Tile& tile, Words& words, bool idle,
+                          int thread, int count, std::uint32_t tag) {
     DoubleBuffer buffers;
-    tile.start(points, words);
+    tile.start(points);
+#if !POLLERS_SEND
     TaggedPoint* const first = step.exchange + tile.element(step, 0, 0, 0);
+    const std::uint32_t border = idle ? 0 : tile.border(block, words);
+    Tile::visit_border([&](int n, int i, int j, int k) {
+        publish_if((border & 1U << n) != 0, first + tile.from_first(step, i, j, k),
+                   Tile::load(points, tile.slot(i, j, k)), tag);
+    });
+#endif
     ROLLED
     for (int n = 1; n <= count; ++n) {
         if constexpr (!keeps_masks && !Words::by_side) words.load(step, lane_of(thread));
@@ -82,61 +155,89 @@ __device__ void run_steps(const BrickStep& step, Tile& tile, Words& words, bool 
         border_is_here();
         if (!idle) {
             tile.add_late(step, buffers.now(), words);
-            TaggedPoint* const to = first + buffers.exchange(step);
-            tile.integrate(
-                step, buffers.next(), words, [&](bool here, int i, int j, int k, Vector<float> point) {
-                    publish_if(here, to + tile.from_first(step, i, j, k), point, tag + std::uint32_t(n));
-                });
+#if POLLERS_SEND
+            tile.integrate(step, buffers.next(), words, [](int, int, int, int, Vector<float>) {});
+#else
+            TaggedPoint* const to = first + buffers.next_exchange(step);
+            tile.integrate(step, buffers.next(), words, [&](int m, int i, int j, int k, Vector<float> point) {
+                publish_if((border & 1U << m) != 0, to + tile.from_first(step, i, j, k), point,
+                           tag + std::uint32_t(n));
+            });
+#endif
         }
         step_is_done();
         buffers.swap();
     }
 }
 
-/// How many points a poller looks up at the same time.
-constexpr int polls_in_flight = ROUNDS < kept_polls ? ROUNDS : polls_in_turn;
-/// Whether a poller keeps all its polls in registers. If not, it reads them anew in each step.
-constexpr bool keeps_polls = ROUNDS == polls_in_flight;
-
-/// Loads a poll past L1, so that L1 keeps the masks.
-__device__ BrickPoll load_poll(const BrickPoll* from) {
-    BrickPoll poll;
-    asm("ld.global.nc.L1::no_allocate.v2.u32 {%0, %1}, [%2];" : "=r"(poll.from), "=r"(poll.slot) : "l"(from));
-    return poll;
+/// The part of pollers: receives, and with POLLERS_SEND sends, the points from which each of `count` steps
+/// starts. `tag`: of the first of these points. `number`: of the first of these steps.
+__device__ void exchange_points(const BrickStep& step, int poller, int count, std::uint32_t tag,
+                                std::uint32_t number) {
+    ReceivedPoints received;
+    received.load(step.received, poller, 0);
+#if POLLERS_SEND
+    SentPoints sent;
+    sent.load(step.sent, poller, 0);
+#endif
+    DoubleBuffer buffers;
+    bool in_vain = false;  // true: a wait was in vain, and this thread waits no more
+    ROLLED
+    for (int n = 0; n < count; ++n, ++tag, ++number) {
+        TaggedPoint* const exchange = step.exchange + buffers.exchange(step);
+#if POLLERS_SEND
+        sent.in_turns(step.sent, poller, [&] { send(sent, buffers.now(), exchange, tag); });
+#endif
+        received.in_turns(step.received, poller, [&] {
+            if (!in_vain) in_vain = !receive(received, step, number, buffers.now(), exchange, tag);
+        });
+        border_is_here();
+        step_is_done();
+        buffers.swap();
+    }
 }
 
-struct Polls {
-    BrickPoll poll[polls_in_flight];
-    /// Loads polls_in_flight polls of the poller with number `poller`, from its poll number `first` on.
-    __device__ void load(const BrickStep& step, int poller, int first) {
+/// Bit n: the lane's particle number n of `rows` exists.
+__device__ std::uint32_t existing(const WarpRows<shape>& rows, const TileWords& words) {
+    std::uint32_t bits = 0;
+    Tile::visit_particles([&](int n, int i, int j, int k) {
+        const std::uint32_t of_tiles = __ballot_sync(0xFFFFFFFFU, words.exists(n));
 #pragma unroll
-        for (int n = 0; n < polls_in_flight; ++n) {
-            const std::uint32_t round = std::uint32_t(first + n);
-            poll[n] = {resident_none, 0};
-            if (round < ROUNDS)
-                poll[n] = load_poll(step.polls + (round * gridDim.x + blockIdx.x) * POLLERS + poller);
+        for (int m = 0; m < shape.tx; ++m) {
+            if (rows.i[m] == i) bits |= (of_tiles >> rows.lane[m] & 1U) << shape.number(m, j, k);
         }
-    }
-};
+    });
+    return bits;
+}
 
-/// Fetches the points that other blocks publish with `tag` into `to`, a half of `points`. Returns false if
-/// not all of them came; the launch must then end.
-__device__ bool fetch_published(const Polls& polls, const BrickStep& step, float* to,
-                                const TaggedPoint* exchange, std::uint32_t tag) {
-    std::uint32_t missing = 0;
-#pragma unroll
-    for (int n = 0; n < polls_in_flight; ++n) {
-        if (polls.poll[n].from != resident_none) missing |= 1U << n;
+/// Writes the state after `count` steps, once all threads of the block have taken them.
+__device__ void store_state(const BrickStep& step, const Tile& tile, const TileWords& words, float* current,
+                            float* before, int count) {
+    const float* const last = points + ((count & 1) != 0 ? shape.half() : 0);
+    float* const previous = points + ((count & 1) != 0 ? 0 : shape.half());
+    if constexpr (Terms::increments) {
+        Tile::visit_particles([&](int n, int i, int j, int k) {
+            if (words.exists(n)) Tile::store(previous, tile.slot(i, j, k), tile.increment(n));
+        });
     }
-    return wait_for_words<polls_in_flight, false>(
-        step.wait, missing, tag, [&](int n) { return load_word_gpu(exchange + polls.poll[n].from); },
-        [&](int n, Vector<float> point) { Tile::store(to, int(polls.poll[n].slot), point); });
+    __syncwarp();
+    // The thread's number is read anew, so that no register keeps it during the steps.
+    int thread = 0;
+    asm volatile("mov.u32 %0, %%tid.x;" : "=r"(thread));
+    const WarpRows<shape> rows(step, step.blocks[blockIdx.x], thread);
+    const std::uint32_t exists = existing(rows, words);
+    rows.visit([&](int n, int slot, std::size_t element) {
+        if ((exists >> n & 1U) == 0) return;
+        store_axes(current + element, step.axis, Tile::load(last, slot));
+        store_axes(before + element, step.axis, Tile::load(previous, slot));
+    });
 }
 
 /// Takes `count` steps, at least one. `current` and `before` hold the state before the first step and then
 /// the state after the last one, in structure of arrays: x or u at t, and x or u at t - dt or, by increments,
-/// v. Points are published with the tags `tag` + 1, `tag` + 2 and so on. `launches`: how many launches have
-/// counted their blocks in `step.started_blocks`, this one included.
+/// v. `tag` is the number of the latest step before this launch. `launches`: the number of launches since the
+/// upload, this one included. Points have tags of `tag` + `launches` and more: the tag of a launch's first
+/// points differs from that of the last points of the launch before, which may be of another state.
 extern "C" __global__ void __launch_bounds__(all_threads, 1)
     step(const __grid_constant__ BrickStep step, float* current, float* before, int count, std::uint32_t tag,
          std::uint32_t launches) {
@@ -160,13 +261,13 @@ extern "C" __global__ void __launch_bounds__(all_threads, 1)
                   step.increments + std::size_t(blockIdx.x) * Tile::increment_words + thread);
         TileWords words;
         words.load(step, lane_of(thread));
-        const auto element = [&](int i, int j, int k) { return tile.element(step, i, j, k); };
         Tile::visit_particles([&](int n, int i, int j, int k) {
             Vector<float> previous{0, 0, 0};
             if (words.exists(n)) {
                 const int slot = tile.slot(i, j, k);
-                Tile::store(points, slot, load_axes(current + element(i, j, k), step.axis));
-                previous = load_axes(before + element(i, j, k), step.axis);
+                const std::size_t element = tile.element(step, i, j, k);
+                Tile::store(points, slot, load_axes(current + element, step.axis));
+                previous = load_axes(before + element, step.axis);
                 if (!Terms::increments) Tile::store(points + shape.half(), slot, previous);
             }
             if constexpr (Terms::increments) tile.set_increment(n, previous);
@@ -176,71 +277,18 @@ extern "C" __global__ void __launch_bounds__(all_threads, 1)
 #if PLAIN_BLOCKS
         if (all_plain) {
             FullTileMasks plain(sides, words, Tile::particles);
-            run_steps(step, tile, plain, idle, thread, count, tag);
+            run_steps(step, block, tile, plain, idle, thread, count, tag + launches);
         } else
 #endif
-            run_steps(step, tile, words, idle, thread, count, tag);
-        // The result does not matter: if this wait is in vain, the state is worthless, in memory as on the
-        // chip.
-        static_cast<void>(
-            wait_until_counted(step.started_blocks, launches * gridDim.x, step.wait, tag + count));
+            run_steps(step, block, tile, words, idle, thread, count, tag + launches);
         if constexpr (!keeps_masks) words.load(step, lane_of(thread));
-        const float* const last = points + ((count & 1) != 0 ? shape.half() : 0);
-        const float* const previous = points + ((count & 1) != 0 ? 0 : shape.half());
-        Tile::visit_particles([&](int n, int i, int j, int k) {
-            if (!words.exists(n)) return;
-            const int slot = tile.slot(i, j, k);
-            store_axes(current + element(i, j, k), step.axis, Tile::load(last, slot));
-            if constexpr (Terms::increments) {
-                store_axes(before + element(i, j, k), step.axis, tile.increment(n));
-            } else {
-                store_axes(before + element(i, j, k), step.axis, Tile::load(previous, slot));
-            }
-        });
+        store_state(step, tile, words, current, before, count);
     } else {
 #if LANE_REGISTERS > 0
         asm volatile("setmaxnreg.dec.sync.aligned.u32 %0;" ::"n"(POLLER_REGISTERS));
 #endif
-        const int poller = thread - lanes;
-        Polls polls;
-        ROLLED
-        for (int first = 0; first < ROUNDS; first += polls_in_flight) {
-            polls.load(step, poller, first);
-#pragma unroll
-            for (int n = 0; n < polls_in_flight; ++n) {
-                const BrickPoll& poll = polls.poll[n];
-                if (poll.from != resident_none)
-                    Tile::store(points, int(poll.slot), load_axes(current + poll.from, step.axis));
-            }
-        }
         __syncthreads();
-        if (thread == lanes) count_block(step.started_blocks);
-        DoubleBuffer buffers;
-        if constexpr (!keeps_polls) polls.load(step, poller, 0);
-        border_is_here();
-        step_is_done();
-        bool in_vain = false;  // true: a wait was in vain, and this thread waits no more
-        ROLLED
-        for (int n = 1; n < count; ++n) {
-            // Poll only after this block's step is done: earlier polls would take instruction slots from it
-            // and find little.
-            ROLLED
-            for (int first = 0; first < ROUNDS; first += polls_in_flight) {
-                // Load the next turn's polls while the points of this turn travel.
-                Polls next_polls = polls;
-                if constexpr (!keeps_polls)
-                    next_polls.load(step, poller,
-                                    first + polls_in_flight < ROUNDS ? first + polls_in_flight : 0);
-                if (!in_vain)
-                    in_vain =
-                        !fetch_published(polls, step, buffers.next(), step.exchange + buffers.exchange(step),
-                                         tag + std::uint32_t(n));
-                polls = next_polls;
-            }
-            border_is_here();
-            buffers.swap();
-            step_is_done();
-        }
+        exchange_points(step, thread - lanes, count, tag + launches, tag + 1);
     }
 }
 

@@ -35,13 +35,55 @@ struct FullTileMasks {
     VOXSPRING_HOST_DEVICE FullTileMasks(TileSides of, const Words& words, int particles)
         : sides(of), moving(0) {
         UNROLLED
-        for (int n = 0; n < particles; ++n) moving |= std::uint32_t(words.moves(n)) << n;
+        for (int n = 0; n < particles; ++n) moving |= words.moves(n) != 0 ? 1U << n : 0;
     }
     VOXSPRING_HOST_DEVICE bool spring(int /*bit*/, std::uint32_t crossed) const {
         return crossed == 0 || sides.has(crossed);
     }
-    VOXSPRING_HOST_DEVICE bool moves(int n) const { return (moving >> n & 1U) != 0; }
+    VOXSPRING_HOST_DEVICE std::uint32_t moves(int n) const { return moving & 1U << n; }
     static VOXSPRING_HOST_DEVICE bool exists(int /*n*/) { return true; }
+};
+
+/// The particles of a warp's tiles in the order of the lattice's rows, shape.tile() per lane: successive
+/// lanes have successive particles along x, so that the warp writes whole sectors of memory. The lane's
+/// particle number(n, j, k) is particle (i[n], j, k) of the tile of lane `lane[n]`.
+template <BrickShape shape>
+struct WarpRows {
+    int lane[shape.tx], i[shape.tx];
+
+    VOXSPRING_HOST_DEVICE WarpRows(const BrickStep& step, const BrickBlock& block, int thread) {
+        UNROLLED
+        for (int n = 0; n < shape.tx; ++n) {
+            const int at = thread / 32 * 32 * shape.tx + 32 * n + thread % 32, tile = at / shape.tx;
+            const TilePlace place(shape, block, tile);
+            lane[n] = tile % 32;
+            i[n] = at % shape.tx;
+            slot_[n] = place.slot_of(shape, i[n], 0, 0);
+            sy_[n] = place.sy;
+            sz_[n] = place.sz;
+            element_[n] = place.element_of(i[n], 0, 0, step.row, step.plane);
+            row_[n] = std::size_t(place.dy) * step.row;
+            plane_[n] = std::size_t(place.dz) * step.plane;
+        }
+    }
+    /// Calls visit(number, slot, element) for each of the lane's particles.
+    template <class Visit>
+    VOXSPRING_HOST_DEVICE void visit(Visit visit) const {
+        UNROLLED
+        for (int k = 0; k < shape.tz; ++k) {
+            UNROLLED
+            for (int j = 0; j < shape.ty; ++j) {
+                UNROLLED
+                for (int n = 0; n < shape.tx; ++n)
+                    visit(shape.number(n, j, k), slot_[n] + j * sy_[n] + k * sz_[n],
+                          element_[n] + std::size_t(j) * row_[n] + std::size_t(k) * plane_[n]);
+            }
+        }
+    }
+
+private:
+    int slot_[shape.tx], sy_[shape.tx], sz_[shape.tx];
+    std::size_t element_[shape.tx], row_[shape.tx], plane_[shape.tx];
 };
 
 /// A thread's particles during a step. `increments_in_memory`: the increments x(t) - x(t - dt) stay in
@@ -85,17 +127,25 @@ public:
         }
     }
 
-    /// Loads the thread's particles from `points`, one half of the points, before the first step. Particles
-    /// at the border of the brick will be published if they exist. `words`, here and in the functions below:
-    /// the thread's masks. words.exists(n) and words.moves(n) tell of particle n. words.spring(bit, crossed)
-    /// tells whether a spring exists: by its bit or, if `by_side`, by the sides of the tile that it crosses.
+    /// Loads the thread's particles from `points`, one half of the points, before the first step.
+    VOXSPRING_HOST_DEVICE void start(const float* points) { load_own(points); }
+
+    /// Calls visit(n, i, j, k) for each particle beside which another brick may lie.
+    template <class Visit>
+    static VOXSPRING_HOST_DEVICE void visit_border(Visit visit) {
+        visit_particles([&](int n, int i, int j, int k) {
+            if (shape.may_be_at_border(i, j, k)) visit(n, i, j, k);
+        });
+    }
+    /// Bit n: particle n exists, and another brick lies beside it. `words`: see add_early().
     template <class Words>
-    VOXSPRING_HOST_DEVICE void start(const float* points, const Words& words) {
-        load_own(points);
+    VOXSPRING_HOST_DEVICE std::uint32_t border(const BrickBlock& block, const Words& words) const {
+        std::uint32_t bits = place_.border(shape, block);
         UNROLLED
         for (int n = 0; n < particles; ++n) {
-            if (!words.exists(n)) place_.published &= ~(1U << n);
+            if (!words.exists(n)) bits &= ~(1U << n);
         }
+        return bits;
     }
     /// The distance from the element of particle (0, 0, 0) to that of (i, j, k).
     VOXSPRING_HOST_DEVICE int from_first(const BrickStep& step, int i, int j, int k) const {
@@ -118,7 +168,9 @@ public:
     static constexpr int increment_words = 3 * particles * shape.lanes();
 
     /// Adds the forces of early springs (visit_brick_springs()), which need no points of other blocks.
-    /// `points`: the half that this step reads.
+    /// `points`: the half that this step reads. `words`, here and in the functions below: the thread's masks.
+    /// words.exists(n) and words.moves(n) tell of particle n. words.spring(bit, crossed) tells whether a
+    /// spring exists: by its bit or, if `by_side`, by the sides of the tile that it crosses.
     template <class Words>
     VOXSPRING_HOST_DEVICE void add_early(const BrickStep& step, const float* points, const Words& words) {
         visit_particles([&](int n, int, int, int) { force_[n] = {0, 0, 0}; });
@@ -134,30 +186,29 @@ public:
         visit_brick_springs<shape.tx, shape.ty, shape.tz, shape.both, true>(springs, late_bit);
     }
     /// Moves the particles by one step. `next`: the half of `points` that is written. In formulations that
-    /// are not by increments it holds x(t - dt) before. publish(whether, i, j, k, point) is called for each
-    /// particle. No branch skips a particle that does not exist: without branches the compiler fills the
-    /// waits of one particle with the work of the others, and a step takes about half as long.
-    template <class Words, class Publish>
-    VOXSPRING_HOST_DEVICE void integrate(const BrickStep& step, float* next, const Words& words,
-                                         Publish publish) {
+    /// are not by increments it holds x(t - dt) before. send(n, i, j, k, point) is called for each particle
+    /// beside which another brick may lie. No branch skips a particle that does not exist: without branches
+    /// the compiler fills the waits of one particle with the work of the others, and a step takes about half
+    /// as long.
+    template <class Words, class Send>
+    VOXSPRING_HOST_DEVICE void integrate(const BrickStep& step, float* next, const Words& words, Send send) {
         visit_particles([&](int n, int i, int j, int k) {
-            const bool moves = words.moves(n);
             const int at = slot(i, j, k);
             const Vector<float> before = Terms::increments ? increment(n) : load(next, at);
-            Vector<float> point{
-                integrate_component<Terms>(step, own_[n].x, before.x, force_[n].x, step.gravity.x),
-                integrate_component<Terms>(step, own_[n].y, before.y, force_[n].y, step.gravity.y),
-                integrate_component<Terms>(step, own_[n].z, before.z, force_[n].z, step.gravity.z)};
+            const Vector<float> change{
+                component_change<Terms>(step, own_[n].x, before.x, force_[n].x, step.gravity.x),
+                component_change<Terms>(step, own_[n].y, before.y, force_[n].y, step.gravity.y),
+                component_change<Terms>(step, own_[n].z, before.z, force_[n].z, step.gravity.z)};
             if constexpr (Terms::increments) {
-                if (!moves) point = {0, 0, 0};
-                set_increment(n, point);
-                point = own_[n] + point;
+                Vector<float> v = before + change;
+                if (words.moves(n) == 0) v = {0, 0, 0};
+                set_increment(n, v);
+                own_[n] = own_[n] + v;
             } else {
-                if (!moves) point = own_[n];
+                move_predicated(change, words.moves(n), own_[n]);
             }
-            store(next, at, point);
-            if (keeps_own) own_[n] = point;
-            publish((place_.published >> n & 1U) != 0, i, j, k, point);
+            store(next, at, own_[n]);
+            if (shape.may_be_at_border(i, j, k)) send(n, i, j, k, own_[n]);
         });
     }
 

@@ -181,11 +181,31 @@ private:
     Particles* const force_[2];
 };
 
-/// One component of x or u at t + dt or, by increments, of v at t + dt, which needs no `at`. `before` is what
+/// Adds `change` to `point`, in float32 by predicated instructions (add_predicated()), if `there` is not 0.
+template <class Real>
+VOXSPRING_HOST_DEVICE void move_predicated(Vector<Real> change, std::uint32_t there, Vector<Real>& point) {
+#ifdef __CUDA_ARCH__
+    if constexpr (sizeof(Real) == sizeof(float)) {
+        asm("{\n"
+            " .reg .pred there;\n"
+            " setp.ne.u32 there, %6, 0;\n"
+            " @there add.rn.f32 %0, %0, %3;\n"
+            " @there add.rn.f32 %1, %1, %4;\n"
+            " @there add.rn.f32 %2, %2, %5;\n"
+            "}"
+            : "+f"(point.x), "+f"(point.y), "+f"(point.z)
+            : "f"(change.x), "f"(change.y), "f"(change.z), "r"(there));
+        return;
+    }
+#endif
+    if (there != 0) point = point + change;
+}
+
+/// What a step adds to one component of x or u or, by increments, of v, which needs no `at`. `before` is what
 /// the step overwrites: x or u at t - dt, or v at t. MarchStep::scale turns `force` into a displacement.
 template <class Terms, class Real>
-VOXSPRING_HOST_DEVICE Real integrate_component(const MarchStep<Real>& step, Real at, Real before, Real force,
-                                               Real gravity) {
+VOXSPRING_HOST_DEVICE Real component_change(const MarchStep<Real>& step, Real at, Real before, Real force,
+                                            Real gravity) {
     const Real moved = Terms::increments ? before : at - before;
     const Real kept = Terms::increments ? -step.damping : step.retained;
     Real change = Terms::increments ? -Real(0) : moved;
@@ -196,7 +216,13 @@ VOXSPRING_HOST_DEVICE Real integrate_component(const MarchStep<Real>& step, Real
     } else if constexpr (Terms::compiled(term_gravity)) {
         change = change + gravity;
     }
-    return (Terms::increments ? before : at) + std::fma(force, step.scale, change);
+    return std::fma(force, step.scale, change);
+}
+/// One component of x or u at t + dt or, by increments, of v at t + dt.
+template <class Terms, class Real>
+VOXSPRING_HOST_DEVICE Real integrate_component(const MarchStep<Real>& step, Real at, Real before, Real force,
+                                               Real gravity) {
+    return (Terms::increments ? before : at) + component_change<Terms>(step, at, before, force, gravity);
 }
 
 /// Moves a thread's particles of one plane by one step. The first of them is element `index` of each axis.

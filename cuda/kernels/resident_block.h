@@ -515,7 +515,7 @@ private:
                 return load_word_gpu(from);
             }
         };
-        return wait_for_words<shape.rounds, true>(step_.wait, missing, tag, load, found);
+        return wait_for_words<shape.rounds, true>(step_.wait, tag, missing, tag, load, found);
     }
 
     /// Stores in memory, at the end of a launch, the ghosts that this thread keeps. (A ghost is a particle

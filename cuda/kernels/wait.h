@@ -81,11 +81,12 @@ private:
 
 /// Waits until each of the words whose bits are set in `missing` has `tag`. load(n) reads word n, and
 /// found(n, point) takes its point. Returns false if not all of the words came; the launch must then end.
-/// `loads_all`: words that have come are loaded again as well, which saves a branch.
+/// `number`: the step to report if the wait is in vain. `loads_all`: words that have come are loaded again as
+/// well, which saves a branch.
 template <int count, bool loads_all, class Load, class Found>
-__device__ bool wait_for_words(const WaitLimit& limit, std::uint32_t missing, std::uint32_t tag, Load load,
-                               Found found) {
-    BoundedWait wait(limit, tag);
+__device__ bool wait_for_words(const WaitLimit& limit, std::uint32_t number, std::uint32_t missing,
+                               std::uint32_t tag, Load load, Found found) {
+    BoundedWait wait(limit, number);
     while (missing != 0) {
         TaggedPoint word[count];
         UNROLLED

@@ -71,6 +71,12 @@ struct BrickShape {
     }
     static constexpr std::uint32_t sides = 4;  ///< number of bits of crossed()
 
+    /// Whether another brick may lie beside particle (i, j, k) of a tile: at the tile's far ends, since tiles
+    /// are mirrored, or anywhere if the brick is one tile thick.
+    VOXSPRING_HOST_DEVICE constexpr bool may_be_at_border(int i, int j, int k) const {
+        return i == tx - 1 || (both && i == 0) || j == ty - 1 || wy == 1 || k == tz - 1 || wz == 1;
+    }
+
     /// The number of particle (i, j, k) in its tile.
     VOXSPRING_HOST_DEVICE constexpr int number(int i, int j, int k) const { return (k * ty + j) * tx + i; }
     bool operator==(const BrickShape&) const = default;
@@ -91,11 +97,10 @@ struct BrickBlock {
 /// brick beside it is at a tile's far end (j = ty - 1, k = tz - 1). So along y and z points of other blocks
 /// are needed only beyond the far end, and the springs to these points are added late in a step.
 struct TilePlace {
-    int slot;                 ///< slot of the tile's particle (0, 0, 0) (BrickShape::slot())
-    int sy, sz;               ///< slots from one j to the next, and from one k to the next
-    int dx, dy, dz;           ///< 1, or -1 where i, j or k runs against the lattice
-    int x, y, z;              ///< voxel of the tile's particle (0, 0, 0)
-    std::uint32_t published;  ///< bit number(i, j, k): set if another brick is beside the particle
+    int slot;        ///< slot of the tile's particle (0, 0, 0) (BrickShape::slot())
+    int sy, sz;      ///< slots from one j to the next, and from one k to the next
+    int dx, dy, dz;  ///< 1, or -1 where i, j or k runs against the lattice
+    int x, y, z;     ///< voxel of the tile's particle (0, 0, 0)
 
     VOXSPRING_HOST_DEVICE TilePlace(BrickShape shape, const BrickBlock& block, int thread) {
         // Successive threads have a row of tiles along x, then the next row along z. plane_pad puts these
@@ -115,7 +120,12 @@ struct TilePlace {
         x = block.x + dx * X;
         y = block.y + Y;
         z = block.z + Z;
-        published = 0;
+    }
+
+    /// Bit number(i, j, k): another brick lies beside the particle.
+    VOXSPRING_HOST_DEVICE std::uint32_t border(BrickShape shape, const BrickBlock& block) const {
+        const int X = dx * (x - block.x), Y = y - block.y, Z = z - block.z;
+        std::uint32_t bits = 0;
         UNROLLED
         for (int k = 0; k < shape.tz; ++k) {
             UNROLLED
@@ -125,12 +135,12 @@ struct TilePlace {
                     if (at_side(block.sides, X + i, shape.nx()) ||
                         at_side(block.sides >> 2, Y + dy * j, shape.ny()) ||
                         at_side(block.sides >> 4, Z + dz * k, shape.nz()))
-                        published |= 1U << shape.number(i, j, k);
+                        bits |= 1U << shape.number(i, j, k);
                 }
             }
         }
+        return bits;
     }
-
     VOXSPRING_HOST_DEVICE int slot_of(BrickShape shape, int i, int j, int k) const {
         return slot + (shape.column(i) - shape.column(0)) + j * sy + k * sz;
     }
@@ -151,16 +161,17 @@ private:
     }
 };
 
-/// A poller is a thread that only polls: it waits for points of other blocks. If it has fewer than kept_polls
-/// polls (BrickPoll), it looks them all up at once and keeps them in registers. Otherwise it looks up
-/// polls_in_turn at a time.
+/// A poller is a thread without a tile. It waits for points of other blocks and, if
+/// BrickPlan::pollers_send, sends the points of this block. If it waits for fewer than kept_polls points, it
+/// looks them all up at once and keeps each BrickPoint in registers. Otherwise it looks up polls_in_turn at a
+/// time.
 inline constexpr int kept_polls = 10, polls_in_turn = 6;
 
-/// A point that a block needs from another block.
-struct alignas(8) BrickPoll {
-    std::uint32_t from;  ///< index of the point's lattice element; resident_none: no poll
-    std::uint32_t slot;  ///< where the block stores the point (BrickShape::slot())
-    bool operator==(const BrickPoll&) const = default;
+/// A point that a block sends to other blocks, or receives from another one.
+struct alignas(8) BrickPoint {
+    std::uint32_t element;  ///< index of the point's lattice element; resident_none: no point
+    std::uint32_t slot;     ///< where the block has the point in shared memory (BrickShape::slot())
+    bool operator==(const BrickPoint&) const = default;
 };
 
 /// The bits of a thread's masks, from the lowest on: one per spring of visit_brick_springs(), set if the
@@ -189,19 +200,19 @@ struct TileSides {
     }
 };
 
-/// What the brick kernel is launched with, besides the state, the number of steps and two counters. Members
+/// What the brick kernel is launched with, besides the state, the number of steps and a tag. Members
 /// `nx`, `ny`, `nz`, `items` and `words` of the base class are not used.
 struct BrickStep : MarchStep<float> {
     const BrickBlock* blocks;
     const std::uint32_t* masks;  ///< BrickMask::words_in_all() per lane, `lane_count` apart
     std::uint32_t lane_count;    ///< number of lanes of all blocks together
-    const BrickPoll* polls;      ///< ordered by round, then by block, then by poller
+    /// The points that pollers send and receive, each ordered by block, then by round, then by poller.
+    const BrickPoint* sent;
+    const BrickPoint* received;
     /// Blocks send each other points through these 2 x `axis` places. Steps use two halves in turn; each half
     /// is indexed by lattice element.
     TaggedPoint* exchange;
     float* increments;  ///< BrickTile::increment_words per block; used if not in registers
-    /// How many blocks have read the state with which their launch starts, counted since the upload.
-    std::uint32_t* started_blocks;
     WaitLimit wait;
     bool operator==(const BrickStep&) const = default;
 };
