@@ -4,6 +4,8 @@
 // threads' asynchronous copies, a test with a loop.
 #pragma once
 
+#include <type_traits>
+
 #include "backends/layout/records/march.h"
 #include "cuda/kernels/motion.h"
 
@@ -39,10 +41,17 @@ struct Own {
     }
 };
 
-/// Whether the lattice goes on to the left and right of a thread's particles, as factors 0 or 1.
-template <class Real>
+/// Whether sums of springs across the lattice's first and last column are predicated. If not, their densities
+/// have factors of 0 or 1, which takes a multiplication each. In float64 the compiler turns predicates into
+/// selections. In tiles of two warps along x, which have fewer registers, a step took longer with predicates.
+template <class Real, MarchShape shape>
+inline constexpr bool predicates_sides = sizeof(Real) == sizeof(float) && shape.wide == 1;
+
+/// Whether the lattice goes on to the left and right of a thread's particles: 0 or 1.
+template <class Real, MarchShape shape>
 struct Sides {
-    Real left, right;
+    using Side = std::conditional_t<predicates_sides<Real, shape>, std::uint32_t, Real>;
+    Side left, right;
 };
 
 /// Whether springs of class k are among the groups in use.
@@ -122,7 +131,7 @@ public:
     using Particles = Own<Real, shape.rows>;
 
     /// `window` and `window_before` point at the thread's first particle in the windows of the two planes.
-    VOXSPRING_HOST_DEVICE PlaneSprings(const MarchStep<Real>& step, const Sides<Real>& sides,
+    VOXSPRING_HOST_DEVICE PlaneSprings(const MarchStep<Real>& step, const Sides<Real, shape>& sides,
                                        std::uint64_t word, const Real* window, const Real* window_before,
                                        const Particles& now, const Particles& before, Particles& force,
                                        Particles& force_before)
@@ -143,11 +152,16 @@ public:
     VOXSPRING_HOST_DEVICE void half(int bit, int z, int r, int c, int z2, int r2, int c2) {
         const int k = spring_class(c2 - c, r2 - r, z2 - z);
         if (!counts(z, z2) || !has_class<Terms>(k)) return;
-        Pull<Real> spring =
+        const Pull<Real> spring =
             pull(own_[z]->at[r][c] - neighbour(windows_[z2], r2, c2), k, c2 - c, r2 - r, z2 - z);
-        if (!masked && c2 == -1) spring.density = spring.density * sides_.left;
-        if (!masked && c2 == 2) spring.density = spring.density * sides_.right;
-        add(bit, spring.offset, spring.density, force_[z]->at[r][c]);
+        Vector<Real>& force = force_[z]->at[r][c];
+        if (masked || (c2 != -1 && c2 != 2)) return add(bit, spring.offset, spring.density, force);
+        const auto side = c2 == -1 ? sides_.left : sides_.right;
+        if constexpr (predicates_sides<Real, shape>) {
+            add_predicated(spring.offset, spring.density, side, force);
+        } else {
+            add(bit, spring.offset, spring.density * side, force);
+        }
     }
 
 private:
@@ -174,7 +188,7 @@ private:
     }
 
     const MarchStep<Real>& step_;
-    const Sides<Real>& sides_;
+    const Sides<Real, shape>& sides_;
     const std::uint64_t word_;
     const Real* const windows_[2];
     const Particles* const own_[2];
@@ -266,7 +280,7 @@ VOXSPRING_HOST_DEVICE void integrate_plane(const MarchStep<Real>& step, const Ma
 /// (`force_above`) and to the thread's particles in the window before (`force`).
 template <class Terms, MarchShape shape, bool masked, bool equal_edges, PlaneSpringsOf which, class Real,
           class Planes>
-VOXSPRING_HOST_DEVICE void add_springs(const MarchStep<Real>& step, const Sides<Real>& sides,
+VOXSPRING_HOST_DEVICE void add_springs(const MarchStep<Real>& step, const Sides<Real, shape>& sides,
                                        std::uint64_t word, const Real* arrived, const Real* window,
                                        const Planes& planes, Own<Real, shape.rows>& above,
                                        const Own<Real, shape.rows>& own, Own<Real, shape.rows>& force_above,
@@ -307,7 +321,8 @@ VOXSPRING_HOST_DEVICE void march(const MarchStep<Real>& step, const MarchItem& i
     };
 
     const int x = item.x + shape.column(thread);
-    const Sides<Real> sides{x > 0 ? Real(1) : Real(0), x + 2 < step.nx ? Real(1) : Real(0)};
+    using Side = typename Sides<Real, shape>::Side;
+    const Sides<Real, shape> sides{Side(x > 0), Side(x + 2 < step.nx)};
     std::size_t index = std::size_t(x) + std::size_t(item.y + shape.row(thread)) * step.row +
                         std::size_t(item.begin) * step.plane;
     const auto finish = [&](std::uint64_t word, const Particles& own, const Particles& force) {
