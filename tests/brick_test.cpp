@@ -190,13 +190,8 @@ private:
                     }
                 });
                 tile.start(points[b].data());
-                if (pollers_send) continue;
-                Tile::visit_border([&](int m, int i, int j, int k) {
-                    send(tile, tile.border(layout_.blocks()[b], words(b, lane)), m, i, j, k, 0,
-                         Tile::load(points[b].data(), tile.slot(i, j, k)));
-                });
             }
-            if (pollers_send) send_by_pollers(b, 0, 0);
+            send_by_pollers(b, 0, 0);
             for_points(layout_.received(), b, [&](const BrickPoint& point) {
                 Tile::store(points[b].data(), int(point.slot), {nan, nan, nan});
                 Tile::store(points[b].data() + shape.half(), int(point.slot), {nan, nan, nan});

@@ -529,7 +529,7 @@ void BrickLayout::find_points() {
 #pragma omp parallel for schedule(dynamic)
     for (std::ptrdiff_t n = 0; n < std::ptrdiff_t(blocks_.size()); ++n) {
         const auto block = std::size_t(n);
-        if (plan_.pollers_send) sent[block] = border_of(blocks_[block], true);
+        sent[block] = border_of(blocks_[block], true);
         received[block] = border_of(blocks_[block], false);
     }
     sent_ = in_rounds(sent, plan_.pollers);

@@ -33,7 +33,8 @@ std::span<const BrickTileSize> brick_tile_sizes();
 struct BrickPlan {
     BrickShape shape{};
     int pollers = 0;  ///< threads per block that have no tile and receive the points of other blocks
-    bool pollers_send = false;  ///< pollers also send their block's points; if not, threads with tiles do
+    /// Pollers send their block's points after each step. If not, threads with tiles do so as they step them.
+    bool pollers_send = false;
     /// Registers of a thread with a tile, and of a poller, if the kernel moves registers between them. 0: all
     /// threads have equally many.
     int lane_registers = 0, poller_registers = 0;

@@ -3,8 +3,9 @@
 // - EQUAL_EDGES: true if equal_edges() holds.
 // - POLLERS: the number of additional threads, which have no tile. Each waits for at most ROUNDS points that
 //   other blocks send.
-// - POLLERS_SEND: 1 if pollers also send the points of their block, at most SENT_ROUNDS each. 0: threads with
-//   tiles send their particles.
+// - POLLERS_SEND: 1 if pollers send the points of their block, at most SENT_ROUNDS each, after each step. 0:
+// they
+//   do so before the first step only, and threads with tiles send their particles while they step them.
 // - LANE_REGISTERS, POLLER_REGISTERS: registers per thread that has a tile, and per poller, if pollers hand
 //   registers to the other threads. Otherwise both are 0.
 // - PLAIN_BLOCKS: 1 if blocks whose threads are all plain (TileSides) have separate code. That code tests
@@ -143,10 +144,6 @@ __device__ void run_steps(const BrickStep& step, const BrickBlock& block, Tile& 
 #if !POLLERS_SEND
     TaggedPoint* const first = step.exchange + tile.element(step, 0, 0, 0);
     const std::uint32_t border = idle ? 0 : tile.border(block, words);
-    Tile::visit_border([&](int n, int i, int j, int k) {
-        publish_if((border & 1U << n) != 0, first + tile.from_first(step, i, j, k),
-                   Tile::load(points, tile.slot(i, j, k)), tag);
-    });
 #endif
     ROLLED
     for (int n = 1; n <= count; ++n) {
@@ -170,26 +167,33 @@ __device__ void run_steps(const BrickStep& step, const BrickBlock& block, Tile& 
     }
 }
 
-/// The part of pollers: receives, and with POLLERS_SEND sends, the points from which each of `count` steps
-/// starts. `tag`: of the first of these points. `number`: of the first of these steps.
+/// The part of pollers: receives the points from which each of `count` steps starts, and sends the block's
+/// points from which the first step starts and, with POLLERS_SEND, the others. `tag`: of the first points.
+/// `number`: of the first step.
 __device__ void exchange_points(const BrickStep& step, int poller, int count, std::uint32_t tag,
                                 std::uint32_t number) {
-    ReceivedPoints received;
-    received.load(step.received, poller, 0);
-#if POLLERS_SEND
     SentPoints sent;
     sent.load(step.sent, poller, 0);
-#endif
+    ReceivedPoints received;
+    received.load(step.received, poller, 0);
     DoubleBuffer buffers;
+    const auto send_points = [&] {
+        sent.in_turns(step.sent, poller,
+                      [&] { send(sent, buffers.now(), step.exchange + buffers.exchange(step), tag); });
+    };
+#if !POLLERS_SEND
+    send_points();
+#endif
     bool in_vain = false;  // true: a wait was in vain, and this thread waits no more
     ROLLED
     for (int n = 0; n < count; ++n, ++tag, ++number) {
-        TaggedPoint* const exchange = step.exchange + buffers.exchange(step);
 #if POLLERS_SEND
-        sent.in_turns(step.sent, poller, [&] { send(sent, buffers.now(), exchange, tag); });
+        send_points();
 #endif
         received.in_turns(step.received, poller, [&] {
-            if (!in_vain) in_vain = !receive(received, step, number, buffers.now(), exchange, tag);
+            if (!in_vain)
+                in_vain = !receive(received, step, number, buffers.now(),
+                                   step.exchange + buffers.exchange(step), tag);
         });
         border_is_here();
         step_is_done();

@@ -130,13 +130,6 @@ public:
     /// Loads the thread's particles from `points`, one half of the points, before the first step.
     VOXSPRING_HOST_DEVICE void start(const float* points) { load_own(points); }
 
-    /// Calls visit(n, i, j, k) for each particle beside which another brick may lie.
-    template <class Visit>
-    static VOXSPRING_HOST_DEVICE void visit_border(Visit visit) {
-        visit_particles([&](int n, int i, int j, int k) {
-            if (shape.may_be_at_border(i, j, k)) visit(n, i, j, k);
-        });
-    }
     /// Bit n: particle n exists, and another brick lies beside it. `words`: see add_early().
     template <class Words>
     VOXSPRING_HOST_DEVICE std::uint32_t border(const BrickBlock& block, const Words& words) const {

@@ -161,10 +161,10 @@ private:
     }
 };
 
-/// A poller is a thread without a tile. It waits for points of other blocks and, if
-/// BrickPlan::pollers_send, sends the points of this block. If it waits for fewer than kept_polls points, it
-/// looks them all up at once and keeps each BrickPoint in registers. Otherwise it looks up polls_in_turn at a
-/// time.
+/// A poller is a thread without a tile. It sends the points of this block before the first step and, if
+/// BrickPlan::pollers_send, after each step. It waits for the points of other blocks: if they are fewer than
+/// kept_polls, it looks them all up at once and keeps each BrickPoint in registers; otherwise it looks up
+/// polls_in_turn at a time.
 inline constexpr int kept_polls = 10, polls_in_turn = 6;
 
 /// A point that a block sends to other blocks, or receives from another one.
