@@ -38,9 +38,8 @@ std::uint64_t exchange_bytes(const Lattice& lattice) {
 }
 
 /// An estimate of the device memory: state, exchange, masks, points and increments. It assumes that all tiles
-/// are half empty, that as many points are sent and received as there are particles, and that increments are
-/// in memory. The masks of a tile have at most 20 bits per particle, 18 of them for springs, and one more
-/// word.
+/// are half empty, that each particle is sent and received once, and that increments are in memory. The masks
+/// of a tile have at most 20 bits per particle, 18 of them for springs, and one more word.
 std::uint64_t bricks_bytes(const Problem& problem, const Options& options) {
     constexpr std::uint64_t tables = 16 + 2 * sizeof(BrickPoint);
     const std::uint64_t increments = by_increments(options.formulation) ? 2 * sizeof(Vector<float>) : 0;

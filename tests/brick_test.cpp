@@ -467,6 +467,7 @@ TEST(BrickPlan, FitsTheDevice) {
          {Body{"box 48", lattice(solid({48, 48, 48}))}, Body{"box 64", lattice(solid({64, 64, 64}))},
           Body{"box 96", lattice(solid({96, 96, 96}))},
           Body{"5% missing", lattice(random_grid({64, 64, 64}, 0.95, 1))},
+          Body{"few threads per block", lattice(solid({50, 50, 40}))},
           Body{"ellipsoid", lattice(make_grid({80, 68, 60}, [](int x, int y, int z) {
                    return std::hypot((x - 39.5) / 40, (y - 33.5) / 34, (z - 29.5) / 30) < 1;
                }))}}) {
@@ -487,12 +488,19 @@ TEST(BrickPlan, FitsTheDevice) {
                 EXPECT_LE(threads, 1024);
                 EXPECT_LE(std::size_t(s.shared_bytes()), server.block_shared_bytes);
                 // If the plan asked for more registers than the launch gave, warps would wait for ever.
-                if (plan->lane_registers > 0) {
-                    EXPECT_LE(plan->lane_registers * s.lanes() + plan->poller_registers * plan->pollers,
-                              65536 / threads / 8 * 8 * threads);
-                }
+                const int at_launch = std::min(255, 65536 / ((threads + 127) / 128 * 128) / 8 * 8);
+                EXPECT_EQ(registers_refusal(*plan, at_launch), "");
                 const BrickLayout layout(problem, *plan);
                 EXPECT_LE(layout.blocks().size(), std::size_t(server.multiprocessors));
+                // Pollers send with tiles of 8 particles, and only if they keep all points that they receive.
+                if (plan->pollers_send) {
+                    EXPECT_LT(layout.received().rounds, kept_polls);
+                    EXPECT_EQ(s.tile(), 8);
+                }
+                if (name == std::string("box 64") && s.tile() == 8) {
+                    EXPECT_TRUE(plan->pollers_send);
+                    EXPECT_EQ(plan->lane_registers, 176);
+                }
             }
         }
     }

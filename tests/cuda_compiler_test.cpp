@@ -464,22 +464,22 @@ TEST(Compiler, CompilesBricks) {
         int registers;
         int architecture;
         const char* in_memory = "false";
-        const char* pollers_send = "0";
+        bool pollers_send = false;
     };
     for (const auto& [shape, formulation, registers, architecture, in_memory, pollers_send] :
          {Variant{"3,1,1,8,6,6,true,1,2", "position", 0, 75},
           Variant{"2,1,2,16,6,4,false,0,0", "displacement", 0, 90},
-          Variant{"2,2,2,16,4,4,false,0,0", "increment", 176, 90, "false", "1"},
-          Variant{"2,2,2,16,4,4,false,0,0", "position", 0, 86, "false", "1"},
+          Variant{"2,2,2,16,4,4,false,0,0", "increment", 176, 90, "false", true},
+          Variant{"2,2,2,16,4,4,false,0,0", "position", 0, 86, "false", true},
           Variant{"3,2,2,16,4,4,false,0,0", "position", 0, 120},
           Variant{"3,2,3,16,6,4,false,0,0", "position", 144, 90},
           Variant{"3,2,3,16,6,4,false,0,0", "increment", 144, 90, "true"}}) {
         SCOPED_TRACE(shape);
         KernelSource source = source_of("brick.cu", {{"SHAPE", std::string("BrickShape{") + shape + "}"},
                                                      {"POLLERS", "128"},
-                                                     {"ROUNDS", "12"},
-                                                     {"POLLERS_SEND", pollers_send},
-                                                     {"SENT_ROUNDS", "7"},
+                                                     {"ROUNDS", pollers_send ? "6" : "12"},
+                                                     {"POLLERS_SEND", pollers_send ? "1" : "0"},
+                                                     {"SENT_ROUNDS", pollers_send ? "4" : "7"},
                                                      {"EQUAL_EDGES", "true"},
                                                      {"PLAIN_BLOCKS", "1"},
                                                      {"INCREMENTS_IN_MEMORY", in_memory},

@@ -30,6 +30,7 @@ public:
         *stall_.data() = 0;
         tag_ = launches_ = 0;
     }
+    /// A counter for the blocks of `cuda_resident`, which read each other's state in memory at first.
     std::uint32_t* started_blocks() const { return started_blocks_.data(); }
     WaitLimit wait_limit() const { return {stall_.data(), max_wait_nanoseconds}; }
 
@@ -83,7 +84,7 @@ private:
     Pace pace_{most_steps};
     Buffer<std::uint32_t> started_blocks_;
     Pinned<std::uint64_t> stall_;
-    std::uint32_t tag_ = 0;       ///< tag of the points of the latest step ordered
+    std::uint32_t tag_ = 0;       ///< number of the latest step ordered
     std::uint32_t launches_ = 0;  ///< since start_anew()
 };
 

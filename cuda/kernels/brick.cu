@@ -105,6 +105,7 @@ struct PointsOfPoller {
         }
     }
 };
+
 VOXSPRING_HOST_DEVICE constexpr int turn_of(int rounds, int most) {
     return rounds <= most ? rounds : polls_in_turn;
 }
@@ -119,7 +120,7 @@ __device__ void send(const SentPoints& sent, const float* from, TaggedPoint* exc
                    Tile::load(from, int(point.slot)), tag);
 }
 /// Waits for the points that other blocks send with `tag`, and stores them to `to`, a half of `points`.
-/// Returns false if not all of them came; the launch must then end. `number`: the step that waits.
+/// Returns false if not all of them came; the launch must then end. `number`: the step whose points they are.
 __device__ bool receive(const ReceivedPoints& received, const BrickStep& step, std::uint32_t number,
                         float* to, const TaggedPoint* exchange, std::uint32_t tag) {
     std::uint32_t missing = 0;
@@ -153,7 +154,7 @@ __device__ void run_steps(const BrickStep& step, const BrickBlock& block, Tile& 
         if (!idle) {
             tile.add_late(step, buffers.now(), words);
 #if POLLERS_SEND
-            tile.integrate(step, buffers.next(), words, [](int, int, int, int, Vector<float>) {});
+            tile.integrate(step, buffers.next(), words, [](int, int, int, int, const Vector<float>&) {});
 #else
             TaggedPoint* const to = first + buffers.next_exchange(step);
             tile.integrate(step, buffers.next(), words, [&](int m, int i, int j, int k, Vector<float> point) {
@@ -169,7 +170,7 @@ __device__ void run_steps(const BrickStep& step, const BrickBlock& block, Tile& 
 
 /// The part of pollers: receives the points from which each of `count` steps starts, and sends the block's
 /// points from which the first step starts and, with POLLERS_SEND, the others. `tag`: of the first points.
-/// `number`: of the first step.
+/// `number`: of the latest step before.
 __device__ void exchange_points(const BrickStep& step, int poller, int count, std::uint32_t tag,
                                 std::uint32_t number) {
     SentPoints sent;
@@ -292,7 +293,7 @@ extern "C" __global__ void __launch_bounds__(all_threads, 1)
         asm volatile("setmaxnreg.dec.sync.aligned.u32 %0;" ::"n"(POLLER_REGISTERS));
 #endif
         __syncthreads();
-        exchange_points(step, thread - lanes, count, tag + launches, tag + 1);
+        exchange_points(step, thread - lanes, count, tag + launches, tag);
     }
 }
 

@@ -15,6 +15,24 @@ struct CountSprings {
     VOXSPRING_HOST_DEVICE constexpr void half(int, int, int, int, int, int, int) {}
 };
 
+/// Adds `change` to `point` if `moves` is not 0, by predicated instructions as in add_predicated().
+VOXSPRING_HOST_DEVICE inline void move_predicated(Vector<float> change, std::uint32_t moves,
+                                                  Vector<float>& point) {
+#ifdef __CUDA_ARCH__
+    asm("{\n"
+        " .reg .pred moves;\n"
+        " setp.ne.u32 moves, %6, 0;\n"
+        " @moves add.rn.f32 %0, %0, %3;\n"
+        " @moves add.rn.f32 %1, %1, %4;\n"
+        " @moves add.rn.f32 %2, %2, %5;\n"
+        "}"
+        : "+f"(point.x), "+f"(point.y), "+f"(point.z)
+        : "f"(change.x), "f"(change.y), "f"(change.z), "r"(moves));
+#else
+    if (moves != 0) point = point + change;
+#endif
+}
+
 /// The meaning of each bit of a tile's masks.
 template <BrickShape shape>
 VOXSPRING_HOST_DEVICE constexpr BrickMask brick_mask() {

@@ -195,26 +195,6 @@ private:
     Particles* const force_[2];
 };
 
-/// Adds `change` to `point`, in float32 by predicated instructions (add_predicated()), if `there` is not 0.
-template <class Real>
-VOXSPRING_HOST_DEVICE void move_predicated(Vector<Real> change, std::uint32_t there, Vector<Real>& point) {
-#ifdef __CUDA_ARCH__
-    if constexpr (sizeof(Real) == sizeof(float)) {
-        asm("{\n"
-            " .reg .pred there;\n"
-            " setp.ne.u32 there, %6, 0;\n"
-            " @there add.rn.f32 %0, %0, %3;\n"
-            " @there add.rn.f32 %1, %1, %4;\n"
-            " @there add.rn.f32 %2, %2, %5;\n"
-            "}"
-            : "+f"(point.x), "+f"(point.y), "+f"(point.z)
-            : "f"(change.x), "f"(change.y), "f"(change.z), "r"(there));
-        return;
-    }
-#endif
-    if (there != 0) point = point + change;
-}
-
 /// What a step adds to one component of x or u or, by increments, of v, which needs no `at`. `before` is what
 /// the step overwrites: x or u at t - dt, or v at t. MarchStep::scale turns `force` into a displacement.
 template <class Terms, class Real>

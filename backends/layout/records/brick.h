@@ -71,10 +71,10 @@ struct BrickShape {
     }
     static constexpr std::uint32_t sides = 4;  ///< number of bits of crossed()
 
-    /// Whether another brick may lie beside particle (i, j, k) of a tile: at the tile's far ends, since tiles
-    /// are mirrored, or anywhere if the brick is one tile thick.
+    /// Whether another brick may lie beside particle (i, j, k) of a tile: along y and z at the tile's far
+    /// ends alone, since tiles are mirrored (TilePlace).
     VOXSPRING_HOST_DEVICE constexpr bool may_be_at_border(int i, int j, int k) const {
-        return i == tx - 1 || (both && i == 0) || j == ty - 1 || wy == 1 || k == tz - 1 || wz == 1;
+        return i == tx - 1 || (both && i == 0) || j == ty - 1 || k == tz - 1;
     }
 
     /// The number of particle (i, j, k) in its tile.
@@ -141,6 +141,7 @@ struct TilePlace {
         }
         return bits;
     }
+
     VOXSPRING_HOST_DEVICE int slot_of(BrickShape shape, int i, int j, int k) const {
         return slot + (shape.column(i) - shape.column(0)) + j * sy + k * sz;
     }
@@ -200,7 +201,7 @@ struct TileSides {
     }
 };
 
-/// What the brick kernel is launched with, besides the state, the number of steps and a tag. Members
+/// What the brick kernel is launched with, besides the state, the number of steps and two counters. Members
 /// `nx`, `ny`, `nz`, `items` and `words` of the base class are not used.
 struct BrickStep : MarchStep<float> {
     const BrickBlock* blocks;
