@@ -467,7 +467,7 @@ TEST(BrickPlan, FitsTheDevice) {
          {Body{"box 48", lattice(solid({48, 48, 48}))}, Body{"box 64", lattice(solid({64, 64, 64}))},
           Body{"box 96", lattice(solid({96, 96, 96}))},
           Body{"5% missing", lattice(random_grid({64, 64, 64}, 0.95, 1))},
-          Body{"few threads per block", lattice(solid({50, 50, 40}))},
+          Body{"128 lanes per block", lattice(solid({16, 80, 80}))},
           Body{"ellipsoid", lattice(make_grid({80, 68, 60}, [](int x, int y, int z) {
                    return std::hypot((x - 39.5) / 40, (y - 33.5) / 34, (z - 29.5) / 30) < 1;
                }))}}) {
