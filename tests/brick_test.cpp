@@ -490,6 +490,10 @@ TEST(BrickPlan, FitsTheDevice) {
                 // If the plan asked for more registers than the launch gave, warps would wait for ever.
                 const int at_launch = std::min(255, 65536 / ((threads + 127) / 128 * 128) / 8 * 8);
                 EXPECT_EQ(registers_refusal(*plan, at_launch), "");
+                if (plan->lane_registers > 0) {
+                    EXPECT_LE(plan->lane_registers * s.lanes() + plan->poller_registers * plan->pollers,
+                              65536 / threads / 8 * 8 * threads);
+                }
                 const BrickLayout layout(problem, *plan);
                 EXPECT_LE(layout.blocks().size(), std::size_t(server.multiprocessors));
                 // Pollers send with tiles of 8 particles, and only if they keep all points that they receive.

@@ -497,9 +497,13 @@ std::vector<BrickPoint> BrickLayout::border_of(const BrickBlock& block, bool ins
     const auto is_inside = [size = size_of(shape)](const glm::ivec3& at) {
         return glm::all(glm::greaterThanEqual(at, glm::ivec3(0))) && glm::all(glm::lessThan(at, size));
     };
+    // Most particles of a brick are not at its border. Their neighbours need not be looked up.
+    const auto is_deep = [size = size_of(shape)](const glm::ivec3& at) {
+        return glm::all(glm::greaterThan(at, glm::ivec3(0))) && glm::all(glm::lessThan(at, size - 1));
+    };
     std::vector<BrickPoint> border;
     visit_box({shape.both ? -1 : 0, -1, -1}, size_of(shape) + 1, [&](const glm::ivec3& at) {
-        if (is_inside(at) != inside || mask_at(voxel(at)) == 0) return;
+        if (is_inside(at) != inside || is_deep(at) || mask_at(voxel(at)) == 0) return;
         const bool at_border =
             std::any_of(directions().begin(), directions().end(), [&](const Direction& direction) {
                 const glm::ivec3 o = direction.offset;
@@ -513,13 +517,13 @@ std::vector<BrickPoint> BrickLayout::border_of(const BrickBlock& block, bool ins
     return border;
 }
 
-/// Shares the points of each block among its `threads` threads.
-BrickLayout::Points BrickLayout::in_rounds(const std::vector<std::vector<BrickPoint>>& of_blocks,
-                                           int threads) {
+/// Shares the points of each block among its pollers.
+BrickLayout::Points BrickLayout::in_rounds(const std::vector<std::vector<BrickPoint>>& of_blocks) const {
     std::size_t most = 1;
     for (const auto& of_block : of_blocks) most = std::max(most, of_block.size());
-    Points points{int(units_of(most, std::size_t(threads))), {}};
-    const std::size_t of_one = std::size_t(points.rounds) * std::size_t(threads);
+    const auto pollers = std::size_t(plan_.pollers);
+    Points points{int(units_of(most, pollers)), {}};
+    const std::size_t of_one = std::size_t(points.rounds) * pollers;
     points.points.assign(of_blocks.size() * of_one, {resident_none, 0});
     for (std::size_t b = 0; b < of_blocks.size(); ++b)
         std::copy(of_blocks[b].begin(), of_blocks[b].end(),
@@ -535,8 +539,8 @@ void BrickLayout::find_points() {
         sent[block] = border_of(blocks_[block], true);
         received[block] = border_of(blocks_[block], false);
     }
-    sent_ = in_rounds(sent, plan_.pollers);
-    received_ = in_rounds(received, plan_.pollers);
+    sent_ = in_rounds(sent);
+    received_ = in_rounds(received);
 }
 
 std::vector<EditedWord> BrickLayout::edit(const SpringEdit& edit) {

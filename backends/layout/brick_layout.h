@@ -61,7 +61,7 @@ public:
 
     const std::vector<BrickBlock>& blocks() const { return blocks_; }
     const std::vector<std::uint32_t>& masks() const { return masks_; }
-    /// Points that threads send or receive, by block, then by round, then by thread (BrickStep).
+    /// The points that pollers send or receive, by block, then by round, then by poller (BrickStep).
     struct Points {
         int rounds = 0;
         std::vector<BrickPoint> points;
@@ -94,7 +94,7 @@ private:
     void find_plain_words(std::uint32_t group_bits);
     TileSides sides_of(const TileWords& words) const;
     std::vector<BrickPoint> border_of(const BrickBlock& block, bool inside) const;
-    static Points in_rounds(const std::vector<std::vector<BrickPoint>>& of_blocks, int threads);
+    Points in_rounds(const std::vector<std::vector<BrickPoint>>& of_blocks) const;
     void find_points();
 
     BrickPlan plan_;

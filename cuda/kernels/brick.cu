@@ -153,15 +153,15 @@ __device__ void run_steps(const BrickStep& step, const BrickBlock& block, Tile& 
         border_is_here();
         if (!idle) {
             tile.add_late(step, buffers.now(), words);
-#if POLLERS_SEND
-            tile.integrate(step, buffers.next(), words, [](int, int, int, int, const Vector<float>&) {});
-#else
+#if !POLLERS_SEND
             TaggedPoint* const to = first + buffers.next_exchange(step);
+#endif
             tile.integrate(step, buffers.next(), words, [&](int m, int i, int j, int k, Vector<float> point) {
+#if !POLLERS_SEND
                 publish_if((border & 1U << m) != 0, to + tile.from_first(step, i, j, k), point,
                            tag + std::uint32_t(n));
-            });
 #endif
+            });
         }
         step_is_done();
         buffers.swap();
